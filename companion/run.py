@@ -175,7 +175,14 @@ def _run(
 
     def news() -> dict[str, Any]:
         document = report.document()
-        return {"told": daemon.told(), "status": figures, "state": daemon.state_file(), "check": document}
+        ahead = daemon.ahead()
+        return {
+            "told": daemon.told(),
+            "ahead": ahead,
+            "status": figures,
+            "state": daemon.state_file(),
+            "check": document,
+        }
 
     while not stop():
         daemon.turn()

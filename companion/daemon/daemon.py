@@ -199,6 +199,10 @@ class Daemon:
         fault = "" if self.calls.current_id else self._health.fault(time.monotonic())
         return fault or self._link.repeated_text
 
+    def ahead(self) -> dict[str, Any] | None:
+        """Return what was judged of the way ahead, see `Status.ahead`."""
+        return self._status.ahead(self._view, time.monotonic())
+
     def state_file(self) -> dict[str, Any]:
         """Return the figures for /state.json."""
         return self._status.state_file(time.monotonic())

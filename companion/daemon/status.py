@@ -28,6 +28,8 @@ _DIGITS = 4
 _OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
 _NEWEST = 25
 """Newest frames of which the median latency is reported."""
+AHEAD_FRESH = 3.0
+"""Seconds after its capture for which a frame tells what is ahead."""
 
 
 _RATE_OVER, _SAMPLED_EVERY = 10, 0.9
@@ -76,15 +78,33 @@ class Status:
         self._is_service = os.environ.get("SYSTEMD_EXEC_PID") == str(os.getpid())
         self._frame_rate = FrameRate()
         self.computer = Computer(records.folder)
+        self._sectors: tuple[float | None, ...] = ()
         self._judging_s = 0.0
         """Seconds of judging the newest frame."""
         self._latencies: deque[float] = deque(maxlen=_NEWEST)
         """Seconds from capture until judged, of the newest frames."""
 
     def frame_judged(self, judged: Judged) -> None:
-        """Take the times of a new frame."""
+        """Take the times of a new frame, and its sectors."""
+        self._sectors = judged.sectors
         self._judging_s = judged.duration
         self._latencies.append(judged.assessment.age)
+
+    def ahead(self, view: int, now: float) -> dict[str, Any] | None:
+        """Return what was judged of the way ahead; None where no frame of the last `AHEAD_FRESH` s was.
+
+        sectors: drivable share of each image column, from the left, None where nothing is known.
+        field_of_view: `view`, degrees. traversability, uncertainty: of the region of interest, None unknown.
+        """
+        newest = self._calls.reason_filter.newest
+        if newest is None or now - newest.frame.captured_at > AHEAD_FRESH:
+            return None
+        return {
+            "sectors": self._sectors,
+            "field_of_view": view,
+            "traversability": newest.roi.traversability if newest.roi else None,
+            "uncertainty": newest.roi.uncertainty if newest.roi else None,
+        }
 
     def figures(self, now: float) -> dict[str, Any]:
         """Return all figures, for the status file: JSON values."""

@@ -28,6 +28,7 @@ class StateFolder:
     """
 
     def __init__(self, folder: str) -> None:
+        self._folder = folder
         self._calls = Path(folder, "calls")
         self._scenes = Path(folder, "scenes")
         self._logs = Path(folder, "logs")
@@ -42,6 +43,16 @@ class StateFolder:
     def scene(self, name: str) -> bytes:
         """Return the picture of a remembered scene that no call taught, JPEG. name: 16 digits of a hash."""
         return _read(self._scenes, f"{name}.jpg", _LARGEST_PICTURE)
+
+    def address(self, path: str) -> str:
+        """Return the address of a picture, which changes with the picture; "" where there is none.
+
+        path: as a record has it: "/calls/7.jpg".
+        """
+        try:
+            return f"{path}?v={os.lstat(self._folder + path).st_mtime_ns // 1_000_000}"
+        except (OSError, ValueError):
+            return ""
 
     def calls(self) -> list[dict[str, Any]]:
         """Return the records of the newest calls, the newest first. One that cannot be read is left out."""

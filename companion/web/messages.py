@@ -21,7 +21,8 @@ class Kind(Enum):
     SETUP = b"c"
     """The first message: folder, token, own_address: where only this computer reaches it, else ""."""
     NEWS = b"n"
-    """The documents status, state and check, `told`: what the ground is told, and `at`: when it was so."""
+    """The documents status, state and check, `told`: what the ground is told, `ahead`: of `Status.ahead`,
+    and `at`: when it was so."""
     PICTURE = b"p"
     """frame: its id. at: when it was captured. Each `at` is in seconds of the monotonic clock, which both
     processes share: a message may have waited for a process that was stopped."""

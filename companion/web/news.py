@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -14,6 +15,8 @@ FRESH = 3.0
 """Seconds after which what was told counts as outdated. It comes once a second."""
 PICTURE_FRESH = 5.0
 """Seconds after its capture from which a picture is not shown any more."""
+POINTS = 120
+"""Points that are plotted: two minutes."""
 SILENT = "no news from the companion"
 WELL = frozenset({"ok", "calling", "holding", "blocked", "off"})
 """States in which the companion does its work. Any other one, or none, is not known to be well."""
@@ -43,6 +46,8 @@ class News:
         self.told: Mapping[str, Any] = {}
         self.told_at = float("-inf")
         self.picture: Picture | None = None
+        self.points: deque[tuple[float, Any, Any]] = deque(maxlen=POINTS)
+        """When the region of interest was how drivable and how uncertain: what is plotted."""
 
     def take(self, message: Message) -> None:
         """Take what the supervisor tells. Raises ValueError for what it never tells."""
@@ -56,6 +61,9 @@ class News:
         if message.kind is Kind.NEWS:
             before = self.state
             self.told, self.told_at = content, at
+            ahead = content.get("ahead")
+            if isinstance(ahead, dict):
+                self.points.append((round(at, 2), ahead.get("traversability"), ahead.get("uncertainty")))
             if self.state != before:
                 self._since, self._began_here = at, before != ""
         else:

@@ -27,6 +27,7 @@ from starlette.routing import Route
 
 from companion.browser.access import Gate
 from companion.browser.site import EventStreams, Server, as_json, event, static_routes
+from companion.web.calls import shown_calls
 from companion.web.files import StateFolder
 from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, decode
 from companion.web.metrics import Metrics
@@ -66,6 +67,7 @@ class Site:
             Route("/healthz", self._health),
             Route("/metrics", self._show_metrics),
             Route("/calls.json", self._calls),
+            Route("/shown-calls.json", self._shown_calls),
             Route("/calls/{name}", self._picture),
             Route("/scenes/{name}", self._scene),
             Route("/log.txt", self._log),
@@ -78,11 +80,14 @@ class Site:
         return self.streams.answer(request, self._told)
 
     async def _told(self) -> AsyncIterator[bytes]:
-        told_at, frame = None, None
+        told_at, frame, plotted = None, None, float("-inf")
         while True:
             news = self._news
             if news.told_at != told_at:
                 told_at = news.told_at
+                if points := [one for one in news.points if one[0] > plotted]:
+                    plotted = points[-1][0]
+                    yield event("points", {"points": points})
                 yield event("news", news.event())
             picture = news.shown_picture()
             if picture is not None and picture.frame != frame:
@@ -116,6 +121,11 @@ class Site:
 
     async def _calls(self, _: Request) -> Response:
         return await self._read(self._folder.calls, as_json)
+
+    async def _shown_calls(self, _: Request) -> Response:
+        state, told_at = self._news.told.get("state", {}), self._news.told_at
+        folder = self._folder
+        return await self._read(lambda: shown_calls(state, told_at, folder.calls(), folder.address), as_json)
 
     async def _log(self, _: Request) -> Response:
         return await self._read(self._folder.log, PlainTextResponse)

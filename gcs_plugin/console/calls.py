@@ -8,11 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from companion.browser import wording as browser_wording
 from companion.wire.answers import ForgetCall, ForgetWord, Operation, SetWord, TapBox
-from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Outcome, Reasons, Result, Stage
-from companion.wire.texts import name
+from companion.wire.documents import CallRecord, GivenAnswer
+from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Outcome, Result, Stage
+from companion.wire.texts import clean, name
 from gcs_plugin.client.delivery import Pending, Status
-from gcs_plugin.client.documents import CallRecord, GivenAnswer
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.console import wording as own_wording
 from gcs_plugin.terminal import wording
@@ -128,8 +129,8 @@ class Stories:
         """Take in a text of the companion, which may be about a call. Those that only ask are left out."""
         about = None if text.endswith(_ASKS) else _ABOUT.match(text)
         story = self.by_id.get(int(about[1])) if about else None
-        if story is not None and (not story.said or story.said[-1][1] != wording.clean(text)):
-            story.said.append((wall, wording.clean(text)))
+        if story is not None and (not story.said or story.said[-1][1] != clean(text)):
+            story.said.append((wall, clean(text)))
 
     def answered(self, pending: Pending, words: Mapping[str, float], wall: float) -> None:
         """Take note of an answer that leaves from here."""
@@ -194,22 +195,14 @@ class Stories:
         there = self.by_id.get(found.call_id or 0)
         said, motion = "the answer was", ""
         if there is not None:
-            own = [one.pending.motion for one in there.answers if one.applied]
+            own = [plain(one.pending.motion) for one in there.answers if one.applied]
             given = [one.motion for one in there.record.answers] if there.record is not None else []
             said = "you said" if own else said
-            told = [plain(one) for one in own] or given
-            motion = next((one.replace("_", " ") for one in reversed(told) if one not in ("none", "")), "")
+            motion = browser_wording.newest_motion(own or given)
         picture = self._url(story, "nearest")
         if not picture and there is not None:
             picture = self._url(there, "small")
-        return {
-            "call": found.call_id,
-            "similarity": round(found.similarity, 2),
-            "words": [[word, weight] for word, weight in found.words.items()],
-            "alike": alike is None or found.similarity >= alike,
-            "text": own_wording.nearest(found, said, motion, alike),
-            "picture": picture,
-        }
+        return browser_wording.nearest(found, said, motion, alike, picture)
 
     def _url(self, story: Story, size: str) -> str:
         if size not in story.pictures:
@@ -236,22 +229,8 @@ class Stories:
         data = call.data
         others = self.others_were_first(call)
         first = story.first_given
-        return shown | {
-            "name": name(data.kind, data.id),
-            "kind": plain(data.kind),
-            "stage": plain(data.stage),
-            "open": call.open,
-            "test": data.test,
-            "reasons": plain(data.reasons),
-            "reason": own_wording.reason(data),
-            "figures": own_wording.figures(data),
-            "todo": own_wording.what_to_do(data),
-            "stands": own_wording.stands(data),
-            "holding": data.holding,
+        return shown | browser_wording.announced(data) | {
             "since": round(now - call.age(now), 2),
-            "frame": data.frame_id,
-            "roi": data.roi,
-            "box": data.worst_tile_box if own_wording.points(data) else None,
             "place": None if data.latitude is None else [data.latitude, data.longitude, data.heading],
             "outcome": "" if call.open else wording.outcome(data.outcome, test=data.test),
             "first": "" if not others else own_wording.first_answer(first, ids) if first is not None
@@ -266,25 +245,18 @@ def _is_open(call: Call | None) -> bool:
 def _recorded(story: Story) -> dict[str, Any]:
     """Return what the record of an older call tells."""
     record = story.record
-    reasons = record.reasons if record is not None else Reasons.NONE
-    given = record.answers if record is not None else ()
-    return {
-        "name": name(Kind.CALL, story.id),
-        "kind": "call",
-        "stage": "closed",
-        "open": False,
-        "reasons": plain(reasons),
-        "reason": ", ".join(str(one).replace("_", " ") for one in plain(reasons)),
-        "figures": "",
-        "outcome": "" if record is None else wording.clean(record.outcome).replace("_", " "),
-        "given": [
-            wording.clean(", ".join(filter(None, (*one.operations, one.motion.replace("_", " "), one.text))))
-            for one in given
-        ],
-        "box": record.worst_tile_box if record is not None else None,
-        "place": [record.latitude, record.longitude, None]
-        if record and record.latitude is not None
-        else None,
+    if record is None:
+        return {
+            "name": name(Kind.CALL, story.id),
+            "kind": "call",
+            "stage": "closed",
+            "open": False,
+            "reasons": [],
+        }
+    placed = record.latitude is not None
+    return browser_wording.recorded(record) | {
+        "given": list(map(browser_wording.answered, record.answers)),
+        "place": [record.latitude, record.longitude, None] if placed else None,
     }
 
 

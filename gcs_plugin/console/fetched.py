@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from companion.wire.documents import Check, KnownPlace, StateFile, read_checks, read_record, read_state
 from companion.wire.ids import Kind, Stage, newest_first, words_hash
+from companion.wire.texts import clean
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.documents import Check, KnownPlace, StateFile, read_checks, read_record, read_state
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.console.calls import Stories, Story
 from gcs_plugin.console.files import Files, Rank
-from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.pictures import jpeg_size
 
 STATE_AGAIN_S, STATE_LONGEST_S = 5.0, 80.0
@@ -204,7 +204,7 @@ class Fetched:
             self.files.want(record.picture, Rank.OLD, lambda jpeg: story.keep("small", jpeg))
         for one in record.answers:
             for operation in one.operations:
-                if found := _NAMED.fullmatch(wording.clean(operation)):
+                if found := _NAMED.fullmatch(clean(operation)):
                     self.named.setdefault(found[1], float(found[2]))
 
     def _take_checks(self, content: bytes) -> None:

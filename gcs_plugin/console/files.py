@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
+from companion.wire.documents import DocumentError
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.documents import DocumentError
 from gcs_plugin.client.fetch import Fetch, FetchStatus
 from gcs_plugin.client.listing import Listing
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from companion.wire.ids import Policy, State
 from companion.wire.parameters import ROI, THR_ROI, THR_SCENE, THR_TILE, THR_TRAV
+from companion.wire.texts import clean
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import Rover
@@ -109,14 +110,14 @@ class RoverDesk:
             "words_known": fetched.words_are_known(rover),
             "names": [[word, weight] for word, weight in reversed(fetched.named.items())],
             "known_place": self._known_place(),
-            "hold_refused": wording.clean(state.hold_refused) if state is not None else "",
-            "held_by": wording.clean(state.held_by) if state is not None else "",
-            "model": wording.clean(state.model) if state is not None else "",
-            "version": wording.clean(state.version) if state is not None else "",
+            "hold_refused": clean(state.hold_refused) if state is not None else "",
+            "held_by": clean(state.held_by) if state is not None else "",
+            "model": clean(state.model) if state is not None else "",
+            "version": clean(state.version) if state is not None else "",
             "computer": "" if computer is None else wording.computer(computer, now),
             "shadow": wording.shadow(rover) if rover.policy is Policy.SHADOW else "",
             "checks": [
-                {"check": wording.clean(one.name), "verdict": one.verdict, "text": wording.clean(one.text)}
+                {"check": clean(one.name), "verdict": one.verdict, "text": clean(one.text)}
                 for one in fetched.checks
                 if one.verdict in ("fail", "warn")
             ],
@@ -124,7 +125,7 @@ class RoverDesk:
             "earlier": "unknown" if lost else fetched.earlier,
             "calls": [call | fetched.pictures_of(call["id"]) for call in calls],
             "texts": [
-                {"severity": severity, "text": wording.clean(text)}
+                {"severity": severity, "text": clean(text)}
                 for _, severity, text in list(rover.texts)[-6:]
             ],
         }  # fmt: skip

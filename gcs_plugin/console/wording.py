@@ -1,84 +1,16 @@
-"""Words a call for somebody who sees one for the first time: why, what is meant, what to do."""
+"""Words answers: those from here, and those of others. For calls see `companion.browser.wording`."""
 
 from __future__ import annotations
 
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
-from companion.wire.ids import Kind, Motion, Reasons, Stage
-from companion.wire.payloads import CallData
-from companion.wire.texts import percent
+from companion.wire.documents import GivenAnswer
+from companion.wire.ids import Motion
+from companion.wire.texts import clean
 from gcs_plugin.client.delivery import Pending, Status
-from gcs_plugin.client.documents import GivenAnswer, NearestScene
 from gcs_plugin.terminal.output import STATUS_TEXTS
-from gcs_plugin.terminal.wording import clean, result, where
+from gcs_plugin.terminal.wording import result
 
 _MOTIONS = {Motion.GO: "go", Motion.STAY: "stay", Motion.LOOK_AGAIN: "look again"}
-
-
-def reason(call: CallData) -> str:
-    """Say in a sentence why the rover calls."""
-    if call.test:
-        return "This is a test: nothing is wrong."
-    reasons = call.reasons
-    there = f" {where(call.worst_tile_box)}" if call.worst_tile_box else ""
-    if reasons & Reasons.UNKNOWN_OBJECT and reasons & Reasons.UNKNOWN_SCENE:
-        return f"A new place, and something{there} that none of its words explains."
-    if reasons & Reasons.UNKNOWN_OBJECT:
-        return f"Something{there} that none of its words explains."
-    if reasons & Reasons.UNKNOWN_SCENE:
-        return "A place unlike those that it was told about."
-    if reasons & Reasons.FAULT:
-        return "It has no picture that it can judge."
-    if reasons & Reasons.BLOCKED:
-        named = f" The thing{there} was named as not drivable." if call.worst_tile_box else ""
-        return f"The way ahead is known, and not drivable.{named}"
-    return "What it called for is gone."
-
-
-def points(call: CallData) -> bool:
-    """Whether the call is about the thing in its yellow frame. One for a new place is about all of it."""
-    if call.reasons & Reasons.UNKNOWN_SCENE and not call.reasons & Reasons.UNKNOWN_OBJECT:
-        return False
-    return call.worst_tile_box is not None
-
-
-def figures(call: CallData) -> str:
-    """Give the figures behind the reason."""
-    shown = []
-    if call.roi_uncertainty is not None:
-        shown.append(f"{percent(call.roi_uncertainty)} of the region of interest unexplained")
-    if call.worst_tile is not None and points(call):
-        shown.append(f"{percent(call.worst_tile)} in the yellow frame")
-    if call.drivable_share is not None:
-        shown.append(f"{percent(call.drivable_share)} of the known ground drivable")
-    if call.similarity is not None:
-        shown.append(f"{call.similarity:.2f} like the place it knows")
-    return ", ".join(shown)
-
-
-def what_to_do(call: CallData) -> str:
-    """Say what an operator should do now."""
-    if call.stage is Stage.CLOSED:
-        return ""
-    if call.test:
-        return "Answer go or stay: that shows that the way to you and back works."
-    if call.stage is Stage.CLEAR:
-        return "The reason is gone. Go?"
-    if call.stage is Stage.ANSWERED:
-        return "Answered. It waits until the way is clear; go lets it drive on then."
-    if call.kind is Kind.HOLD:
-        return "It waits until the way is clear. Go lets it drive on then."
-    if call.reasons & Reasons.UNKNOWN_OBJECT:
-        return "What is in the yellow frame? Name it, or say go if it may be driven over this once."
-    if call.reasons & Reasons.UNKNOWN_SCENE:
-        return "What is the ground here? Name it, or say go if all of it may be driven on this once."
-    return "Go lets it drive on, stay ends the alarm."
-
-
-def stands(call: CallData) -> str:
-    """Say what the vehicle does because of the call."""
-    if call.stage is Stage.CLOSED:
-        return ""
-    return "The vehicle is held." if call.holding else "The vehicle is not held by it."
 
 
 def answer(motion: Motion, operations: tuple[Operation, ...]) -> str:
@@ -106,20 +38,6 @@ def _operation(operation: Operation) -> str:
             return "new episode"
         case OtherPlace():
             return "another place"
-
-
-def nearest(found: NearestScene, said: str, motion: str, alike: float | None) -> str:
-    """Say which answered scene a call's is most like, and what the answer was.
-
-    said: who answered, for a person. motion: of that answer, "" where it is not known. alike: the similarity
-    from which two scenes count as one.
-    """
-    words = ", ".join(f"{word} {weight:g}" for word, weight in found.words.items())
-    answer_ = ", ".join(filter(None, (words, motion))) or "go"
-    where_ = f"call C{found.call_id}" if found.call_id else "a place that another rover learnt"
-    far = alike is not None and found.similarity < alike
-    most = "Not much like any place that was answered; nearest is" if far else "Most like"
-    return clean(f"{most} {where_} ({found.similarity:.2f}): {said} {answer_}.")
 
 
 def first_answer(given: GivenAnswer, own: tuple[int, int] | None) -> str:

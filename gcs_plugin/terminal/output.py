@@ -14,6 +14,7 @@ from pymavlink.dialects.v20.common import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_WA
 
 from companion.wire.ids import Reasons, Stage, State
 from companion.wire.payloads import CallData
+from companion.wire.texts import clean
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.delivery import PolicyStatus, Status
 from gcs_plugin.client.events import Event
@@ -237,10 +238,10 @@ class TextOutput:
                 return [wording.closed(event.call, event.after_s)], GOOD
             case ev.TextReceived():
                 fresh = self._fresh(event, now)
-                return [f'says "{wording.clean(event.text)}"'] * fresh, _urgency(event.severity)
+                return [f'says "{clean(event.text)}"'] * fresh, _urgency(event.severity)
             case ev.VehicleTextReceived():
                 fresh = self._fresh(event, now)
-                return [f'autopilot says "{wording.clean(event.text)}"'] * fresh, ALARM
+                return [f'autopilot says "{clean(event.text)}"'] * fresh, ALARM
             case ev.AnswerStatusChanged():
                 subject = str(event.target) if event.target else "no call"
                 alarm = event.status in (Status.WAITING, Status.EXPIRED)
@@ -255,7 +256,7 @@ class TextOutput:
                 )
                 return [wording.policy(event.policy, event.status)], ALARM if alarm else _PLAIN
             case ev.NotUnderstood():
-                return [f"cannot read a message of the companion: {wording.clean(event.problem)}"], ALARM
+                return [f"cannot read a message of the companion: {clean(event.problem)}"], ALARM
             case _:
                 return [], _PLAIN
 

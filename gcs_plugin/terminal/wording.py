@@ -8,10 +8,9 @@ from collections.abc import Iterator
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Outcome, Policy, Reasons, Result, Stage, State, words_hash
 from companion.wire.messages import MESSAGES
-from companion.wire.packing import Fractions
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
-from companion.wire.texts import name, percent
+from companion.wire.texts import clean, name, percent, where
 from gcs_plugin.client.delivery import PolicyStatus
 from gcs_plugin.client.rovers import Computer, Rover
 
@@ -63,11 +62,6 @@ _RESULTS = {
 }
 
 
-def clean(text: str) -> str:
-    """Replace unprintable characters in received text: they could control the terminal."""
-    return "".join(character if character.isprintable() else " " for character in text).strip()
-
-
 def why(call: CallData) -> str:
     """Word all reasons of a call with their figures: `unknown thing ahead, 38% unexplained, ...`."""
     return "; ".join(_reasons(call)) or "no reason given"
@@ -88,12 +82,6 @@ def _reasons(call: CallData) -> Iterator[str]:
         yield f"blocked by what it knows, {percent(call.drivable_share)} of the known ground drivable"
     if call.reasons & Reasons.FAULT:
         yield "fault: no picture that can be judged"
-
-
-def where(box: Fractions) -> str:
-    """Word in which third of the picture the middle of a box is."""
-    middle = (box[0] + box[2]) / 2
-    return "at the left" if middle < 1 / 3 else "at the right" if middle > 2 / 3 else "in the middle"
 
 
 def fitting_answers(call: CallData, before: str = "") -> list[str]:

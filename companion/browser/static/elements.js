@@ -41,3 +41,8 @@ export function showFacts(part, rows) {
   changed(part, rows, (found) =>
     found.replaceChildren(...rows.map(([name, text]) => element("div", {}, element("dt", {}, name), element("dd", {}, text)))));
 }
+
+// Puts the parts into their home in this order. One that is in its place is not moved, since it may hold the focus.
+export function arrange(home, parts, first = 0) {
+  parts.forEach((part, at) => home.children[first + at] !== part && home.insertBefore(part, home.children[first + at] ?? null));
+}

@@ -9,20 +9,6 @@ export const STATES = {
   off: { title: "OFF", tone: "idle", text: "Switched off: nobody watches the way." },
   starting: { title: "STARTING", tone: "idle", text: "The perceiver is loading." },
 };
-export const REASONS = {
-  unknown_object: "an unknown thing is ahead",
-  unknown_scene: "the place is new",
-  blocked: "the way is blocked by what is known",
-  fault: "no picture can be judged",
-};
-export const OUTCOMES = {
-  answered: "answered",
-  accepted: "accepted by a go",
-  passed: "passed by itself",
-  taken_over: "a human took over",
-  recovered: "the fault is gone",
-  switched_off: "the companion was switched off",
-};
 export const POLICIES = {
   report: "report: it calls and holds nothing",
   shadow: "shadow: it calls, and counts what it would have held",
@@ -41,3 +27,9 @@ export const percent = (share) => (share == null ? "not known" : `${Math.round(1
 export const capital = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}` : "");
 export const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString("en-GB");
 export const signed = (weight) => `${weight > 0 ? "+" : weight < 0 ? "−" : ""}${Math.abs(weight)}`;
+
+export function weightText(weight) {
+  if (weight === 0) return "0: says nothing";
+  const strong = Math.abs(weight) === 1 ? "" : Math.abs(weight) >= 0.5 ? " rather" : " a little";
+  return `${signed(weight)}:${strong} ${weight > 0 ? "drive over it" : "never drive over it"}`;
+}

@@ -5,12 +5,12 @@ import { PATIENCE, Stream } from "./stream.js";
 const FILES_EVERY = 5000; // ms
 
 export class Feed {
-  // take: called with ("news" | "picture" | "calls" | "log" | "connection", content, late). late: seconds that
+  // take: called with ("news" | "points" | "picture" | "calls" | "log" | "connection", content, late). late: seconds that
   // an event waited on its way.
   constructor(take) {
     this.take = take;
     this.reading = false;
-    this.stream = new Stream(["news", "picture"], take, whyNot);
+    this.stream = new Stream(["news", "points", "picture"], take, whyNot);
     document.addEventListener("visibilitychange", () => this.readFiles());
     setInterval(() => this.readFiles(), FILES_EVERY);
     this.readFiles();
@@ -20,7 +20,7 @@ export class Feed {
     if (document.hidden || this.reading) return;
     this.reading = true;
     try {
-      this.take("calls", await (await read("/calls.json")).json());
+      this.take("calls", await (await read("/shown-calls.json")).json());
       this.take("log", await (await read("/log.txt")).text());
     } catch {
       // The state at the top says that there is no connection.

@@ -3,12 +3,16 @@
 import { showFacts } from "./elements.js";
 import { Feed } from "./feed.js";
 import * as model from "./model.js";
+import { joined } from "./plots.js";
 import * as views from "./views.js";
 
 const now = () => performance.now() / 1000;
 const picture = document.getElementById("picture");
 let news = null;
 let connection = "";
+let calls = [];
+let points = [];
+let offset = 0; // this clock less the rover's
 let seen = null; // the picture that is shown: {frame, age, receivedAt}
 let coming = null; // the one that is being loaded
 let next = null; // the newest one that was announced meanwhile
@@ -44,15 +48,23 @@ function tick() {
   const state = model.overview(news, now(), connection);
   views.showState(state);
   views.showPictureNote(model.pictureNote(seen, now(), state.stale));
+  const time = now() - offset;
+  if (news) views.showAhead(news, points, time);
+  views.showCalls(calls, time);
 }
 
-new Feed((kind, content, late) => {
+const feed = new Feed((kind, content, late) => {
   switch (kind) {
     case "connection":
       connection = content;
       break;
+    case "points":
+      points = joined(points.filter(([at]) => at < content.points[0][0]), content.points);
+      break;
     case "news":
+      if (news?.status?.current_id !== content.status?.current_id) feed.readFiles();
       news = { ...content, receivedAt: now() - late };
+      offset = news.receivedAt - content.clock;
       showFacts("now", model.facts(news));
       showFacts("computer", model.computer(news));
       views.showPlace(model.place(news));
@@ -67,7 +79,7 @@ new Feed((kind, content, late) => {
       break;
     }
     case "calls":
-      views.showCalls(model.calls(content));
+      calls = content;
       break;
     case "log":
       views.showLog(model.logLines(content));

@@ -1,6 +1,6 @@
 // Turns what the companion tells into what a person reads. Pure: no page, no network, no clock.
 
-import { OUTCOMES, POLICIES, REASONS, STATES, capital, clock, duration, percent, signed } from "./wording.js";
+import { POLICIES, STATES, capital, clock, duration, percent } from "./wording.js";
 
 const NEWS_FRESH = 3; // seconds; the companion tells something once a second
 const PICTURE_FRESH = 3;
@@ -24,7 +24,7 @@ export function overview(news, now, connection) {
   const status = news.status ?? {};
   const state = STATES[status.state] ??
     { title: String(status.state ?? "UNKNOWN").toUpperCase(), tone: "stale", text: "This page does not know this state." };
-  const reasons = (status.reasons ?? []).map((one) => REASONS[one] ?? one);
+  const reasons = (status.reasons ?? []).map((one) => one.replaceAll("_", " "));
   const seconds = news.since + now - news.receivedAt;
   return {
     title: state.title,
@@ -98,36 +98,11 @@ export function place({ state = {} }) {
   };
 }
 
+// The words in force, and those that have a parameter, as the operator's console has them.
 export function words({ state = {} }) {
-  return Object.entries(state.words ?? {})
-    .sort(([, a], [, b]) => b - a)
-    .map(([word, weight]) => ({
-      word,
-      weight: signed(weight),
-      tone: weight > 0 ? "good" : weight < 0 ? "bad" : "even",
-    }));
-}
-
-// records: of /calls.json, the newest first.
-export function calls(records) {
-  return records.map((record) => ({
-    id: record.id,
-    title: `C${record.id} ${(record.reasons ?? []).map((one) => one.replaceAll("_", " ")).join(", ")}`,
-    picture: record.large ?? record.picture ?? "",
-    figures: [
-      record.roi_uncertainty == null ? "" : `uncertainty ${percent(record.roi_uncertainty)}`,
-      record.worst_tile == null ? "" : `worst tile ${percent(record.worst_tile)}`,
-      record.similarity == null ? "" : `similarity ${record.similarity.toFixed(2)}`,
-    ].filter(Boolean).join(", "),
-    outcome: record.outcome ? OUTCOMES[record.outcome] ?? record.outcome : "open",
-    open: !record.outcome,
-    closed: record.closed ? clock(record.closed) : "",
-    answers: (record.answers ?? []).map((answer) => ({
-      at: clock(answer.at),
-      said: [...(answer.operations ?? []), answer.motion === "none" ? "" : answer.motion?.replaceAll("_", " ")].filter(Boolean).join(", "),
-      result: answer.text || answer.result,
-    })),
-  }));
+  const { words: used = {}, vocabulary = [] } = state;
+  const shown = Object.entries(used).sort(([, a], [, b]) => b - a);
+  return [...shown, ...vocabulary.filter((word) => !(word in used)).map((word) => [word, null])].map(([word, weight]) => ({ word, weight }));
 }
 
 export function checks({ check = {} }) {

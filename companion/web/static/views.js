@@ -1,6 +1,9 @@
 // Puts what `model.js` made into the page. No network, and no decision: what is given is what is shown.
 
-import { changed, element, showFacts } from "./elements.js";
+import { CallView } from "./call_view.js";
+import { arrange, changed, element, showFacts } from "./elements.js";
+import { Fan, TimePlot } from "./plots.js";
+import { Words } from "./words.js";
 
 export function showState(state) {
   changed("state", { ...state, since: "" }, (part) => {
@@ -38,28 +41,38 @@ export function showPlace(place) {
   });
 }
 
-export function showWords(words) {
-  changed("words", words, (part) =>
-    part.replaceChildren(...words.map(({ word, weight, tone }) =>
-      element("li", { tone }, element("span", {}, word), " ", element("b", {}, weight)))));
+const fan = new Fan();
+const drivable = new TimePlot("Drivable", { above: false, at: 1 });
+const unexplained = new TimePlot("Unexplained", { above: true, at: 2 });
+const words = new Words("");
+document.getElementById("ahead").append(fan.part, drivable.part, unexplained.part);
+document.getElementById("words").append(words.part);
+
+// points, time: of the rover's clock.
+export function showAhead({ ahead, state }, points, time) {
+  const limits = state?.settings ?? {};
+  fan.show(ahead ?? null);
+  drivable.show(points, limits.AT_THR_TRAV, time);
+  unexplained.show(points, limits.AT_THR_ROI, time);
 }
 
-export function showCalls(calls) {
-  changed("calls", calls, (part) =>
-    part.replaceChildren(...(calls.length ? calls.map(call) : [element("li", { className: "none" }, "None so far.")])));
+export function showWords(shown) {
+  words.show({ words: shown, words_known: true, calls: [] });
 }
 
-function call({ id, title, picture, figures, outcome, open, closed, answers }) {
-  const image = picture &&
-    element("img", { src: picture, loading: "lazy", decoding: "async", alt: `Picture of call ${id}, with maps` });
-  return element("li", { className: open ? "open" : "" },
-    image || "",
-    element("div", {},
-      element("h3", {}, title),
-      element("p", {}, element("strong", {}, outcome), closed && ` at ${closed}`),
-      figures && element("p", { className: "faint" }, figures),
-      answers.length ? element("ul", {}, ...answers.map(({ at, said, result }) =>
-        element("li", {}, `${at} `, element("b", {}, said), result && `: ${result}`))) : ""));
+const cards = new Map();
+
+export function showCalls(calls, time) {
+  const keys = new Set(calls.map((call) => call.key));
+  for (const [key, card] of cards) if (!keys.has(key)) card.part.remove(), cards.delete(key);
+  for (const call of calls) {
+    if (!cards.has(call.key)) cards.set(call.key, new CallView());
+    cards.get(call.key).show(call, time);
+  }
+  const parts = (open) => calls.filter((call) => call.open === open).map((call) => cards.get(call.key).part);
+  arrange(document.getElementById("open"), parts(true));
+  arrange(document.getElementById("past"), parts(false), 1);
+  document.getElementById("past").hidden = !parts(false).length;
 }
 
 export function showChecks({ summary, rows }) {

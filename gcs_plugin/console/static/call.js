@@ -1,45 +1,31 @@
-// One call: its pictures, why, what can be answered, and what became of the answers.
+// One call as an operator sees it: the card, what can be answered, and what became of the answers.
 
 import { changed, element, showText } from "./elements.js";
-import { fitting, labels, weightText } from "./model.js";
-import { Picture } from "./picture.js";
-import { duration, clock } from "./wording.js";
+import { CallView } from "./call_view.js";
+import { fitting, labels } from "./model.js";
+import { duration, weightText } from "./wording.js";
 
 const READ = 2; // seconds for which a call that took another's place takes no answer: it may be meant for that one
-let numbered = 0;
 
-export class CallCard {
+export class CallCard extends CallView {
   // send: posts, and returns a promise of "" or of what is wrong. staged: words set by sliders for this answer.
   // chosen: called when it was put into the report, or taken out.
   constructor(system, send, say, staged, time, chosen) {
+    super((box) => this.point(box));
     Object.assign(this, { system, post: send, say, staged });
-    this.id = `call${++numbered}`;
     this.shownAt = time;
     this.replaces = false;
-    this.own = null;
-    this.data = null;
-    this.title = element("h3", { id: this.id, tabIndex: -1 });
-    this.reason = element("p", { className: "reason" });
-    this.stands = element("p", { className: "stands" });
-    this.figures = element("p", { className: "faint" });
-    this.todo = element("p", { className: "todo" });
-    const picked = (box) => this.point(box);
-    this.raw = new Picture("small", "What it saw", picked);
-    this.judged = new Picture("large", "How it judged that", picked);
     this.more = element("button", { type: "button", className: "plain", onclick: () => this.post("fetch", { rover: system, what: "large", call: this.data.id }) });
-    this.becoming = element("ol", { className: "becoming" });
+    this.todo = element("p", { className: "todo" });
     this.first = element("p", { className: "first" });
     this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
     this.save = element("a", { className: "save", download: "" });
     this.chosen = element("input", { type: "checkbox", onchange: () => chosen() });
     this.choice = element("label", { className: "choice" }, this.chosen, "in the report");
     this.problem = element("p", { className: "problem", role: "alert" });
-    this.near = element("div", { className: "near" });
-    this.part = element("section", { className: "call", "aria-labelledby": this.id },
-      element("header", {}, this.title, this.stands, this.reason),
-      element("div", { className: "shots" }, this.raw.part, this.judged.part),
-      element("div", { className: "under" }, legend(), this.more),
-      element("div", { className: "ask" }, this.figures, this.near, this.todo, this.first, this.form(), this.problem, this.becoming, this.undo, element("div", { className: "keep" }, this.save, this.choice)));
+    this.under.append(this.more);
+    this.becoming.before(this.todo, this.first, this.form(), this.problem);
+    this.ask.append(this.undo, element("div", { className: "keep" }, this.save, this.choice));
   }
 
   form() {
@@ -70,43 +56,22 @@ export class CallCard {
 
   show(data, rover, time) {
     const before = this.data;
-    this.data = data;
     if (!before) {
       const object = data.reasons.includes("unknown_object") || data.box;
       this.weight.value = object ? -1 : 1;
       this.about.value = object ? "tap" : "word";
     }
-    this.part.dataset.stage = data.open ? data.stage : "closed";
-    const since = data.since === undefined ? "" : `, open for ${duration(time - data.since)}`;
-    showText(this.title, `${data.kind === "hold" ? "Hold" : "Call"} ${data.name}${data.open ? since : `: ${data.outcome || "closed"}`}`);
-    for (const name of ["reason", "figures", "todo", "stands", "first"]) showText(this[name], data[name] ?? "");
-    this.stands.dataset.held = String(Boolean(data.holding));
-    const marks = { roi: data.roi, box: data.box, own: this.own, open: data.open && !data.test, size: data.size };
+    super.show(data, time);
     const large = data.large;
-    const progress = large.progress ? `${Math.round(large.progress[0] / 1000)}${large.progress[1] ? ` of ${Math.round(large.progress[1] / 1000)}` : ""} kB` : "";
-    const shot = data.pictures.raw ?? data.pictures.small ?? "";
-    this.raw.show({ ...marks, url: shot, plain: Boolean(data.pictures.raw), note: data.small_problem || (data.open ? "Its picture is on its way." : "No picture is here."), alt: `What the rover saw at ${data.name}${data.box ? ", with the place meant in yellow" : ""}` });
-    this.judged.show({ ...marks, url: data.pictures.large ?? "", under: data.pictures.large && data.pictures.raw, alt: `The same with the judgement: drivable, not drivable and unknown ground`,
-      note: large.waits ? `On its way${progress ? `: ${progress}` : "."}` : large.problem ? `It did not come: ${large.problem}.` : "" });
-    this.judged.part.hidden = !data.pictures.large && !large.waits;
+    for (const name of ["todo", "first"]) showText(this[name], data[name] ?? "");
     this.more.hidden = Boolean(data.pictures.large) || large.waits || !data.pictures.small;
     showText(this.more, `Show how it judged that${large.seconds === null ? "" : ` (about ${duration(large.seconds)} on this link)`}${large.problem ? `. It did not come: ${large.problem}` : ""}`);
     this.entry.hidden = !data.open;
-    this.showNearest(data);
     this.naming.hidden = Boolean(data.test) || data.kind === "hold" && !data.box;
     this.showNames(rover);
     this.refresh();
-    changed(this.becoming, [data.answers, data.said, data.undone, data.given], (list) => {
-      const given = (data.given ?? []).map((text) => element("li", {}, text));
-      const answers = data.answers.map((one) => ({ at: one.at, part: element("li", { tone: one.tone }, element("b", {}, `You: ${one.said}`), ` ${one.text}`) }));
-      const said = data.said.map((one) => ({ at: one.at, part: element("li", {}, one.text) }));
-      const rows = [...answers, ...said].sort((a, b) => a.at - b.at);
-      rows.forEach((row) => row.part.prepend(element("time", {}, clock(row.at)), " "));
-      const undone = data.undone ? [element("li", {}, element("b", {}, "You: undo"), ` ${data.undone}`)] : [];
-      list.replaceChildren(...given, ...rows.map((row) => row.part), ...undone);
-      const last = data.answers.at(-1);
-      if (before && last && last.settled) this.say(`${data.name}: ${last.text}`);
-    });
+    const last = data.answers.at(-1);
+    changed(this.ask, last, () => before && last?.settled && this.say(`${data.name}: ${last.text}`));
     this.undo.hidden = !data.undo;
     this.save.href = `/export/${this.system}/${data.id}.zip`;
     showText(this.save, `Save ${data.kind} ${data.name}`);
@@ -120,14 +85,9 @@ export class CallCard {
       element("button", { type: "button", className: "chip", onclick: () => this.choose(word, weight) }, word))));
   }
 
-  // What was answered in the scene most like this one.
-  showNearest({ nearest, open, test, box }) {
-    this.near.hidden = !nearest;
-    const fits = nearest?.alike && open && !test && fitting(nearest.words, box);
-    changed(this.near, [nearest, fits], (part) => nearest && part.replaceChildren(
-      nearest.picture ? element("img", { src: nearest.picture, alt: nearest.call ? `What it saw at C${nearest.call}` : "That place" }) : "",
-      element("div", {}, element("p", {}, nearest.text),
-        fits ? element("button", { type: "button", className: "plain", onclick: () => this.takeOver(nearest.words) }, "Say the same") : "")));
+  sayTheSame({ nearest, open, test, box }) {
+    return nearest.alike && open && !test && fitting(nearest.words, box)
+      && element("button", { type: "button", className: "plain", onclick: () => this.takeOver(nearest.words) }, "Say the same");
   }
 
   // The first word is the thing's name; the others go with the answer.
@@ -185,11 +145,6 @@ export class CallCard {
     this.word.focus();
   }
 
-  look() {
-    this.part.scrollIntoView({ block: "nearest" });
-    this.title.focus({ preventScroll: true });
-  }
-
   aim() {
     this.raw.frame.focus();
   }
@@ -212,10 +167,4 @@ export class CallCard {
   async takeBack() {
     showText(this.problem, await this.post("undo", { rover: this.system, call: this.data.id }));
   }
-}
-
-export function legend() {
-  const row = (kind, text) => element("li", {}, element("span", { className: `swatch ${kind}` }), text);
-  return element("ul", { className: "legend" }, row("drivable", "drivable"), row("blocked", "not drivable"), row("unknown", "unknown"),
-    row("roi", "region of interest"), row("tile", "what it asks about"), row("own", "your frame"));
 }

@@ -1,10 +1,11 @@
 // Connects the stream of events with the sections of the rovers, and keys with the first call.
 
-import { element, showText } from "./elements.js";
+import { arrange, element, showText } from "./elements.js";
 import { Stream } from "./stream.js";
 import { Alarm } from "./alarm.js";
 import * as model from "./model.js";
-import { RoverView, arrange } from "./rover.js";
+import { joined } from "./plots.js";
+import { RoverView } from "./rover.js";
 
 const now = () => performance.now() / 1000;
 const rovers = new Map(); // system -> RoverView
@@ -87,7 +88,7 @@ new Stream(["fresh", "news", "points", "timeline", "track"], (kind, content, lat
   } else {
     offset = now() - late - content.clock;
     if (kind === "fresh") [points, entries, tracks].forEach((one) => one.clear());
-    if (kind === "points") points.set(content.system, model.joined(points.get(content.system), content.points));
+    if (kind === "points") points.set(content.system, joined(points.get(content.system), content.points));
     if (kind === "track") tracks.set(content.system, content.points);
     if (kind === "timeline") entries.set(content.system, model.added(entries.get(content.system), content.entries));
     if (kind !== "news") return;

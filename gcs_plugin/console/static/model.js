@@ -1,12 +1,9 @@
 // Turns what the console tells into what a person reads. Pure: no page, no network, no clock.
 
-import { POLICIES, STATES, capital, duration, percent } from "./wording.js";
+import { POLICIES, STATES, capital, duration, percent, signed } from "./wording.js";
 
-const MOST_POINTS = 300;
 const MOST_ENTRIES = 300;
 const OLD = 3; // seconds after which what was heard is old
-
-export const joined = (known = [], fresh) => [...known, ...fresh].slice(-MOST_POINTS);
 
 export const added = (known = [], fresh) => [...known, ...fresh].slice(-MOST_ENTRIES);
 
@@ -106,7 +103,7 @@ export const aloud = (rover, call, several) => `${several ? `Rover ${rover.syste
 
 // What stands on the button that sends: motion with what was named.
 export function labels(changes) {
-  const named = changes.map(({ word, weight }) => `${word} ${sign(weight)}`).join(", ");
+  const named = changes.map(({ word, weight }) => `${word} ${signed(weight)}`).join(", ");
   return named
     ? { go: `${capital(named)}, and go`, stay: `${capital(named)}, and stay`, none: `${capital(named)}, nothing else` }
     : { go: "Go", stay: "Stay", none: "" };
@@ -115,40 +112,8 @@ export function labels(changes) {
 // Whether words said elsewhere may be said here with one click: a thing is not named as ground that is driven on.
 export const fitting = (words, box) => words.length > 0 && words.every(([, weight]) => (box ? weight <= 0 : weight > 0));
 
-export const sign = (weight) => `${weight > 0 ? "+" : weight < 0 ? "−" : ""}${Math.abs(weight)}`;
-
-export function weightText(weight) {
-  if (weight === 0) return "0: says nothing";
-  const strong = Math.abs(weight) === 1 ? "" : Math.abs(weight) >= 0.5 ? " rather" : " a little";
-  return `${sign(weight)}:${strong} ${weight > 0 ? "drive over it" : "never drive over it"}`;
-}
-
 function bytes(count) {
   return count < 10_000 ? `${count} B` : count < 10_000_000 ? `${Math.round(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`;
-}
-
-// The box around a tap, of a size like the box that the call points at.
-export function tapBox(x, y, like) {
-  const [width, height] = like ? [like[2] - like[0], like[3] - like[1]] : [0.14, 0.18];
-  const left = clamp(x - width / 2, 0, 1 - width), top = clamp(y - height / 2, 0, 1 - height);
-  return [left, top, left + width, top + height].map(fraction);
-}
-
-export function dragBox(from, to) {
-  const [left, right] = [from.x, to.x].sort((a, b) => a - b), [top, bottom] = [from.y, to.y].sort((a, b) => a - b);
-  return [left, top, Math.max(right, left + 0.02), Math.max(bottom, top + 0.02)].map((side) => fraction(clamp(side, 0, 1)));
-}
-
-export function movedBox(box, dx, dy, grow) {
-  let [left, top, right, bottom] = box;
-  if (grow) {
-    right = clamp(right + dx, left + 0.02, 1);
-    bottom = clamp(bottom + dy, top + 0.02, 1);
-  } else {
-    const across = clamp(dx, -left, 1 - right), down = clamp(dy, -top, 1 - bottom);
-    [left, right, top, bottom] = [left + across, right + across, top + down, bottom + down];
-  }
-  return [left, top, right, bottom].map(fraction);
 }
 
 const METRES = 111320; // of a degree of latitude
@@ -172,6 +137,3 @@ export function nice(most) {
   const tens = 10 ** Math.floor(Math.log10(most));
   return tens * [5, 2, 1].find((one) => one * tens <= most);
 }
-
-const clamp = (value, low, high) => Math.min(Math.max(value, low), Math.max(low, high));
-const fraction = (value) => Math.round(1e4 * value) / 1e4;

@@ -1,6 +1,6 @@
 // One rover: its state, the call that is open, what is ahead, words, link, faults, earlier calls, timeline.
 
-import { changed, element, showFacts, showText } from "./elements.js";
+import { arrange, changed, element, showFacts, showText } from "./elements.js";
 import * as model from "./model.js";
 import { CallCard } from "./call.js";
 import { Fan, TimePlot } from "./plots.js";
@@ -9,11 +9,6 @@ import { Words } from "./words.js";
 import { clock } from "./wording.js";
 
 const POLICIES = ["report", "shadow", "hold", "off"];
-
-// Puts the parts into their home in this order. One that is in its place is not moved, since it may hold the focus.
-export function arrange(home, parts, first = 0) {
-  parts.forEach((part, at) => home.children[first + at] !== part && home.insertBefore(part, home.children[first + at] ?? null));
-}
 
 export class RoverView {
   constructor(system, send, say) {

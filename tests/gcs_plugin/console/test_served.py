@@ -55,7 +55,7 @@ def test_the_page_comes_from_here_under_a_strict_policy_and_is_small(served: Ser
 
 
 MODULES = (
-    "main", "model", "rover", "call", "picture", "plots", "track", "words", "alarm",
+    "main", "model", "rover", "call", "track", "alarm", "call_view", "picture", "boxes", "plots", "words",
     "elements", "stream", "delay", "wording",
 )  # fmt: skip
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement
 from companion.wire.payloads import CallData, Summary
+from companion.wire.texts import where
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.delivery import PolicyStatus, Status
 from gcs_plugin.client.rovers import Rover
@@ -212,7 +213,7 @@ def test_every_call_has_a_headline_and_answers_that_can_be_typed(
     [((0, 0, 0.2, 1), "at the left"), ((0.4, 0, 0.6, 1), "in the middle"), ((0.8, 0, 1, 1), "at the right")],
 )
 def test_where_a_box_lies(box: tuple[float, float, float, float], told: str) -> None:
-    assert wording.where(box) == told
+    assert where(box) == told
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
 // The words in force as sliders. While a call is open, what is changed waits for its answer; else it is sent at once.
+// Where nobody may answer they only show.
 
 import { changed, element, showText } from "./elements.js";
-import { sign, weightText } from "./model.js";
+import { signed, weightText } from "./wording.js";
 
 class Staged {
   constructor() {
@@ -13,7 +14,7 @@ class Staged {
   }
 
   text() {
-    const parts = [...this.changes].map(([word, weight]) => (weight === null ? `${word} out of use` : `${word} ${sign(weight)}`));
+    const parts = [...this.changes].map(([word, weight]) => (weight === null ? `${word} out of use` : `${word} ${signed(weight)}`));
     return parts.length ? `With the answer go: ${parts.join(", ")}.` : "";
   }
 
@@ -23,14 +24,15 @@ class Staged {
 }
 
 export class Words {
-  constructor(system, send, refresh) {
+  // send: posts what is changed; null where words are only shown. refresh: called when a change waits.
+  constructor(system, send = null, refresh = null) {
     Object.assign(this, { system, post: send, refresh });
     this.staged = new Staged();
     this.rows = new Map();
-    this.list = element("ul", { className: "sliders" });
+    this.list = element("ul", { className: send ? "sliders" : "sliders shown" });
     this.note = element("p", { className: "faint" });
     this.word = element("input", { type: "text", id: `new${system}`, maxLength: 48, autocomplete: "off" });
-    this.part = element("div", {}, this.note, this.list,
+    this.part = element("div", {}, this.note, this.list, send &&
       element("form", { className: "field", onsubmit: (event) => { event.preventDefault(); this.add(); } },
         element("label", { htmlFor: this.word.id }, "New word"), this.word, element("button", { type: "submit", className: "plain" }, "Add")));
   }
@@ -47,16 +49,16 @@ export class Words {
       if (row.part.parentNode !== this.list) this.list.append(row.part);
     }
     showText(this.note, !told.size ? "Its words are not known yet." : !rover.words_known ? "These are not all, or changed just now: they are asked for."
-      : this.open ? "What you change here goes with your answer." : "What you change here is sent at once.");
+      : !this.post ? "" : this.open ? "What you change here goes with your answer." : "What you change here is sent at once.");
   }
 
   row(word) {
     const id = `w${this.system}-${word.replace(/[^a-z0-9]/g, "_")}`;
-    const used = element("input", { type: "checkbox", id, onchange: () => this.set(word, used.checked ? Number(slider.value) || 1 : null) });
-    const slider = element("input", { type: "range", min: -1, max: 1, step: 0.1, "aria-label": `Weight of ${word}`, oninput: () => showText(text, sign(Number(slider.value))),
+    const used = element("input", { type: "checkbox", id: this.post ? id : "", onchange: () => this.set(word, used.checked ? Number(slider.value) || 1 : null) });
+    const slider = element("input", { type: "range", id: this.post ? "" : id, min: -1, max: 1, step: 0.1, "aria-label": `Weight of ${word}`, oninput: () => showText(text, signed(Number(slider.value))),
       onchange: () => this.set(word, Number(slider.value)) });
     const text = element("output");
-    const part = element("li", {}, used, element("label", { htmlFor: id }, word), slider, text);
+    const part = element("li", {}, this.post && used, element("label", { htmlFor: id }, word), slider, text);
     return {
       part,
       show: ({ weight, fixed }, staged) => {
@@ -66,9 +68,9 @@ export class Words {
           used.checked = wanted !== null;
           used.title = fixed ? "in use" : "in use; switched off it is forgotten";
           if (wanted !== null) slider.value = wanted;
-          slider.disabled = wanted === null;
+          slider.disabled = wanted === null || !this.post;
           slider.setAttribute("aria-valuetext", weightText(wanted ?? 0));
-          showText(text, wanted === null ? "off" : sign(wanted));
+          showText(text, wanted === null ? "off" : signed(wanted));
         });
       },
     };

@@ -102,6 +102,7 @@ class CallRecord:
     roi_uncertainty: float | None
     worst_tile: float | None
     worst_tile_box: Fractions | None
+    drivable_share: float | None
     similarity: float | None
     latitude: float | None
     longitude: float | None
@@ -161,6 +162,7 @@ def read_record(content: bytes) -> CallRecord:
         roi_uncertainty=_number(told.get("roi_uncertainty"), 0, 1),
         worst_tile=_number(told.get("worst_tile"), 0, 1),
         worst_tile_box=_box(told.get("worst_tile_box")),
+        drivable_share=_number(told.get("drivable_share"), 0, 1),
         similarity=_number(told.get("similarity"), -1, 1),
         latitude=_number(place.get("latitude"), -90, 90),
         longitude=_number(place.get("longitude"), -180, 180),

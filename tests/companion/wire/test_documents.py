@@ -9,9 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.wire.ids import Kind, Reasons, Stage
-from companion.wire.payloads import CallData
-from gcs_plugin.client.documents import (
+from companion.wire.documents import (
     LONGEST,
     DocumentError,
     NearestScene,
@@ -19,6 +17,8 @@ from gcs_plugin.client.documents import (
     read_record,
     read_state,
 )
+from companion.wire.ids import Kind, Reasons, Stage
+from companion.wire.payloads import CallData
 
 STATE: dict[str, Any] = {
     "state": "holding",

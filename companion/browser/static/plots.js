@@ -3,7 +3,9 @@
 import { changed, drawn, element, showText } from "./elements.js";
 import { percent } from "./wording.js";
 
-const WIDTH = 300, HEIGHT = 64, SECONDS = 120;
+const WIDTH = 300, HEIGHT = 64, SECONDS = 120, MOST_POINTS = 300;
+
+export const joined = (known, fresh) => [...(known ?? []), ...fresh].slice(-MOST_POINTS);
 
 // A figure of 0 to 1 over the last two minutes. above: whether it is bad above its threshold.
 export class TimePlot {

@@ -1,26 +1,27 @@
-// A call's picture with what is marked in it, in which an operator points at the thing.
+// A call's picture with what is marked in it. An operator who may answer points at the thing in it.
 
 import { changed, drawn, element, showText } from "./elements.js";
-import { dragBox, movedBox, tapBox } from "./model.js";
+import { dragBox, movedBox, tapBox } from "./boxes.js";
 
 const BAR = 34, FOOT = 30; // px of 480 wide pictures, above and below the frame
 const STEP = 0.01;
 
 export class Picture {
-  // picked: called with the operator's box, in fractions of the frame.
+  // picked: called with the operator's box, in fractions of the frame; null where nobody may point.
   constructor(kind, title, picked) {
     Object.assign(this, { kind, picked });
     this.under = element("img", { draggable: false, alt: "", hidden: true });
     this.image = element("img", { draggable: false, alt: "" });
     this.marks = drawn("svg", { viewBox: "0 0 100 100", preserveAspectRatio: "none", "aria-hidden": "true" });
     this.note = element("p", { className: "note" });
-    this.frame = element("button", { type: "button", className: "aim", "aria-label": `${title}. Click or drag to point at the thing; arrow keys move your frame, with shift they change its size.` }, this.under, this.image, this.marks);
+    const aims = { type: "button", "aria-label": `${title}. Click or drag to point at the thing; arrow keys move your frame, with shift they change its size.` };
+    this.frame = element(picked ? "button" : "div", { className: "aim", ...(picked ? aims : {}) }, this.under, this.image, this.marks);
     this.share = element("input", { type: "range", min: 0, max: 100, step: 5, value: 100, oninput: () => this.blend() });
     this.fade = element("label", { className: "fade", hidden: true }, "Fade", this.share);
     this.part = element("figure", { className: `shot ${kind}` }, element("div", { className: "pane" }, this.frame, this.note), element("figcaption", {}, title, kind === "large" ? this.fade : ""));
     this.image.addEventListener("load", () => this.fit());
     this.image.addEventListener("error", () => showText(this.note, "The picture did not come whole."));
-    this.listen();
+    if (picked) this.listen();
   }
 
   listen() {
@@ -76,7 +77,7 @@ export class Picture {
     this.like = box;
     this.own = own;
     this.open = open;
-    this.frame.disabled = !open;
+    if (this.picked) this.frame.disabled = !open;
     changed(this.image, url, (image) => {
       image.hidden = !url;
       if (url) image.src = url;

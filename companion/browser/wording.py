@@ -1,0 +1,162 @@
+"""Words a call for somebody who sees one for the first time: why, what is meant, what to do.
+
+Also what a page is told of a call, whether its rover tells of it now or only its record does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from companion.wire.documents import CallRecord, GivenAnswer, NearestScene
+from companion.wire.ids import Kind, Reasons, Stage
+from companion.wire.payloads import CallData
+from companion.wire.texts import clean, name, percent, where
+
+OUTCOMES = {
+    "answered": "answered",
+    "accepted": "accepted by a go",
+    "passed": "passed by itself",
+    "taken_over": "a human took over",
+    "recovered": "the fault is gone",
+    "switched_off": "the companion was switched off",
+}
+"""How a call was closed, by the name in its record."""
+_NO_MOTION = ("none", "")
+
+
+def reason(call: CallData | CallRecord) -> str:
+    """Say in a sentence why the rover calls."""
+    if isinstance(call, CallData) and call.test:
+        return "This is a test: nothing is wrong."
+    reasons = call.reasons
+    there = f" {where(call.worst_tile_box)}" if call.worst_tile_box else ""
+    if reasons & Reasons.UNKNOWN_OBJECT and reasons & Reasons.UNKNOWN_SCENE:
+        return f"A new place, and something{there} that none of its words explains."
+    if reasons & Reasons.UNKNOWN_OBJECT:
+        return f"Something{there} that none of its words explains."
+    if reasons & Reasons.UNKNOWN_SCENE:
+        return "A place unlike those that it was told about."
+    if reasons & Reasons.FAULT:
+        return "It has no picture that it can judge."
+    if reasons & Reasons.BLOCKED:
+        named = f" The thing{there} was named as not drivable." if call.worst_tile_box else ""
+        return f"The way ahead is known, and not drivable.{named}"
+    return "What it called for is gone."
+
+
+def points(call: CallData | CallRecord) -> bool:
+    """Whether the call is about the thing in its yellow frame. One for a new place is about all of it."""
+    if call.reasons & Reasons.UNKNOWN_SCENE and not call.reasons & Reasons.UNKNOWN_OBJECT:
+        return False
+    return call.worst_tile_box is not None
+
+
+def figures(call: CallData | CallRecord) -> str:
+    """Give the figures behind the reason."""
+    shown = []
+    if call.roi_uncertainty is not None:
+        shown.append(f"{percent(call.roi_uncertainty)} of the region of interest unexplained")
+    if call.worst_tile is not None and points(call):
+        shown.append(f"{percent(call.worst_tile)} in the yellow frame")
+    if call.drivable_share is not None:
+        shown.append(f"{percent(call.drivable_share)} of the known ground drivable")
+    if call.similarity is not None:
+        shown.append(f"{call.similarity:.2f} like the place it knows")
+    return ", ".join(shown)
+
+
+def what_to_do(call: CallData) -> str:
+    """Say what an operator should do now."""
+    if call.stage is Stage.CLOSED:
+        return ""
+    if call.test:
+        return "Answer go or stay: that shows that the way to you and back works."
+    if call.stage is Stage.CLEAR:
+        return "The reason is gone. Go?"
+    if call.stage is Stage.ANSWERED:
+        return "Answered. It waits until the way is clear; go lets it drive on then."
+    if call.kind is Kind.HOLD:
+        return "It waits until the way is clear. Go lets it drive on then."
+    if call.reasons & Reasons.UNKNOWN_OBJECT:
+        return "What is in the yellow frame? Name it, or say go if it may be driven over this once."
+    if call.reasons & Reasons.UNKNOWN_SCENE:
+        return "What is the ground here? Name it, or say go if all of it may be driven on this once."
+    return "Go lets it drive on, stay ends the alarm."
+
+
+def stands(call: CallData) -> str:
+    """Say what the vehicle does because of the call."""
+    if call.stage is Stage.CLOSED:
+        return ""
+    return "The vehicle is held." if call.holding else "The vehicle is not held by it."
+
+
+def nearest(found: NearestScene, said: str, motion: str, alike: float | None, picture: str) -> dict[str, Any]:
+    """Tell which answered scene a call's is most like, and what the answer was.
+
+    said: who answered, for a person. motion: of that answer, "" where it is not known. alike: the similarity
+    from which two scenes count as one. picture: its address, "" for none.
+    """
+    words = ", ".join(f"{word} {weight:g}" for word, weight in found.words.items())
+    answer = ", ".join(filter(None, (words, motion))) or "go"
+    there = f"call C{found.call_id}" if found.call_id else "a place that another rover learnt"
+    far = alike is not None and found.similarity < alike
+    most = "Not much like any place that was answered; nearest is" if far else "Most like"
+    return {
+        "call": found.call_id,
+        "similarity": round(found.similarity, 2),
+        "words": [[word, weight] for word, weight in found.words.items()],
+        "alike": not far,
+        "text": clean(f"{most} {there} ({found.similarity:.2f}): {said} {answer}."),
+        "picture": picture,
+    }
+
+
+def newest_motion(motions: Sequence[str]) -> str:
+    """Return the last of these that is a motion, for a person; "" where none is. motions: by name."""
+    return next((one.replace("_", " ") for one in reversed(motions) if one not in _NO_MOTION), "")
+
+
+def answered(given: GivenAnswer) -> str:
+    """Word an answer in a call's record: what was answered, and what the rover said to it."""
+    return clean(", ".join(filter(None, (*given.operations, newest_motion([given.motion]), given.text))))
+
+
+def announced(call: CallData) -> dict[str, Any]:
+    """Return what a page shows of a call that its rover tells of."""
+    return {
+        "name": name(call.kind, call.id),
+        "kind": call.kind.name.lower(),
+        "stage": call.stage.name.lower(),
+        "open": call.stage is not Stage.CLOSED,
+        "test": call.test,
+        "reasons": _names(call.reasons),
+        "reason": reason(call),
+        "figures": figures(call),
+        "todo": what_to_do(call),
+        "stands": stands(call),
+        "holding": call.holding,
+        "frame": call.frame_id,
+        "roi": call.roi,
+        "box": call.worst_tile_box if points(call) else None,
+    }
+
+
+def recorded(record: CallRecord) -> dict[str, Any]:
+    """Return what a page shows of a call that only its record tells of."""
+    return {
+        "name": name(Kind.CALL, record.id),
+        "kind": "call",
+        "stage": "closed",
+        "open": False,
+        "reasons": _names(record.reasons),
+        "reason": reason(record),
+        "figures": figures(record),
+        "outcome": OUTCOMES.get(record.outcome, clean(record.outcome).replace("_", " ")),
+        "box": record.worst_tile_box if points(record) else None,
+    }
+
+
+def _names(reasons: Reasons) -> list[str]:
+    return [str(one.name).lower() for one in Reasons if one and one in reasons]

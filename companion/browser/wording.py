@@ -5,6 +5,7 @@ Also what a page is told of a call, whether its rover tells of it now or only it
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,6 +24,8 @@ OUTCOMES = {
 }
 """How a call was closed, by the name in its record."""
 _NO_MOTION = ("none", "")
+_TAP = re.compile(r"tap ([^:]{1,64}: \S{1,8})(?: \S{1,8}){4}")
+"""An answer that names what is in a box; a person sees the box in the picture."""
 
 
 def reason(call: CallData | CallRecord) -> str:
@@ -120,7 +123,9 @@ def newest_motion(motions: Sequence[str]) -> str:
 
 def answered(given: GivenAnswer) -> str:
     """Word an answer in a call's record: what was answered, and what the rover said to it."""
-    return clean(", ".join(filter(None, (*given.operations, newest_motion([given.motion]), given.text))))
+    operations = (_TAP.sub(r"\1", one) for one in given.operations)
+    said = ", ".join(filter(None, (*operations, newest_motion([given.motion]))))
+    return clean(": ".join(filter(None, (said, given.text))))
 
 
 def announced(call: CallData) -> dict[str, Any]:

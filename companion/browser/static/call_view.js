@@ -8,11 +8,12 @@ let numbered = 0;
 
 export class CallView {
   // picked: called with the box at which an operator points; null where nobody may answer.
-  constructor(picked = null) {
+  // heading: its tag, as deep as the card is in the page.
+  constructor(picked = null, heading = "h2") {
     this.id = `call${++numbered}`;
     this.own = null;
     this.data = null;
-    this.title = element("h3", { id: this.id, tabIndex: -1 });
+    this.title = element(heading, { id: this.id, tabIndex: -1 });
     this.reason = element("p", { className: "reason" });
     this.stands = element("p", { className: "stands" });
     this.figures = element("p", { className: "faint" });
@@ -20,7 +21,7 @@ export class CallView {
     this.judged = new Picture("large", "How it judged that", picked);
     this.near = element("div", { className: "near" });
     this.becoming = element("ol", { className: "becoming" });
-    this.under = element("div", { className: "under" }, legend(Boolean(picked)));
+    this.under = element("div", { className: "under" }, legend("what it asks about", Boolean(picked)));
     this.ask = element("div", { className: "ask" }, this.figures, this.near, this.becoming);
     this.part = element("section", { className: "call", "aria-labelledby": this.id },
       element("header", {}, this.title, this.stands, this.reason),
@@ -77,8 +78,9 @@ export class CallView {
   }
 }
 
-export function legend(own = false) {
+// tile: what the yellow frame is. own: whether an operator may draw a frame.
+export function legend(tile, own = false) {
   const row = (kind, text) => element("li", {}, element("span", { className: `swatch ${kind}` }), text);
   return element("ul", { className: "legend" }, row("drivable", "drivable"), row("blocked", "not drivable"), row("unknown", "unknown"),
-    row("roi", "region of interest"), row("tile", "what it asks about"), own ? row("own", "your frame") : "");
+    row("roi", "region of interest"), row("tile", tile), own ? row("own", "your frame") : "");
 }

@@ -1,6 +1,6 @@
 // Connects feed, model and views, and lets ages grow by the browser's own clock.
 
-import { showFacts } from "./elements.js";
+import { showFacts, showText } from "./elements.js";
 import { Feed } from "./feed.js";
 import * as model from "./model.js";
 import { joined } from "./plots.js";
@@ -67,10 +67,10 @@ const feed = new Feed((kind, content, late) => {
       offset = news.receivedAt - content.clock;
       showFacts("now", model.facts(news));
       showFacts("computer", model.computer(news));
-      views.showPlace(model.place(news));
+      views.showPlace(news);
       views.showWords(model.words(news));
       views.showChecks(model.checks(news));
-      views.showAbout(`AnyTraverse companion ${news.status?.version ?? ""}. This page only shows: answer calls from a ground station.`);
+      showText("about", `AnyTraverse companion ${news.status?.version ?? ""}. This page only shows: answer calls from a ground station.`);
       break;
     case "picture": {
       const announced = { ...content, receivedAt: now() - late };

@@ -1,6 +1,6 @@
 // Turns what the companion tells into what a person reads. Pure: no page, no network, no clock.
 
-import { POLICIES, STATES, capital, clock, duration, percent } from "./wording.js";
+import { POLICIES, STATES, capital, duration, percent } from "./wording.js";
 
 const NEWS_FRESH = 3; // seconds; the companion tells something once a second
 const PICTURE_FRESH = 3;
@@ -80,24 +80,6 @@ export function computer({ status = {}, check = {} }) {
   ];
 }
 
-// The remembered place whose words are in force by a match; null where none is.
-export function place({ state = {} }) {
-  const known = state.known_place;
-  if (!known) return null;
-  const changed = Object.entries(known.changed ?? {}).map(([word, [was, now]]) =>
-    now == null ? `${word} out of use` : was == null ? `${word} ${now}` : `${word} ${now} (was ${was})`);
-  return {
-    title: known.call ? `Known place: that of call ${known.call}` : "Known place",
-    picture: (known.picture ?? "").replace(/^(\/calls\/\d+)\.jpg$/, "$1-large.jpg"),
-    rows: [
-      ["similarity", `${floored(known.similarity)}, at least ${raised(known.needed)} is needed`],
-      ["since", known.since ? clock(known.since) : "not known"],
-      ["changed", changed.join(", ") || "no word"],
-      ["wrong?", `Not the same place: type \`other place${known.call ? ` ${known.call}` : ""}\` on the ground.`],
-    ],
-  };
-}
-
 // The words in force, and those that have a parameter, as the operator's console has them.
 export function words({ state = {} }) {
   const { words: used = {}, vocabulary = [] } = state;
@@ -128,6 +110,4 @@ function openText(open) {
   return `${kind} ${open.id}, ${open.stage}, ${open.holding ? "vehicle held" : "vehicle not held"}`;
 }
 
-const raised = (share) => (Math.ceil(100 * share - 1e-4) / 100).toFixed(2);
-const floored = (share) => (Math.floor(100 * share + 1e-4) / 100).toFixed(2); // one that is shown as 1 is 1
 const gib = (mebibytes) => (mebibytes < 1024 ? `${mebibytes} MiB` : `${(mebibytes / 1024).toFixed(1)} GiB`);

@@ -1,7 +1,8 @@
 // Puts what `model.js` made into the page. No network, and no decision: what is given is what is shown.
 
-import { CallView } from "./call_view.js";
-import { arrange, changed, element, showFacts } from "./elements.js";
+import { CallView, legend } from "./call_view.js";
+import { arrange, changed, element, showText } from "./elements.js";
+import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
 import { Words } from "./words.js";
 
@@ -11,40 +12,23 @@ export function showState(state) {
     document.title = `${state.title} · AnyTraverse`;
     document.body.classList.toggle("stale", state.stale);
   });
-  changed("state-title", state.title, (part) => part.replaceChildren(state.title));
-  changed("state-why", state.why, (part) => part.replaceChildren(state.why));
-  changed("state-since", state.since, (part) => part.replaceChildren(state.since));
+  showText("state-title", state.title);
+  showText("state-why", state.why);
+  showText("state-since", state.since);
 }
 
 export function showPictureNote({ text, fresh }) {
-  changed("picture-note", text, (part) => part.replaceChildren(text));
+  showText("picture-note", text);
   changed("view", fresh, (part) => part.classList.toggle("stale", !fresh));
 }
 
-// place: of `model.place`, or null. Its picture may be gone: then that is said.
-export function showPlace(place) {
-  changed("place", place, (part) => {
-    part.hidden = place === null;
-    if (place === null) return;
-    document.getElementById("place-title").replaceChildren(place.title);
-    showFacts("place-facts", place.rows);
-    const [picture, note] = ["place-picture", "place-note"].map((id) => document.getElementById(id));
-    const show = (there) => {
-      picture.hidden = !there;
-      note.replaceChildren(there ? "" : "No picture of it is kept.");
-    };
-    show(false);
-    picture.onload = () => show(true);
-    picture.onerror = () => show(false);
-    if (place.picture) picture.src = place.picture;
-    else picture.removeAttribute("src");
-  });
-}
-
+const known = new KnownPlace("h3");
 const fan = new Fan();
 const drivable = new TimePlot("Drivable", { above: false, at: 1 });
 const unexplained = new TimePlot("Unexplained", { above: true, at: 2 });
 const words = new Words("");
+document.getElementById("views").append(known.part);
+document.querySelector("#view figcaption").append(legend("look here"));
 document.getElementById("ahead").append(fan.part, drivable.part, unexplained.part);
 document.getElementById("words").append(words.part);
 
@@ -54,6 +38,10 @@ export function showAhead({ ahead, state }, points, time) {
   fan.show(ahead ?? null);
   drivable.show(points, limits.AT_THR_TRAV, time);
   unexplained.show(points, limits.AT_THR_ROI, time);
+}
+
+export function showPlace({ state }) {
+  known.show(state?.known_place);
 }
 
 export function showWords(shown) {
@@ -94,8 +82,4 @@ export function showLog(lines) {
     part.replaceChildren(...lines.map(({ line, tone }) => element("span", { tone }, `${line}\n`)));
     if (follows) part.scrollTop = part.scrollHeight;
   });
-}
-
-export function showAbout(text) {
-  changed("about", text, (part) => part.replaceChildren(text));
 }

@@ -11,7 +11,7 @@ export class CallCard extends CallView {
   // send: posts, and returns a promise of "" or of what is wrong. staged: words set by sliders for this answer.
   // chosen: called when it was put into the report, or taken out.
   constructor(system, send, say, staged, time, chosen) {
-    super((box) => this.point(box));
+    super((box) => this.point(box), "h3");
     Object.assign(this, { system, post: send, say, staged });
     this.shownAt = time;
     this.replaces = false;

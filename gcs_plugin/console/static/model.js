@@ -51,21 +51,6 @@ export function faults(rover) {
   return found;
 }
 
-export function place(rover) {
-  const known = rover.known_place;
-  if (!known) return null;
-  const changed = Object.entries(known.changed).map(([word, [, weight]]) => (weight === null ? `${word} out of use` : `${word} ${weight}`));
-  return {
-    title: known.call ? `Known place: that of call ${known.call}` : "Known place",
-    text: [
-      known.similarity === null ? "" : `${known.similarity.toFixed(2)} alike${known.needed === null ? "" : `, ${known.needed.toFixed(2)} is needed`}`,
-      changed.length ? `its words: ${changed.join(", ")}` : "",
-    ].filter(Boolean).join("; "),
-    picture: known.picture,
-    call: known.call ?? 0,
-  };
-}
-
 export function summary(rovers, connection, time) {
   if (connection) return { title: "NO CONNECTION", tone: "stale", text: connection, calls: 0 };
   const open = rovers.flatMap((rover) => rover.calls.filter((call) => call.open).map((call) => ({ rover, call })));

@@ -3,6 +3,7 @@
 import { arrange, changed, element, showFacts, showText } from "./elements.js";
 import * as model from "./model.js";
 import { CallCard } from "./call.js";
+import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
 import { Track } from "./track.js";
 import { Words } from "./words.js";
@@ -23,7 +24,7 @@ export class RoverView {
     this.uncertainty = new TimePlot("Unexplained", { above: true, at: 2 });
     this.fan = new Fan();
     this.words = new Words(system, send, () => this.refreshCards());
-    this.place = element("div", { className: "place", hidden: true });
+    this.place = new KnownPlace("h4", (call) => send("answer", { rover: system, motion: "none", changes: [{ other_place: call }] }));
     this.track = new Track((key) => this.cards.get(key)?.look());
     this.policy = element("div", { className: "policies", role: "group", "aria-label": "Policy" });
     this.policyText = element("p", { className: "faint" });
@@ -38,7 +39,7 @@ export class RoverView {
     const box = (title, ...parts) => element("section", {}, element("h3", {}, title), ...parts);
     this.part = element("article", { className: "rover", "aria-labelledby": `rover${system}` }, this.strip, this.open,
       element("div", { className: "panels" },
-        box("Ahead", this.fan.part, this.traversability.part, this.uncertainty.part, this.place),
+        box("Ahead", this.fan.part, this.traversability.part, this.uncertainty.part, this.place.part),
         this.tracked = box("Track", this.track.part),
         box("Words", this.words.part),
         box("Policy", this.policy, this.policyText),
@@ -63,7 +64,7 @@ export class RoverView {
     this.uncertainty.show(points, rover.thresholds.unc, time);
     this.tracked.hidden = !this.track.show(track, rover.position, rover.calls, corners);
     this.words.show(rover);
-    this.showPlace(rover);
+    this.place.show(rover.known_place);
     for (const button of this.policy.children) button.setAttribute("aria-pressed", String(button.value === rover.policy));
     showText(this.policyText, rover.policy ? model.policyText(rover.policy) : "Its policy is not known yet.");
     showFacts(this.facts, model.facts(rover, time));
@@ -109,14 +110,6 @@ export class RoverView {
     this.saveAll.hidden = this.cards.size < 2;
     this.saveAll.href = `/export/${this.system}/${chosen.join(",") || "all"}.zip`;
     showText(this.saveAll, chosen.length ? `Save ${chosen.length === 1 ? "the call chosen" : `the ${chosen.length} calls chosen`} as one report` : "Save all calls as one report");
-  }
-
-  showPlace(rover) {
-    const known = model.place(rover);
-    this.place.hidden = known === null;
-    changed(this.place, known, (part) => known && part.replaceChildren(
-      element("h4", {}, known.title), known.picture ? element("img", { src: known.picture, alt: "The remembered place" }) : "", element("p", { className: "faint" }, known.text),
-      element("button", { type: "button", className: "plain", onclick: () => this.send("answer", { rover: rover.system, motion: "none", changes: [{ other_place: known.call }] }) }, "It is another place")));
   }
 
   showFaults(rover) {

@@ -51,6 +51,7 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
     stage.until(picture.is_visible)
     stage.until(lambda: note.text_content() == "")
     assert tab.locator("#words").inner_text().split() == ["grass", "+1"]
+    assert tab.locator("#words input:enabled").count() == 0
     assert "make room" in tab.locator("#check").inner_text()
     stage.news["status"]["state"] = "calling"
     stage.news["told"] = "C7 unknown thing ahead 38%: go/stay/word"
@@ -92,19 +93,19 @@ def test_the_place_that_matched_is_shown_beside_the_newest_picture_while_it_is_i
     calls = stage.folder / "calls"
     calls.mkdir(exist_ok=True)
     (calls / "12-large.jpg").write_bytes(played.JPEG)
-    place, picture = tab.locator("#place"), tab.locator("#place-picture")
+    place, picture = tab.locator(".place"), tab.locator(".place img")
     stage.until(tab.locator("#picture").is_visible)
     assert not place.is_visible()
     stage.news["state"]["known_place"] = KNOWN
     stage.until(picture.is_visible)
     assert "that of call 12" in place.inner_text()
     assert "0.96" in place.inner_text()
-    assert tab.locator("#place-note").text_content() == ""
+    assert tab.locator(".place .note").text_content() == ""
     newest, remembered = tab.locator("#picture").bounding_box(), picture.bounding_box()
     assert abs(newest["y"] - remembered["y"]) < 2.0
     assert remembered["x"] >= newest["x"] + newest["width"]
     stage.news["state"]["known_place"] = {**KNOWN, "call": 13, "picture": "/calls/13.jpg"}
-    stage.until(lambda: "No picture" in tab.locator("#place-note").text_content())
+    stage.until(lambda: "No picture" in tab.locator(".place .note").text_content())
     assert not picture.is_visible()
     stage.news["state"]["known_place"] = None
     stage.until(lambda: not place.is_visible())

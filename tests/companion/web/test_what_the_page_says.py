@@ -19,14 +19,15 @@ pytestmark = pytest.mark.skipif(NODE is None, reason="Node.js is not installed")
 
 
 def said(folder: Path, expression: str, **given: Any) -> Any:
-    """What the expression is, which may use `model`, `Delay` and what is given."""
+    """What the expression is, which may use `model`, `place`, `Delay` and what is given."""
     assert NODE is not None
     (folder / "package.json").write_text('{"type": "module"}')
     for module in (file for static in FOLDERS for file in static.glob("*.js")):
         (folder / module.name).write_bytes(module.read_bytes())
     script = folder / "script.mjs"
     script.write_text(
-        "import * as model from './model.js'; import { Delay } from './delay.js';"
+        "import * as model from './model.js'; import { place } from './place.js';"
+        " import { Delay } from './delay.js';"
         f" const {{{', '.join(given)}}} = {json.dumps(given)};\n"
         f"console.log(JSON.stringify({expression}));"
     )
@@ -124,7 +125,7 @@ def test_a_place_that_matched_is_shown_with_its_picture_its_words_and_how_to_ref
         "changed": {"gravel": [None, 1], "bush": [-0.5, -1], "mud": [-1, None]},
         "picture": "/calls/12.jpg",
     }
-    place = said(tmp_path, "model.place(news)", news={"state": {"known_place": known}})
+    place = said(tmp_path, "place(known)", known=known)
     assert place["title"] == "Known place: that of call 12"
     assert place["picture"] == "/calls/12-large.jpg"
     rows = dict(place["rows"])
@@ -134,7 +135,7 @@ def test_a_place_that_matched_is_shown_with_its_picture_its_words_and_how_to_ref
     assert "other place 12" in rows["wrong?"]
 
 
-def test_a_place_without_a_call_keeps_its_own_picture_and_where_none_matched_nothing_is_shown(
+def test_a_place_without_a_call_keeps_its_own_picture(
     tmp_path: Path,
 ) -> None:
     known: dict[str, Any] = {
@@ -145,8 +146,6 @@ def test_a_place_without_a_call_keeps_its_own_picture_and_where_none_matched_not
         "changed": {},
         "picture": "/scenes/ab.jpg",
     }
-    place = said(tmp_path, "model.place(news)", news={"state": {"known_place": known}})
+    place = said(tmp_path, "place(known)", known=known)
     assert (place["title"], place["picture"]) == ("Known place", "/scenes/ab.jpg")
     assert dict(place["rows"])["changed"] == "no word"
-    for news in ({}, {"state": {"known_place": None}}):
-        assert said(tmp_path, "model.place(news)", news=news) is None

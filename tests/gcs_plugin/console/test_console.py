@@ -346,7 +346,7 @@ def test_calls_before_the_console_began_are_fetched_when_asked_for(desk: Desk) -
     )
     newest = desk.rover()["calls"][0]
     assert (newest["outcome"], newest["open"]) == ("answered", False)
-    assert newest["given"] == ["tap rock3: -1 0.1 0.2 0.3 0.4"]
+    assert newest["given"] == ["rock3: -1"]
     assert ["rock3", -1.0] in desk.rover()["names"]
     assert desk.rover()["earlier"] == "known"
 

@@ -55,8 +55,8 @@ def test_the_page_comes_from_here_under_a_strict_policy_and_is_small(served: Ser
 
 
 MODULES = (
-    "main", "model", "rover", "call", "track", "alarm", "call_view", "picture", "boxes", "plots", "words",
-    "elements", "stream", "delay", "wording",
+    "main", "model", "rover", "call", "track", "alarm",
+    "call_view", "picture", "boxes", "place", "plots", "words", "elements", "stream", "delay", "wording",
 )  # fmt: skip
 
 

@@ -1,0 +1,57 @@
+// The remembered place whose words are in force by a match.
+
+import { changed, element, showFacts, showText } from "./elements.js";
+import { clock } from "./wording.js";
+
+// known: as in /state.json.
+export function place(known, { answers = false } = {}) {
+  const changes = Object.entries(known.changed ?? {}).map(([word, [was, now]]) =>
+    now == null ? `${word} out of use` : was == null ? `${word} ${now}` : `${word} ${now} (was ${was})`);
+  return {
+    title: known.call ? `Known place: that of call ${known.call}` : "Known place",
+    picture: (known.picture ?? "").replace(/^(\/calls\/\d+)\.jpg$/, "$1-large.jpg"),
+    rows: [
+      ["similarity", known.similarity == null ? "" : `${floored(known.similarity)}${known.needed == null ? "" : `, at least ${raised(known.needed)} is needed`}`],
+      ["since", known.since === undefined ? "" : known.since ? clock(known.since) : "not known"],
+      ["changed", changes.join(", ") || "no word"],
+      ["wrong?", answers ? "" : `Not the same place: type \`other place${known.call ? ` ${known.call}` : ""}\` on the ground.`],
+    ].filter(([, text]) => text),
+  };
+}
+
+export class KnownPlace {
+  // refuse: called with the number of its call, 0 for none, when it is another place; null where nobody may answer.
+  constructor(heading, refuse = null) {
+    this.answers = refuse !== null;
+    this.title = element(heading);
+    this.note = element("p", { className: "note" });
+    this.picture = element("img", { alt: "The remembered place whose words are in force", onload: () => this.showPicture(true), onerror: () => this.showPicture(false) });
+    this.facts = element("dl", { className: "facts" });
+    const other = refuse && element("button", { type: "button", className: "plain", onclick: () => refuse(this.call) }, "It is another place");
+    this.part = element("figure", { className: "place", hidden: true }, element("div", { className: "frame pane" }, this.picture, this.note),
+      element("figcaption", {}, this.title, this.facts, other));
+  }
+
+  // known: null where no place is in force.
+  show(known) {
+    this.part.hidden = !known;
+    changed(this.part, known ?? null, () => {
+      if (!known) return;
+      const { title, picture, rows } = place(known, this);
+      this.call = known.call ?? 0;
+      showText(this.title, title);
+      showFacts(this.facts, rows);
+      this.showPicture(false);
+      if (picture) this.picture.src = picture;
+      else this.picture.removeAttribute("src");
+    });
+  }
+
+  showPicture(there) {
+    this.picture.hidden = !there;
+    showText(this.note, there ? "" : "No picture of it is kept.");
+  }
+}
+
+const raised = (share) => (Math.ceil(100 * share - 1e-4) / 100).toFixed(2);
+const floored = (share) => (Math.floor(100 * share + 1e-4) / 100).toFixed(2); // one that is shown as 1 is 1

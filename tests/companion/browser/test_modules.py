@@ -54,3 +54,8 @@ def test_what_is_told_is_never_markup(page: Path) -> None:
     for name, text in modules(page).items():
         for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval("):
             assert word not in text, name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console"])
+def test_a_page_stays_small_enough_for_a_slow_link(page: Path) -> None:
+    assert sum(file.stat().st_size for folder in (SHARED, page) for file in folder.iterdir()) < 200_000

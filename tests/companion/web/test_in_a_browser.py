@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -57,6 +58,26 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
     stage.news["told"] = "C7 unknown thing ahead 38%: go/stay/word"
     stage.until(lambda: title.inner_text() == "CALLING")
     assert "C7 unknown thing ahead" in why.inner_text()
+
+    calls = stage.folder / "calls"
+    calls.mkdir(exist_ok=True)
+    for ending in ("", "-raw", "-large"):
+        (calls / f"7{ending}.jpg").write_bytes(played.JPEG)
+    answer = {"at": 1.8e9, "motion": "go", "operations": ["<img src=x>: 1"], "text": "<b>no</b>"}
+    (calls / "7.json").write_text(json.dumps({"id": 7, "reasons": ["unknown_object"], "answers": [answer]}))
+    opened = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3, "holding": True}
+    stage.news["state"] |= {"open": opened, "reasons": ["unknown_object"]}
+    stage.news["status"]["current_id"] = 7
+    card = tab.locator("#open .call")
+    stage.until(card.is_visible)
+    assert "none of its words explains" in card.inner_text()
+    assert "<img src=x>: 1, go: <b>no</b>" in card.inner_text()
+    assert card.locator("b").count() == 0
+    sources = card.locator(".shots img:visible").evaluate_all(
+        "all => all.map(one => one.src.split('/').pop())"
+    )
+    assert [one.partition("?")[0] for one in sources] == ["7-raw.jpg", "7-raw.jpg", "7-large.jpg"]
+    assert tab.locator("button, form, input:enabled:not([type=range])").count() == 0, "it only shows"
 
     deadline = time.monotonic() + 6.0
     while title.inner_text() != "NO NEWS":  # nothing is told meanwhile

@@ -11,8 +11,9 @@ from typing import Any
 
 from companion.wire.documents import CallRecord, GivenAnswer, NearestScene
 from companion.wire.ids import Kind, Reasons, Stage
+from companion.wire.packing import clean, where
 from companion.wire.payloads import CallData
-from companion.wire.texts import clean, name, percent, where
+from companion.wire.texts import name, percent
 
 OUTCOMES = {
     "answered": "answered",

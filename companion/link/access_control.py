@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 from companion.link.limits import LeaseTable, TokenBucket
@@ -53,6 +54,14 @@ class AccessControl:
     def may_change(self, sender: SenderId) -> bool:
         """Whether the sender's system id may answer calls and set values."""
         return self._allowed[0] <= sender[0] <= self._allowed[1]
+
+    def permits(self, sender: SenderId, now: float, refuse: Callable[[SenderId, float], None]) -> bool:
+        """Whether `sender` may change something. Where not, it is counted, and `refuse` tells it."""
+        if self.may_change(sender):
+            return True
+        self.rejected["sender"] += 1
+        refuse(sender, now)
+        return False
 
     def renew_share(self, sender: SenderId, now: float) -> None:
         """Renew the share of `sender`, who sent something."""

@@ -145,9 +145,7 @@ class AnswerService:
             if other:
                 self._text_sender.refuse(notices.other_version(), now)
             return None
-        if not self._access.may_change(sender):
-            self._access.rejected["sender"] += 1
-            self._text_sender.refuse_sender(sender, now)
+        if not self._access.permits(sender, now, self._text_sender.refuse_sender):
             self._refuse_part(sender, part, Result.DENIED, "this sender may not answer", now)
             return None
         answer = Answer(sender, Via.TUNNEL, part.target, part.motion, transaction=part.transaction)
@@ -163,9 +161,7 @@ class AnswerService:
 
     def command(self, sender: SenderId, message: Any, now: float) -> Answer | PolicyRequest | None:
         """Take the answer command. It is always acknowledged, here when it is refused, else by the daemon."""
-        if not self._access.may_change(sender):
-            self._access.rejected["sender"] += 1
-            self._text_sender.refuse_sender(sender, now)
+        if not self._access.permits(sender, now, self._text_sender.refuse_sender):
             self._command_ack(sender, mavlink.MAV_RESULT_DENIED, now)
             return None
         if message.param2 == SET_POLICY and (policy := _integer(message.param3, 0, max(Policy))) is not None:

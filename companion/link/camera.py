@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.regions import Box
-from anytraverse.release import own_version
 from companion.answers.answer import Answer, Via
 from companion.answers.store import SenderCache
 from companion.config.video import CameraSettings
-from companion.link import encode
+from companion.link import camera_messages, encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
 from companion.link.answers import TRACKING, AnswerService
@@ -26,9 +25,6 @@ from companion.wire import notices
 from companion.wire.ids import WARNING, SenderId
 from companion.wire.messages import MESSAGES
 
-NAME, VENDOR = "AnyTraverse", "AnyTraverse"
-STREAM = 1
-"""The id of the only video stream."""
 SMALLEST = 0.02
 """The least width and height of a tapped box, as shares of the picture: a smaller one is no thing."""
 _PERIOD = MESSAGES["camera heartbeat"].period or 1.0
@@ -41,13 +37,26 @@ _FASTEST, _SLOWEST = 0.5, 10.0
 _MOST_ASKERS = 4
 _IDLE_REPEATS = 3
 _NEVER = float("-inf")
-_FLAGS = (
-    mavlink.CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM
-    | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_POINT
-    | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_RECTANGLE
-)
 _VIAS = {command: via for via, command in TRACKING.items()}
-_OF_PICTURES = ("camera information", "stream information", "stream status")
+_OLDER: dict[int, int] = {
+    mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,
+    mavlink.MAV_CMD_REQUEST_CAMERA_SETTINGS: mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS,
+    mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION: mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION,
+    mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS,
+    mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_INFORMATION: mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION,
+    mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_STATUS: mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS,
+}
+"""The commands that were before REQUEST_MESSAGE, and what they ask for."""
+_FIXED: dict[int, tuple[str, Callable[[], Any]]] = {
+    mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS: ("camera settings", camera_messages.settings),
+    mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: ("camera storage", camera_messages.no_storage),
+    mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: ("capture status", camera_messages.no_capture),
+}
+_OF_STREAM = (
+    mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION,
+    mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS,
+)
+_OF_VIDEO = (mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION, *_OF_STREAM)
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
 _LATER: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
@@ -129,18 +138,8 @@ class CameraService:
                 return self._tapped(sender, message, now)
             case mavlink.MAV_CMD_REQUEST_MESSAGE:
                 result = self._send(first, sender, now)
-            case mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION:
-                result = self._send(mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION, sender, now)
-            case mavlink.MAV_CMD_REQUEST_CAMERA_SETTINGS:
-                result = self._send(mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS, sender, now)
-            case mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION:
-                result = self._send(mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION, sender, now)
-            case mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS:
-                result = self._send(mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS, sender, now)
-            case mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_INFORMATION:
-                result = self._send(mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION, sender, now)
-            case mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_STATUS:
-                result = self._send(mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS, sender, now)
+            case _ if command in _OLDER:
+                result = self._send(_OLDER[command], sender, now)
             case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL if self._allowed(sender, now):
                 result = self._set_interval(first, message.param2, sender)
             case mavlink.MAV_CMD_CAMERA_STOP_TRACKING if self._allowed(sender, now):
@@ -151,7 +150,7 @@ class CameraService:
                 result = _DENIED
             case mavlink.MAV_CMD_VIDEO_START_STREAMING | mavlink.MAV_CMD_VIDEO_STOP_STREAMING:
                 # The video is there for whoever asks its address, and costs nothing while nobody does.
-                result = _ACCEPTED if first in (0, STREAM) else _DENIED
+                result = _ACCEPTED if first in (0, camera_messages.STREAM) else _DENIED
             case _:
                 result = _UNSUPPORTED
         self._acknowledge(command, result, sender, now)
@@ -168,16 +167,13 @@ class CameraService:
         # Some ground stations ask once, when they first hear the camera.
         if self.url and self.size is not None and now - self._heartbeat_at >= _PERIOD:
             self._heartbeat_at = now
-            heartbeat = mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-            )
-            self._outbox.push("camera heartbeat", heartbeat, now, key=0, lifetime=1.0)
+            self._outbox.push("camera heartbeat", camera_messages.heartbeat(), now, key=0, lifetime=1.0)
         due = math.isfinite(self._status_period) and now - self._status_at >= self._status_period
         if due and (self._target is not None or self._idle_left):
             self._status_at = now
             self._idle_left = _IDLE_REPEATS if self._target is not None else self._idle_left - 1
             for asker in self._askers:
-                status = self._tracking_status()
+                status = camera_messages.tracking_status(self._target)
                 self._outbox.push("tracking status", status, now, key=asker, lifetime=1.0, to=asker)
 
     def _tapped(self, sender: SenderId, message: Any, now: float) -> Answer | None:
@@ -205,29 +201,27 @@ class CameraService:
         return self._answers.admit(answer, now)
 
     def _allowed(self, sender: SenderId, now: float) -> bool:
-        if self._access.may_change(sender):
-            return True
-        self._access.rejected["sender"] += 1
-        self._text_sender.refuse_sender(sender, now)
-        return False
+        return self._access.permits(sender, now, self._text_sender.refuse_sender)
 
     def _send(self, message_id: float, to: SenderId, now: float) -> int:
         """Send the message of this id once; return the MAV_RESULT."""
-        rows: dict[int, tuple[str, Callable[[], Any]]] = {
-            mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: ("camera information", self._information),
-            mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS: ("camera settings", _settings),
-            mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: ("camera storage", _no_storage),
-            mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: ("capture status", _no_capture),
-            mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION: ("stream information", self._stream),
-            mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS: ("stream status", self._stream_status),
-            mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS: ("tracking status", self._tracking_status),
-        }
-        if message_id not in rows:
+        if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS:
+            row, message = "tracking status", camera_messages.tracking_status(self._target)
+        elif message_id in _FIXED:
+            row, make = _FIXED[int(message_id)]
+            message = make()
+        elif message_id not in _OF_VIDEO:
             return _UNSUPPORTED
-        row, make = rows[int(message_id)]
-        if (row.startswith("stream") and not self.url) or (row in _OF_PICTURES and self.size is None):
+        elif self._settings is None or self.size is None or (not self.url and message_id in _OF_STREAM):
             return _LATER
-        self._outbox.push(row, make(), now, key=to, to=to)
+        elif message_id == mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
+            row, message = "camera information", camera_messages.information(self.size)
+        elif message_id == mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION:
+            message = camera_messages.stream_information(self._settings, self.size, self.url)
+            row = "stream information"
+        else:
+            row, message = "stream status", camera_messages.stream_status(self._settings, self.size)
+        self._outbox.push(row, message, now, key=to, to=to)
         return _ACCEPTED
 
     def _set_interval(self, message_id: float, interval: float, sender: SenderId) -> int:
@@ -246,63 +240,6 @@ class CameraService:
 
     def _acknowledge(self, command: int, result: int, sender: SenderId, now: float) -> None:
         self._outbox.push("camera ack", encode.command_ack(command, result, sender), now, to=sender)
-
-    def _information(self) -> Any:
-        height, width = self.size or (0, 0)
-        return mavlink.MAVLink_camera_information_message(
-            time_boot_ms=0,
-            vendor_name=list(VENDOR.encode().ljust(32, b"\0")),
-            model_name=list(NAME.encode().ljust(32, b"\0")),
-            firmware_version=encode.packed_version(own_version()),
-            focal_length=math.nan,
-            sensor_size_h=math.nan,
-            sensor_size_v=math.nan,
-            resolution_h=width,
-            resolution_v=height,
-            lens_id=0,
-            flags=_FLAGS,
-            cam_definition_version=0,
-            cam_definition_uri=b"",
-        )
-
-    def _stream(self) -> Any:
-        return mavlink.MAVLink_video_stream_information_message(
-            stream_id=STREAM,
-            count=1,
-            type=mavlink.VIDEO_STREAM_TYPE_RTSP,
-            **self._stream_figures(),
-            name=NAME.encode(),
-            uri=self.url.encode(),
-            encoding=mavlink.VIDEO_STREAM_ENCODING_H264,
-        )
-
-    def _stream_status(self) -> Any:
-        return mavlink.MAVLink_video_stream_status_message(stream_id=STREAM, **self._stream_figures())
-
-    def _stream_figures(self) -> dict[str, Any]:
-        settings, (height, width) = self._settings, self.size or (0, 0)
-        return {
-            "flags": mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
-            "framerate": settings.rate if settings is not None else 0.0,
-            "resolution_h": width,
-            "resolution_v": height,
-            "bitrate": 0,
-            "rotation": 0,
-            "hfov": settings.view if settings is not None else 0,
-        }
-
-    def _tracking_status(self) -> Any:
-        box, nan = self._target, math.nan
-        status = (
-            (mavlink.CAMERA_TRACKING_STATUS_FLAGS_IDLE, mavlink.CAMERA_TRACKING_MODE_NONE)
-            if box is None
-            else (mavlink.CAMERA_TRACKING_STATUS_FLAGS_ACTIVE, mavlink.CAMERA_TRACKING_MODE_RECTANGLE)
-        )
-        shown = mavlink.CAMERA_TRACKING_TARGET_DATA_RENDERED | mavlink.CAMERA_TRACKING_TARGET_DATA_IN_STATUS
-        sides = (nan,) * 4 if box is None else (box.left, box.top, box.right, box.bottom)
-        return mavlink.MAVLink_camera_tracking_image_status_message(
-            *status, 0 if box is None else shown, nan, nan, nan, *sides
-        )
 
 
 def read_tap(via: Via, message: Any) -> Tap | None:
@@ -323,17 +260,3 @@ def read_tap(via: Via, message: Any) -> Tap | None:
 
 def _share(value: float) -> bool:
     return 0.0 <= value <= 1.0
-
-
-def _settings() -> Any:
-    return mavlink.MAVLink_camera_settings_message(0, mavlink.CAMERA_MODE_VIDEO, math.nan, math.nan)
-
-
-def _no_storage() -> Any:
-    return mavlink.MAVLink_storage_information_message(
-        0, 0, 0, mavlink.STORAGE_STATUS_NOT_SUPPORTED, 0, 0, 0, 0, 0
-    )
-
-
-def _no_capture() -> Any:
-    return mavlink.MAVLink_camera_capture_status_message(0, 0, 0, 0, 0, 0)

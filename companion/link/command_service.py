@@ -77,11 +77,7 @@ class CommandService:
         self._acknowledge(request.sender, command, result, now)
 
     def _allowed(self, sender: SenderId, now: float) -> bool:
-        if self._access.may_change(sender):
-            return True
-        self._access.rejected["sender"] += 1
-        self._text_sender.refuse_sender(sender, now)
-        return False
+        return self._access.permits(sender, now, self._text_sender.refuse_sender)
 
     def _send_newest(self, message_id: float, to: SenderId, now: float) -> int:
         """Send the newest message of this id once, from the budget for replies; return the MAV_RESULT."""

@@ -148,9 +148,7 @@ class ParameterServer:
             self._refuse_unknown(sender, message, -1, now)
             return None
         entry = self._entries[index]
-        if not self._access.may_change(sender):
-            self._access.rejected["sender"] += 1
-            self._text_sender.refuse_sender(sender, now)
+        if not self._access.permits(sender, now, self._text_sender.refuse_sender):
             self._send("echo", index, now, sender)
             return None
         refusal = self._refusal(entry, message.param_value)

@@ -115,3 +115,14 @@ class Reader:
         """Raise PayloadError when bytes are left."""
         if self._rest:
             raise PayloadError(f"{len(self._rest)} bytes too many")
+
+
+def clean(text: str) -> str:
+    """Replace unprintable characters in received text: they could control the terminal."""
+    return "".join(character if character.isprintable() else " " for character in text).strip()
+
+
+def where(box: Fractions) -> str:
+    """Word in which third of the picture the middle of a box is."""
+    middle = (box[0] + box[2]) / 2
+    return "at the left" if middle < 1 / 3 else "at the right" if middle > 2 / 3 else "in the middle"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from companion.wire.ids import MAX_TEXT, Kind, Outcome
-from companion.wire.packing import Fractions, shortened
+from companion.wire.packing import shortened
 
 _ANSWERS = "go/stay/word"
 _OUTCOMES = {
@@ -45,17 +45,6 @@ def percent(share: float | None) -> str:
     if share is None or not math.isfinite(share):
         return "?%"
     return f"{min(1.0, max(0.0, share)):.0%}"
-
-
-def clean(text: str) -> str:
-    """Replace unprintable characters in received text: they could control the terminal."""
-    return "".join(character if character.isprintable() else " " for character in text).strip()
-
-
-def where(box: Fractions) -> str:
-    """Word in which third of the picture the middle of a box is."""
-    middle = (box[0] + box[2]) / 2
-    return "at the left" if middle < 1 / 3 else "at the right" if middle > 2 / 3 else "in the middle"
 
 
 def _similarity(value: float | None) -> str:

@@ -12,7 +12,8 @@ from companion.browser import wording as browser_wording
 from companion.wire.answers import ForgetCall, ForgetWord, Operation, SetWord, TapBox
 from companion.wire.documents import CallRecord, GivenAnswer
 from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Outcome, Result, Stage
-from companion.wire.texts import clean, name
+from companion.wire.packing import clean
+from companion.wire.texts import name
 from gcs_plugin.client.delivery import Pending, Status
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.console import wording as own_wording

@@ -8,7 +8,7 @@ from typing import Any
 
 from companion.wire.documents import Check, KnownPlace, StateFile, read_checks, read_record, read_state
 from companion.wire.ids import Kind, Stage, newest_first, words_hash
-from companion.wire.texts import clean
+from companion.wire.packing import clean
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.console.calls import Stories, Story

@@ -7,8 +7,8 @@ from collections import deque
 from typing import Any
 
 from companion.wire.ids import Policy, State
+from companion.wire.packing import clean
 from companion.wire.parameters import ROI, THR_ROI, THR_SCENE, THR_TILE, THR_TRAV
-from companion.wire.texts import clean
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import Rover

@@ -5,7 +5,7 @@ from __future__ import annotations
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
 from companion.wire.documents import GivenAnswer
 from companion.wire.ids import Motion
-from companion.wire.texts import clean
+from companion.wire.packing import clean
 from gcs_plugin.client.delivery import Pending, Status
 from gcs_plugin.terminal.output import STATUS_TEXTS
 from gcs_plugin.terminal.wording import result

@@ -13,8 +13,8 @@ from typing import Any, Protocol, TextIO
 from pymavlink.dialects.v20.common import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_WARNING
 
 from companion.wire.ids import Reasons, Stage, State
+from companion.wire.packing import clean
 from companion.wire.payloads import CallData
-from companion.wire.texts import clean
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.delivery import PolicyStatus, Status
 from gcs_plugin.client.events import Event

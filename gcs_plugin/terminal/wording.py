@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Outcome, Policy, Reasons, Result, Stage, State, words_hash
 from companion.wire.messages import MESSAGES
+from companion.wire.packing import clean, where
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
-from companion.wire.texts import clean, name, percent, where
+from companion.wire.texts import name, percent
 from gcs_plugin.client.delivery import PolicyStatus
 from gcs_plugin.client.rovers import Computer, Rover
 

@@ -55,6 +55,7 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
         "companion",
         "companion.browser",
         "companion.browser.listen",
+        "companion.browser.wording",
         "companion.system",
         "companion.system.atomic_write",
         "anytraverse",

@@ -62,8 +62,8 @@ def viewer(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch) -> Viewer:
     """Watches a rover that stands before a drum that no word explains: call 1."""
     monkeypatch.setattr(Rig, "mavlink_camera", CameraSettings(100, 5.0, 75))
     viewer = Viewer(make_rig())
-    viewer.see(1.0)
-    viewer.see(5.0, "drum")
+    viewer.see(0.5)
+    viewer.see(3.0, "drum")
     assert viewer.rig.state == ("CALLING", 1)
     return viewer
 

@@ -283,7 +283,7 @@ def test_after_two_seconds_without_a_commit_it_is_applied_and_not_remembered(
     held.answer(1, GO, *words)
     while not held.acks:
         held.see(0.1, "drum")
-    assert held.clock.now - heard_at == pytest.approx(2.0, abs=0.25)
+    assert held.clock.now - heard_at == pytest.approx(2.0, abs=0.35), "it waits for its turn on the wire"
     assert held.acks[-1].result is Result.APPLIED_NOT_REMEMBERED
     held.see(1.0, "drum")
     assert held.stage.mode == AUTO, "a dead disk does not hold it for ever"

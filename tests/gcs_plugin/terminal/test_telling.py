@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement
+from companion.wire.packing import where
 from companion.wire.payloads import CallData, Summary
-from companion.wire.texts import where
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.delivery import PolicyStatus, Status
 from gcs_plugin.client.rovers import Rover

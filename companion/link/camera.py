@@ -222,6 +222,9 @@ class CameraService:
         else:
             row, message = "stream status", camera_messages.stream_status(self._settings, self.size)
         self._outbox.push(row, message, now, key=to, to=to)
+        if row == "camera information":
+            # MAVSDK 4.1 does not always ask for it.
+            self._send(mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION, to, now)
         return _ACCEPTED
 
     def _set_interval(self, message_id: float, interval: float, sender: SenderId) -> int:

@@ -71,7 +71,8 @@ def test_a_ground_station_finds_the_camera_its_video_and_that_it_can_be_tapped(s
     assert (told.resolution_h, told.resolution_v, told.cam_definition_uri) == (640, 360, "")
     assert bytes(told.model_name).rstrip(b"\0") == b"AnyTraverse"
     assert ask(stage, REQUEST, mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION, 1) == ACCEPTED
-    (video,) = of_camera(stage, "VIDEO_STREAM_INFORMATION")
+    unasked, video = of_camera(stage, "VIDEO_STREAM_INFORMATION")
+    assert unasked.uri == video.uri, "a client that has just found the camera may not ask"
     assert (video.uri, video.type, video.encoding) == (URL, 0, 1)
     assert (video.stream_id, video.count, video.hfov, video.framerate) == (1, 1, 75, 5.0)
 

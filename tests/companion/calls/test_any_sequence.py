@@ -353,7 +353,7 @@ class Px4OffboardCalls(Px4Calls):
             assert not holding.streams
 
 
-Calls.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+Calls.TestCase.settings = settings(max_examples=100, stateful_step_count=40, deadline=None)
 Px4Calls.TestCase.settings = Px4OffboardCalls.TestCase.settings = settings(
     max_examples=60, stateful_step_count=40, deadline=None
 )

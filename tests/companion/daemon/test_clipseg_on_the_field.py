@@ -27,7 +27,7 @@ from companion.sim.demo.child import Child
 from companion.sim.demo.operator import start_operator
 from companion.sim.field.control import FieldControl
 
-SECONDS = float(os.environ.get("ANYTRAVERSE_FIELD_SECONDS", "20"))
+SECONDS = float(os.environ.get("ANYTRAVERSE_FIELD_SECONDS", "14"))
 RATE = 2.0
 SLACK = 6.0
 """A machine that also runs the field and other tests takes several times as long as in a check."""

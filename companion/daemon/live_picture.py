@@ -39,8 +39,8 @@ class _Drawing:
 
     def __init__(self, vision: VisionClient) -> None:
         self._vision = vision
-        self._asked: tuple[int, int, float] | None = None
-        """Number of the request, id and capture time of its frame."""
+        self._asked: tuple[int, Shown] | None = None
+        """Number of the request, and what it will give, yet without jpeg."""
         self._restarts = 0
         """Restarts of vision when it was asked: a request before the last of them is lost."""
 
@@ -48,12 +48,14 @@ class _Drawing:
     def busy(self) -> bool:
         return self._asked is not None and self._vision.watchdog.restarted == self._restarts
 
-    def ask(self, seen: Assessment, title: str, state: State, video: VideoMarks | None = None) -> bool:
-        """Request a picture, unless one is being drawn. Whether it did."""
+    def ask(
+        self, seen: Assessment, title: str, state: State, video: VideoMarks | None = None, number: int = 0
+    ) -> bool:
+        """Request a picture, unless one is being drawn. Whether it did. number: of `Shown`."""
         frame = seen.frame
         if self.busy or not self._vision.draw(frame.id, title, state, video=video, roi=seen.roi):
             return False
-        self._asked = self._vision.newest_request, frame.id, frame.captured_at
+        self._asked = self._vision.newest_request, Shown(frame.id, frame.captured_at, b"", number)
         self._restarts = self._vision.watchdog.restarted
         return True
 
@@ -61,9 +63,8 @@ class _Drawing:
         """Return the picture if it was requested here: with an empty jpeg where it could not be made."""
         if self._asked is None or drawn.number != self._asked[0]:
             return None
-        _, frame, captured_at = self._asked
-        self._asked = None
-        return Shown(frame, captured_at, drawn.panel)
+        shown, self._asked = self._asked[1], None
+        return shown._replace(jpeg=drawn.panel)
 
 
 def _title(seen: Assessment, state: State) -> str:
@@ -133,10 +134,8 @@ class VideoPictures:
         self._asked_at = self._taken_at = -math.inf
         self._still: _Still | None = None
         """The still picture that was requested last, None while live ones are."""
-        self._number = 0
-        """The number of the picture that was requested last."""
         self._complete = False
-        """Whether that one was drawn."""
+        """Whether the picture that was requested last was drawn."""
         self._drawn: Shown | None = None
         self._new = False
         self.watched = False
@@ -152,12 +151,11 @@ class VideoPictures:
             return
         if self._drawing.busy or not self._vision.watchdog.running:
             return
-        number = self._pointing.picture()
-        still = _Still(subject, self._told(), state, self._pointing.marks(), number)
+        still = _Still(subject, self._told(), state, self._pointing.marks(), self._pointing.picture())
         if still == self._still and (self._complete or now - self._asked_at < _DRAWN_AGAIN):
             return
-        self._drawing.ask(still.seen, still.title, still.state, still.marks)
-        self._still, self._number, self._complete, self._asked_at = still, number, False, now
+        self._drawing.ask(*still)
+        self._still, self._complete, self._asked_at = still, False, now
 
     def judged(self, seen: Assessment, state: State, now: float) -> None:
         """Request a picture of this frame where it is time for one, and none is shown still."""
@@ -167,13 +165,13 @@ class VideoPictures:
             return
         title = self._told() or _title(seen, state)
         if self._drawing.ask(seen, title, state, VideoMarks(note=LEGEND)):
-            self._number, self._complete, self._asked_at = 0, False, now
+            self._complete, self._asked_at = False, now
 
     def drawn(self, drawn: Drawn) -> bool:
         """Take a picture, if it was requested here. Whether it was."""
         picture = self._drawing.drawn(drawn)
         if picture is not None and picture.jpeg:
-            self._drawn, self._new, self._complete = picture._replace(number=self._number), True, True
+            self._drawn, self._new, self._complete = picture, True, True
         return picture is not None
 
     def take(self, now: float) -> Shown | None:

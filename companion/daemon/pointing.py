@@ -63,23 +63,21 @@ class Pointing:
         It is another one as soon as a tap in it means another frame, place, word or weight.
         """
         seen = self._seen()
-        place = place_of(self._calls.kind, seen) if seen is not None else None
-        meant = (seen and seen.frame.id, place, self.word)
+        meant = (seen and seen.frame.id, self._place(), self.word)
         if meant != self._meant:
             self._meant, self._picture = meant, self._picture + 1
         return self._picture
 
     def marks(self) -> VideoMarks:
         """Return what is marked in that frame."""
-        seen, (word, weight) = self._seen(), self.word
-        place = place_of(self._calls.kind, seen) if seen is not None else None
+        word, weight = self.word
         if self._calls.stage() is not Stage.OPEN:
             note = "Tapped. Now go, or stay"
         elif self._taps:
             note = f"Not covered. Tap it again ({word} {weight:g}), or go, or stay"
         else:
             note = f"Tap it: {word} {weight:g}. Then go, or stay"
-        return VideoMarks(place, self._taps, f"STILL PICTURE. {note}")
+        return VideoMarks(self._place(), self._taps, f"STILL PICTURE. {note}")
 
     def resolve(self, tap: Tap, now: float) -> Answer | str:
         """Return the answer that a tap means, without its sender, or why it means none."""
@@ -93,7 +91,7 @@ class Pointing:
             return texts.needs_no_tap(kind, number)
         if self.shown_for(self.picture(), now) < self._calls.numbers.announce_guard:
             return texts.not_shown(kind, number)
-        box = tap.box or _around(tap, seen, place_of(kind, seen))
+        box = tap.box or _around(tap, seen, self._place())
         operation = TapBox(seen.frame.id, (box.left, box.top, box.right, box.bottom), *self.word)
         return Answer((0, 0), Via.TRACK_POINT, number, Motion.NONE, (operation,))
 
@@ -116,6 +114,10 @@ class Pointing:
         if self._taps and self._calls.current_id != self._tapped:
             self._taps = ()
             self._link.camera.mark(None)
+
+    def _place(self) -> Box | None:
+        seen = self._seen()
+        return place_of(self._calls.kind, seen) if seen is not None else None
 
     def _seen(self) -> Assessment | None:
         call, hold = self._calls.call, self._calls.hold

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from companion.browser.listen import Listen
+from companion.browser.listen import read_listen
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, passed, skipped, warned
 from companion.web.page import EXTRA, missing
@@ -15,19 +15,16 @@ PAGE = "page"
 
 def check_page(rover: Rover) -> list[Finding]:
     """Check that the page can be shown, and say who may see it."""
-    listen = rover.config.web.address
-    if listen is None:
+    if rover.config.web.address is None:
         return [passed(PAGE, 'off: [web] listen is ""')]
     if packages := missing():
         return [warned(PAGE, f'{", ".join(packages)} not installed: {EXTRA}, or set [web] listen = ""')]
     whose = "whoever knows the token" if rover.config.web.token else "programs on this computer"
-    return [served(rover, PAGE, listen, rover.told("web"), f"to {whose}", "[web] listen")]
+    return [served(rover, PAGE, rover.config.web.listen, rover.told("web"), f"to {whose}", "[web] listen")]
 
 
-def served(
-    rover: Rover, name: str, listen: Listen, told: Mapping[str, Any], whose: str, setting: str
-) -> Finding:
-    """Check what is served at `listen`: by the companion that runs, or that the port is free for it.
+def served(rover: Rover, name: str, where: str, told: Mapping[str, Any], whose: str, setting: str) -> Finding:
+    """Check what is served at "address:port": by the companion that runs, or that the port is free for it.
 
     told: what the companion that runs says of it. whose: to whom it is shown. setting: where to mend it.
     """
@@ -39,8 +36,9 @@ def served(
         if not told.get("url"):
             return skipped(name, "not known: the companion that runs does not say where it is")
         return passed(name, f"{told['url']} shows it {whose}")
-    where = f"{listen.host}:{listen.port}"
     try:
+        listen = read_listen(where)
+        assert listen is not None
         listen.bind().close()
     except OSError as error:
         why = (error.strerror or str(error)).lower()

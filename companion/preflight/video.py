@@ -7,31 +7,30 @@ import subprocess
 from companion.preflight.page import served
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, passed, warned
-from companion.video.rtsp_server import PIPELINE
+from companion.video.rtsp_server import BINDINGS, PIPELINE
 from companion.video.video import PACKAGES
 
 VIDEO = "video"
 _WITHIN = 30.0
 _PROBE = """
 import sys, gi
-for name in ("Gst", "GstApp", "GstRtsp", "GstRtspServer"):
+for name in sys.argv[1].split():
     gi.require_version(name, "1.0")
 from gi.repository import Gst, GstRtspServer
 Gst.init(None)
-print(" ".join(name for name in sys.argv[1:] if Gst.ElementFactory.find(name) is None))
+print(" ".join(name for name in sys.argv[2:] if Gst.ElementFactory.find(name) is None))
 """
 
 
 def check_video(rover: Rover) -> list[Finding]:
     """Check that the video can be served, and say where."""
     settings = rover.config.video
-    listen = settings.address
-    if listen is None:
+    if settings.address is None:
         return [passed(VIDEO, 'off: [video] listen is "", and the companion is no MAVLink camera')]
     if rover.running is None and (missing := missing_of(settings.python, settings.encoder)):
         return [warned(VIDEO, f"{missing}: sudo apt install {PACKAGES}")]
     whose = "to whoever reaches that port"
-    return [served(rover, VIDEO, listen, rover.told("video"), whose, "[video] listen")]
+    return [served(rover, VIDEO, settings.listen, rover.told("video"), whose, "[video] listen")]
 
 
 def missing_of(python: str, encoder: str) -> str:
@@ -40,7 +39,11 @@ def missing_of(python: str, encoder: str) -> str:
     named = [element for element in elements if "/" not in element]
     try:
         probed = subprocess.run(
-            [python, "-I", "-c", _PROBE, *named], capture_output=True, text=True, timeout=_WITHIN, check=False
+            [python, "-I", "-c", _PROBE, " ".join(BINDINGS), *named],
+            capture_output=True,
+            text=True,
+            timeout=_WITHIN,
+            check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"{python} cannot be run ({error})"

@@ -93,11 +93,11 @@ class SideProcess(Generic[_Child]):
         """Whether it was heard since its start."""
         return self._watchdog.running
 
-    def poll(self, now: float, take: Callable[[bytes], bool]) -> None:
+    def poll(self, now: float, take: Callable[[bytes, float], bool]) -> None:
         """Start the process when it is due, and hear what it says.
 
-        now: monotonic seconds. take: takes a message; False for one that is not understood: then the process
-        is started again.
+        now: monotonic seconds. take: takes a message and `now`; False for one that is not understood: then
+        the process is started again.
         """
         watchdog = self._watchdog
         watchdog.polled(now)
@@ -107,7 +107,7 @@ class SideProcess(Generic[_Child]):
             return
         ended = watchdog.child.ended()
         for one in watchdog.child.receive():
-            if not take(one):
+            if not take(one, now):
                 self._restart("sent nonsense", now)
                 return
             if not watchdog.running:

@@ -45,6 +45,8 @@ PORT_TAKEN, NO_GSTREAMER = 3, 4
 """Exit codes."""
 _DEATH_SIGNAL = 1
 
+BINDINGS = ("Gst", "GstApp", "GstRtsp", "GstRtspServer")
+"""GStreamer's bindings that it imports."""
 PIPELINE = (
     "( appsrc name=source is-live=true do-timestamp=true format=time caps=image/jpeg,framerate={rate}/1"
     " ! jpegdec ! textoverlay name=note silent=true valignment=center font-desc=Sans,28 ! videoconvert"
@@ -200,7 +202,7 @@ def main(descriptor: int, parent: int) -> NoReturn:
     try:
         import gi
 
-        for name in ("Gst", "GstApp", "GstRtsp", "GstRtspServer"):
+        for name in BINDINGS:
             gi.require_version(name, "1.0")
         from gi.repository import GLib, Gst
     except (ImportError, ValueError):

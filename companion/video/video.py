@@ -89,7 +89,7 @@ class Video:
         """Keep the process running, and take what it says. now: monotonic seconds."""
         if self._listen is not None:
             with self._guard.survived("the video", now):
-                self._process.poll(now, lambda said: self._take(said, now))
+                self._process.poll(now, self._take)
                 if not self._process.running:
                     self._shown, self.watched = 0, False
 

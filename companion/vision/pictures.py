@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -70,13 +69,13 @@ def _frame(picture: Image, box: Box, colour: Colour, around: int = 0) -> None:
 
 def _finest(picture: Image, coarsest: int, limit: int) -> bytes | None:
     """Encode at the best JPEG quality that fits, found by bisection; None when not even `coarsest` fits."""
-    best = _encoded(picture, coarsest)
+    best = _encoded(picture, coarsest, smallest=True)
     if len(best) > limit:
         return None
     low, high = coarsest, _FINEST
     while low < high:
         middle = (low + high + 1) // 2
-        tried = _encoded(picture, middle)
+        tried = _encoded(picture, middle, smallest=True)
         if len(tried) <= limit:
             low, best = middle, tried
         else:
@@ -84,10 +83,11 @@ def _finest(picture: Image, coarsest: int, limit: int) -> bytes | None:
     return best
 
 
-def _encoded(picture: Image, quality: int) -> bytes:
+def _encoded(picture: Image, quality: int, *, smallest: bool = False) -> bytes:
+    """Encode as JPEG. smallest: with codes made for this picture, which takes longer. Raises ValueError."""
     import cv2
 
-    options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, int(smallest)]
     done, encoded = cv2.imencode(".jpg", picture[..., ::-1], options)
     if not done:
         raise ValueError("the picture could not be encoded")
@@ -105,6 +105,7 @@ _COLOURS = {
 }
 _QUALITY = 90
 _RAW_QUALITY = 85
+_VIDEO_QUALITY = 80
 
 
 def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
@@ -118,8 +119,9 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
             return b""
 
     if request.video is not None:
-        draw = partial(video_picture, seen, region, request.title, _COLOURS[request.state], request.video)
-        return Drawn(request.number, request.frame_id, request.title, panel=made("video", draw))
+        shown = seen, region, request.title, _COLOURS[request.state], request.video
+        video = made("video", lambda: _encoded(video_picture(*shown), _VIDEO_QUALITY))
+        return Drawn(request.number, request.frame_id, request.title, panel=video)
     return Drawn(
         request.number,
         request.frame_id,
@@ -134,15 +136,9 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
 
 def panel(seen: Assessment, state: State, title: str, region: Region) -> bytes:
     """Draw the frame with its maps, title and figures, as JPEG. Raises ValueError, ImportError."""
-    import cv2
-
     from anytraverse.judged_picture import draw_state
 
-    tile = draw_state(seen.frame.image, seen, title, _COLOURS[state], region=region)
-    done, encoded = cv2.imencode(".jpg", tile[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    if not done:
-        raise ValueError("the picture could not be encoded")
-    return encoded.tobytes()
+    return _encoded(draw_state(seen.frame.image, seen, title, _COLOURS[state], region=region), _QUALITY)
 
 
 def unmarked(image: Image) -> bytes:
@@ -150,7 +146,7 @@ def unmarked(image: Image) -> bytes:
     from anytraverse.drawing import fitted
     from anytraverse.judged_picture import STATE_WIDTH
 
-    return _encoded(fitted(image, min(STATE_WIDTH, image.shape[1])), _RAW_QUALITY)
+    return _encoded(fitted(image, min(STATE_WIDTH, image.shape[1])), _RAW_QUALITY, smallest=True)
 
 
 def to_png(image: Image) -> bytes:

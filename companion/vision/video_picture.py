@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from anytraverse.assessment import Assessment
+from anytraverse.frame import Image
 from anytraverse.regions import Region
 from companion.config.video import video_size
 from companion.vision.messages import VideoMarks
@@ -19,16 +20,13 @@ _BAR = 30
 """Pixels of the bars above and below. They lie on the picture: a tap's place is a share of the frame."""
 _OPACITY = 0.8
 _SIZE = 17
-_QUALITY = 80
 
 
-def video_picture(seen: Assessment, region: Region, title: str, colour: Colour, marks: VideoMarks) -> bytes:
-    """Draw a JPEG of `video_size`. White: the ROI. Yellow: what a call is about. Blue: what was tapped.
+def video_picture(seen: Assessment, region: Region, title: str, colour: Colour, marks: VideoMarks) -> Image:
+    """Draw a picture of `video_size`. White: the ROI. Yellow: what a call is about. Blue: what was tapped.
 
-    Raises ValueError when it cannot be encoded, ImportError without OpenCV.
+    Raises ImportError without OpenCV.
     """
-    import cv2
-
     from anytraverse.drawing import INK, YELLOW, fitted, outline, readable_on, shortened, write
     from anytraverse.judged_picture import draw_judgement
 
@@ -44,7 +42,4 @@ def video_picture(seen: Assessment, region: Region, title: str, colour: Colour, 
             bar[:] = (bar * (1 - _OPACITY) + np.asarray(fill) * _OPACITY).round()
             line = shortened(text, width - 20, _SIZE, bold=True)
             write(bar, line, (10, 21), _SIZE, readable_on(fill), bold=True)
-    done, encoded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    if not done:
-        raise ValueError("the picture could not be encoded")
-    return encoded.tobytes()
+    return picture

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from companion.browser import wording
-from companion.wire.documents import CallRecord, DocumentError, StateFile, read_record, read_state
+from companion.wire.documents import (
+    PICTURES,
+    CallRecord,
+    DocumentError,
+    StateFile,
+    picture_path,
+    record_from,
+    state_from,
+)
 from companion.wire.parameters import THR_SCENE
 from companion.wire.payloads import CallData
-
-_SIZES = {"small": "", "raw": "-raw", "large": "-large"}
 
 
 def shown_calls(
@@ -25,10 +30,10 @@ def shown_calls(
     state: what /state.json has. told_at: monotonic seconds when it was so. records: of the newest calls, the
     newest first. address: makes the address of a picture from its path, "" where there is none.
     """
-    now, kept = read_state(json.dumps(state).encode()), {}
+    now, kept = state_from(state), {}
     for record in records:
         try:
-            read = read_record(json.dumps(record).encode())
+            read = record_from(record)
         except DocumentError:
             continue
         kept[read.id] = read
@@ -51,7 +56,7 @@ def _more(
     address: Callable[[str], str],
 ) -> dict[str, Any]:
     """Return pictures of a call, what was answered to it, and what was in a similar scene."""
-    pictures = {size: address(f"/calls/{call.id}{ending}.jpg") for size, ending in _SIZES.items()}
+    pictures = {size: address(picture_path(call.id, size)) for size in PICTURES}
     given = record.answers if record is not None else ()
     found = record.nearest if record is not None else None
     nearest = None

@@ -9,7 +9,6 @@ import logging
 import os
 import socket
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any
@@ -123,12 +122,11 @@ class Page:
             self._told_at = now
             self._process.send(Message(Kind.NEWS, {**news(), "at": now}).encoded())
 
-    def _take(self, said: bytes) -> bool:
+    def _take(self, said: bytes, now: float) -> bool:
         if said not in (ALIVE, WANTED):
             return False
         if not self._process.running:
             log.info("the page is on %s", self.url)
-        now = time.monotonic()
         if said == WANTED and now - self._wanted_at >= _WANTED_EVERY:
             self._wanted_at, self._wanted = now, True
         return True

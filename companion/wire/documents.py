@@ -10,6 +10,8 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from typing import Any
 
 from anytraverse.errors import AnyTraverseError
@@ -25,7 +27,9 @@ LONGEST = 300
 MOST_ROWS = 64
 """Answers of a call, and checks."""
 _PICTURE = re.compile(r"/(calls|scenes)/[0-9a-f]{1,16}(-large|-raw)?\.jpg", re.ASCII)
-_REASONS = {"unknown_scene": 1, "unknown_object": 2, "blocked": 4, "fault": 8}
+PICTURES = {"small": "", "raw": "-raw", "large": "-large"}
+"""Pictures of a call by size -> what their files' names have behind the number."""
+_REASONS = {one.name.lower(): one for one in Reasons if one.name and one}
 
 
 class DocumentError(ValueError):
@@ -116,9 +120,18 @@ class CallRecord:
     large: str
 
 
+def picture_path(number: int, size: str) -> str:
+    """Return the path of a picture of a call or hold. size: one of `PICTURES`."""
+    return f"/calls/{number}{PICTURES[size]}.jpg"
+
+
 def read_state(content: bytes) -> StateFile:
     """Read /state.json. Raises DocumentError for what is no JSON object."""
-    told = _object(content)
+    return state_from(_object(content))
+
+
+def state_from(told: Mapping[str, Any]) -> StateFile:
+    """Take the content of /state.json."""
     words = _weights(told.get("words"))
     settings = {
         name: value
@@ -151,7 +164,11 @@ def read_checks(content: bytes) -> tuple[Check, ...]:
 
 def read_record(content: bytes) -> CallRecord:
     """Read /calls/N.json. Raises DocumentError."""
-    told = _object(content)
+    return record_from(_object(content))
+
+
+def record_from(told: Mapping[str, Any]) -> CallRecord:
+    """Take the content of /calls/N.json. Raises DocumentError for one without an id."""
     place = _mapping(told.get("place"))
     number = _number(told.get("id"), 1, 0xFFFF)
     if number is None:
@@ -281,8 +298,8 @@ def _word(raw: Any) -> str:
 
 
 def _reasons(raw: Any) -> Reasons:
-    named = [_REASONS.get(one, 0) for one in _list(raw) if isinstance(one, str)]
-    return Reasons(sum(set(named)))
+    named = [_REASONS.get(one, Reasons.NONE) for one in _list(raw) if isinstance(one, str)]
+    return reduce(or_, named, Reasons.NONE)
 
 
 def _box(raw: Any) -> Fractions | None:

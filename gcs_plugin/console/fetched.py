@@ -6,7 +6,15 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from companion.wire.documents import Check, KnownPlace, StateFile, read_checks, read_record, read_state
+from companion.wire.documents import (
+    Check,
+    KnownPlace,
+    StateFile,
+    picture_path,
+    read_checks,
+    read_record,
+    read_state,
+)
 from companion.wire.ids import Kind, Stage, newest_first, words_hash
 from companion.wire.packing import clean
 from gcs_plugin.client.client import OperatorClient
@@ -102,13 +110,13 @@ class Fetched:
             self.files.want(call.data.picture, Rank.CALL_PICTURE, lambda jpeg: story.keep("small", jpeg))
 
     def _want_large(self, story: Story) -> None:
-        path = _large_path(story.id)
+        path = picture_path(story.id, "large")
         if "large" not in story.pictures and path not in self.files.problems:
             self.files.want(path, Rank.LARGE_PICTURE, lambda jpeg: story.keep("large", jpeg))
 
     def _want_raw(self, story: Story, call: Call) -> None:
         """Fetch the frame without marks, where there is one. A hold has no record that could tell."""
-        path = f"/calls/{story.id}-raw.jpg" if call.data.kind is Kind.HOLD else ""
+        path = picture_path(story.id, "raw") if call.data.kind is Kind.HOLD else ""
         if story.record is not None:
             path = story.record.raw
         if path and "raw" not in story.pictures and path not in self.files.problems:
@@ -118,7 +126,7 @@ class Fetched:
         """Whether a call's record has something to tell: its pictures, and who was first."""
         pictured = "small" in story.pictures
         if story.record is None:
-            failed = not call.data.picture or _small_path(story.id) in self.files.problems
+            failed = not call.data.picture or picture_path(story.id, "small") in self.files.problems
             wanted = call.open and call.data.kind is Kind.CALL and not call.data.test and (pictured or failed)
             return wanted or self._stories.others_were_first(call)
         if story.first_given is None and self._stories.others_were_first(call):
@@ -227,8 +235,8 @@ class Fetched:
 
     def pictures_of(self, number: int) -> dict[str, Any]:
         """Return how the pictures of a call come: why not, progress, or how long the large one would take."""
-        path = _large_path(number)
-        small = self.files.problems.get(_small_path(number), "")
+        path = picture_path(number, "large")
+        small = self.files.problems.get(picture_path(number, "small"), "")
         return {
             "small_problem": small and f"Its picture did not come: {small}.",
             "large": {
@@ -242,14 +250,6 @@ class Fetched:
 
 def _record_path(number: int) -> str:
     return f"/calls/{number}.json"
-
-
-def _small_path(number: int) -> str:
-    return f"/calls/{number}.jpg"
-
-
-def _large_path(number: int) -> str:
-    return f"/calls/{number}-large.jpg"
 
 
 def _is_open(call: Call | None) -> bool:

@@ -23,12 +23,12 @@ from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.demo.child import Child
 from companion.wire.answers import Acknowledgement, Operation
+from companion.wire.delivery import Pending
 from companion.wire.ids import Kind, Motion, State
 from companion.wire.payloads import CallData
 from companion.wire.signing import SigningKey
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.delivery import Pending
 from gcs_plugin.terminal.runner import Runner
 from gcs_plugin.terminal.signing import Signing
 

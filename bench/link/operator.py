@@ -8,11 +8,11 @@ from random import Random
 
 from bench.link.synthetic_frames import thing
 from companion.wire.answers import Operation, SetWord
+from companion.wire.delivery import Pending, Status
 from companion.wire.ids import Motion, Result
 from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.delivery import Pending, Status
 from gcs_plugin.terminal.connection import Connection
 from gcs_plugin.terminal.runner import Runner
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import time
@@ -10,18 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import uvicorn
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from companion.browser.access import BoundedConnection
+from companion.browser.requests import RequestError
 
 MOST_STREAMS = 8
 _EVENT_STREAM = "text/event-stream"
 _SHARED = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _LARGEST_HEADER = 16 << 10
+_POSTED_WITHIN = 5.0
 
 
 def static_routes(folder: Path) -> list[Route]:
@@ -53,6 +56,21 @@ def event(name: str, content: Mapping[str, Any]) -> bytes:
     """Encode an event. clock: when it was made, in monotonic seconds, since it may wait on a slow network."""
     stamped = {**content, "clock": round(time.monotonic(), 3)}
     return f"event: {name}\ndata: {json.dumps(stamped, separators=(',', ':'))}\n\n".encode()
+
+
+def posted(carry_out: Callable[[bytes], str]) -> Callable[[Request], Any]:
+    """Make what answers a POST. carry_out: takes its body; returns what was done, or raises RequestError."""
+
+    async def answer(request: Request) -> Response:
+        try:
+            done = carry_out(await asyncio.wait_for(request.body(), _POSTED_WITHIN))
+        except RequestError as error:
+            return as_json({"problem": str(error)}, 409)
+        except (TimeoutError, asyncio.TimeoutError, ClientDisconnect):
+            return as_json({"problem": "the request did not come whole"}, 408)
+        return as_json({"done": done})
+
+    return answer
 
 
 class EventStreams:

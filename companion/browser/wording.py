@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from companion.wire.documents import CallRecord, GivenAnswer, NearestScene
-from companion.wire.ids import Kind, Reasons, Stage
+from companion.wire.ids import PAGE_SENDER, Kind, Reasons, Stage
 from companion.wire.packing import clean, where
 from companion.wire.payloads import CallData
 from companion.wire.texts import name, percent
@@ -25,6 +25,7 @@ OUTCOMES = {
 }
 """How a call was closed, by the name in its record."""
 _NO_MOTION = ("none", "")
+_NAMED = re.compile(r"(?:tap )?([^:;]{1,48}): (-?[01](?:\.[0-9]{1,4})?)(?: .*)?")
 _TAP = re.compile(r"tap ([^:]{1,64}: \S{1,8})(?: \S{1,8}){4}")
 """An answer that names what is in a box; a person sees the box in the picture."""
 
@@ -127,6 +128,25 @@ def answered(given: GivenAnswer) -> str:
     operations = (_TAP.sub(r"\1", one) for one in given.operations)
     said = ", ".join(filter(None, (*operations, newest_motion([given.motion]))))
     return clean(": ".join(filter(None, (said, given.text))))
+
+
+def first_answer(given: GivenAnswer, own: tuple[int, int] | None) -> str:
+    """Say who answered before this page. own: MAVLink ids of the page's program, None where it has none."""
+    who = "Another ground station"
+    if given.sender == PAGE_SENDER:
+        who = "Somebody on the rover's own page"
+    elif given.sender is not None:
+        who = f"Ground station {given.sender[0]}/{given.sender[1]}"
+        if given.sender == own:
+            who = f"Another program with this console's ids {own[0]}/{own[1]}"
+    said = ", ".join(filter(None, (*given.operations, newest_motion([given.motion]))))
+    return clean(f"{who} answered first: {said or 'nothing'}")
+
+
+def named(record: CallRecord) -> dict[str, float]:
+    """Return the words that answers to a call set or tapped, by weight."""
+    found = (_NAMED.fullmatch(clean(one)) for answer in record.answers for one in answer.operations)
+    return {one[1]: float(one[2]) for one in found if one}
 
 
 def announced(call: CallData) -> dict[str, Any]:

@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 SenderId = tuple[int, int]
 """System and component id of whoever sent a message."""
+PAGE_SENDER: SenderId = (0, 0)
+"""Whoever answers on the rover's own page, which has no MAVLink ids."""
 
 COMPONENT_ID = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""

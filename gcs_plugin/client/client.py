@@ -14,6 +14,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Operation
+from companion.wire.delivery import Pending, Status
 from companion.wire.ids import (
     ANSWER_COMMAND,
     AUTOPILOT_COMPONENT_ID,
@@ -29,10 +30,10 @@ from companion.wire.packing import PayloadError
 from companion.wire.payloads import CallData, Summary
 from companion.wire.signing import is_signed
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import Pending, PendingPolicy, Status
 from gcs_plugin.client.fetch import Fetch
 from gcs_plugin.client.listing import Listing
 from gcs_plugin.client.outbox import Outbox
+from gcs_plugin.client.policy_request import PendingPolicy
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.client.vehicle import read_position, read_vehicle
 

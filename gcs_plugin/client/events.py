@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from companion.wire.answers import Acknowledgement
+from companion.wire.delivery import Status
 from companion.wire.ids import Policy, State
 from companion.wire.payloads import CallData, Summary
-from gcs_plugin.client.delivery import PolicyStatus, Status
+from gcs_plugin.client.policy_request import PolicyStatus
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,14 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.answers import MAX_PAYLOAD, Operation
+from companion.wire.delivery import Pending
 from companion.wire.ftp import FtpPayload
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, Motion, Policy
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import Pending, PendingPolicy
 from gcs_plugin.client.fetch import Fetch
 from gcs_plugin.client.listing import Listing
+from gcs_plugin.client.policy_request import PendingPolicy
 
 PACE_S = 0.05
 """Seconds between two messages to one rover, since radios and PX4 lose messages of a burst."""

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from companion.browser import wording as browser_wording
-from companion.wire.answers import ForgetCall, ForgetWord, Operation, SetWord, TapBox
+from companion.browser.given import Answered, undoing
+from companion.wire.answers import Operation
+from companion.wire.delivery import Pending
 from companion.wire.documents import CallRecord, GivenAnswer
-from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Outcome, Result, Stage
+from companion.wire.ids import Kind, Motion, Outcome, Result, Stage
 from companion.wire.packing import clean
 from companion.wire.texts import name
-from gcs_plugin.client.delivery import Pending, Status
 from gcs_plugin.client.rovers import Call, Rover
-from gcs_plugin.console import wording as own_wording
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import plain
 from gcs_plugin.terminal.pictures import jpeg_size
@@ -28,27 +28,7 @@ _ABOUT = re.compile(r"[CH](\d{1,5}) ", re.ASCII)
 _ASKS = ("go/stay/word", "go?")
 _DRIVES = frozenset({"AUTO", "GUIDED", "AUTO.MISSION", "OFFBOARD"})
 _APPLIED = frozenset({"applied", "applied_not_remembered", "not_covered"})
-_WELL = CHANGING_RESULTS - {Result.NOT_COVERED}
 _CLOSED_BY_ANSWER = (Outcome.ANSWERED, Outcome.ACCEPTED)
-
-
-@dataclass(frozen=True)
-class Answered:
-    """An answer from here. words: weight by word before it."""
-
-    pending: Pending
-    at: float
-    words: Mapping[str, float]
-
-    @property
-    def applied(self) -> bool:
-        ack = self.pending.acknowledgement
-        return ack is not None and ack.result in CHANGING_RESULTS
-
-    @property
-    def taught(self) -> bool:
-        """Whether the rover learnt something from it: words, or that it may go."""
-        return self.applied and (bool(self.pending.operations) or self.pending.motion is Motion.GO)
 
 
 @dataclass
@@ -154,18 +134,7 @@ class Stories:
     def undo(self, number: int) -> tuple[Operation, ...]:
         """Return what takes back the answers to a call: its scene is forgotten, its words are as before."""
         story = self.by_id.get(number)
-        applied = [one for one in story.answers if one.taught] if story is not None else []
-        if not applied:
-            return ()
-        before = applied[0].words
-        touched = {
-            change.word: None
-            for one in applied
-            for change in one.pending.operations
-            if isinstance(change, SetWord | TapBox)
-        }
-        restored = (SetWord(word, before[word]) if word in before else ForgetWord(word) for word in touched)
-        return (ForgetCall(number), *restored)
+        return undoing(number, story.answers) if story is not None else ()
 
     @staticmethod
     def _has_driven_on(story: Story, call: Call, rover: Rover) -> bool:
@@ -220,10 +189,10 @@ class Stories:
             "closed": story.closed_at and round(story.closed_at, 2),
             "pictures": {size: self._url(story, size) for size in story.pictures},
             "size": _frame_size(story),
-            "answers": [_answer(one) for one in story.answers],
+            "answers": [one.document() for one in story.answers],
             "said": [{"at": round(at, 2), "text": text} for at, text in story.said],
             "undo": bool(self.undo(story.id)) and story.undone is None,
-            "undone": None if story.undone is None else own_wording.status(story.undone),
+            "undone": None if story.undone is None else story.undone.told,
         }
         if call is None:
             return shown | _recorded(story)
@@ -234,7 +203,7 @@ class Stories:
             "since": round(now - call.age(now), 2),
             "place": None if data.latitude is None else [data.latitude, data.longitude, data.heading],
             "outcome": "" if call.open else wording.outcome(data.outcome, test=data.test),
-            "first": "" if not others else own_wording.first_answer(first, ids) if first is not None
+            "first": "" if not others else browser_wording.first_answer(first, ids) if first is not None
             else "Another operator answered first.",
         }  # fmt: skip
 
@@ -265,16 +234,3 @@ def _frame_size(story: Story) -> list[int] | None:
     """Return width and height of the small picture, which shows the whole frame."""
     size = jpeg_size(story.pictures.get("small", b""))
     return None if size is None else list(size)
-
-
-def _answer(one: Answered) -> dict[str, Any]:
-    pending = one.pending
-    ack = pending.acknowledgement
-    settled = ack.result if ack is not None and pending.status is Status.ACKNOWLEDGED else None
-    return {
-        "at": round(one.at, 2),
-        "said": own_wording.answer(pending.motion, pending.operations),
-        "text": own_wording.status(pending),
-        "tone": "wait" if not pending.settled else "good" if settled in _WELL else "bad",
-        "settled": pending.settled,
-    }

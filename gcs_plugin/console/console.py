@@ -6,24 +6,18 @@ import logging
 from collections.abc import Sequence
 from typing import Any
 
-from companion.wire.answers import OtherPlace
+from companion.browser.requests import AnswerRequest, RequestError
+from companion.wire.answers import SetWord, TapBox
 from companion.wire.ids import Motion
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.export import Exhibit, pack
-from gcs_plugin.console.requests import (
-    AnswerRequest,
-    FileRequest,
-    PolicyRequest,
-    Request,
-    RequestError,
-    UndoRequest,
-)
+from gcs_plugin.console.requests import FileRequest, PolicyRequest, Request, UndoRequest
 from gcs_plugin.console.rover_desk import RoverDesk
-from gcs_plugin.terminal.commands import CommandError, Tap, Word
+from gcs_plugin.terminal.commands import CommandError
 from gcs_plugin.terminal.output import Output
-from gcs_plugin.terminal.resolve import Addressed, address, choose_rover
+from gcs_plugin.terminal.resolve import choose_rover, current_call
 
 
 class Console:
@@ -89,17 +83,17 @@ class Console:
         pictures = desk.stories.by_id
         return pack(system, [Exhibit(calls[one], pictures[one].pictures) for one in chosen], wall)
 
-    def carry_out(self, request: Request, now: float, wall: float) -> str:
+    def carry_out(self, system: int, request: Request, now: float, wall: float) -> str:
         """Carry out a request of the page; returns what was done. Raises RequestError."""
         self.revision += 1
         try:
-            rover = choose_rover(self.client.rovers, request.rover)
-            desk = self.desks[request.rover]
+            choose_rover(self.client.rovers, system)
+            desk = self.desks[system]
             match request:
                 case AnswerRequest():
                     return self._answer(request, desk, now, wall)
                 case PolicyRequest():
-                    self.client.set_policy(rover.system, request.policy, now)
+                    self.client.set_policy(system, request.policy, now)
                     return f"policy {request.policy.name.lower()} is asked for"
                 case UndoRequest():
                     return self._undo(request, desk, now)
@@ -112,19 +106,13 @@ class Console:
             raise RequestError(str(error)) from error
 
     def _answer(self, request: AnswerRequest, desk: RoverDesk, now: float, wall: float) -> str:
-        reply, rover = request.reply, desk.rover
-        call = rover.calls.get(reply.call_id or 0)
-        if request.frame is not None and (call is None or call.data.frame_id != request.frame):
-            raise RequestError("you tapped in an older picture, so nothing was sent: tap in the new one")
-        if reply.call_id is not None and (call is None or not call.open):
-            raise RequestError(f"call {reply.call_id} is closed already, so nothing was sent")
-        answer = address(reply, rover, now)
-        if reply.call_id is None and rover.current_id and answer.operations and not _only_places(answer):
-            raise RequestError("a call is open: words now would answer it, so send them as its answer")
-        pending = self.client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
+        rover = desk.rover
+        call = rover.calls.get(request.call)
+        request.check(call.data if call is not None else None, current_call(rover))
+        pending = self.client.answer(desk.system, request.call, request.motion, request.operations, now)
         desk.stories.answered(pending, desk.fetched.words, wall)
-        named = {one.word: one.weight for one in reply.changes if isinstance(one, Word | Tap)}
-        desk.fetched.note_named(named)
+        named = (one for one in request.operations if isinstance(one, SetWord | TapBox))
+        desk.fetched.note_named({one.word: one.weight for one in named})
         return "sent" if rover.alive(now) else "the rover is not heard: it is sent as soon as it is"
 
     def _undo(self, request: UndoRequest, desk: RoverDesk, now: float) -> str:
@@ -136,10 +124,6 @@ class Console:
         story = desk.stories.by_id[request.call]
         story.undone = self.client.answer(desk.system, 0, Motion.NONE, operations, now)
         return "asked for"
-
-
-def _only_places(answer: Addressed) -> bool:
-    return all(isinstance(one, OtherPlace) for one in answer.operations)
 
 
 _ORDER = ("calling", "holding", "fault", "blocked", "off", "starting", "ok")

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from companion.browser.wording import named
 from companion.wire.documents import (
     Check,
     KnownPlace,
@@ -16,7 +17,6 @@ from companion.wire.documents import (
     read_state,
 )
 from companion.wire.ids import Kind, Stage, newest_first, words_hash
-from companion.wire.packing import clean
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.console.calls import Stories, Story
@@ -36,7 +36,6 @@ MOST_NAMED = 24
 MOST_READS = 4
 """How often a call's record is asked for."""
 _RECORD = re.compile(r"([0-9]{1,5})\.json", re.ASCII)
-_NAMED = re.compile(r"(?:tap )?([^:;]{1,48}): (-?[01](?:\.[0-9]{1,4})?)(?: .*)?")
 
 
 class Fetched:
@@ -210,10 +209,7 @@ class Fetched:
         story = self._stories.remember(record)
         if story is not None and record.picture:
             self.files.want(record.picture, Rank.OLD, lambda jpeg: story.keep("small", jpeg))
-        for one in record.answers:
-            for operation in one.operations:
-                if found := _NAMED.fullmatch(clean(operation)):
-                    self.named.setdefault(found[1], float(found[2]))
+        self.named |= {word: weight for word, weight in named(record).items() if word not in self.named}
 
     def _take_checks(self, content: bytes) -> None:
         self.checks = read_checks(content)

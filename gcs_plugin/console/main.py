@@ -102,8 +102,9 @@ async def _run(
     background: Background | None,
 ) -> None:
     from companion.browser.access import Gate
+    from companion.browser.requests import MOST_POSTED
     from companion.browser.site import Server
-    from gcs_plugin.console.server import CYCLE, MOST_POSTED, Site
+    from gcs_plugin.console.server import CYCLE, Site
 
     problems = _Problems(links, console)
 

@@ -6,24 +6,23 @@ import asyncio
 import re
 import time
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from anytraverse.release import own_version
-from companion.browser.site import EventStreams, as_json, event, static_routes
+from companion.browser.site import EventStreams, event, posted, static_routes
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.export import MOST_CALLS
-from gcs_plugin.console.requests import RequestError, read_request
+from gcs_plugin.console.requests import read_request
 from gcs_plugin.console.track import Background
 
-MOST_POSTED = 16 << 10
 CYCLE = 0.02
-_POSTED_WITHIN = 5.0
 _TELL_EVERY = 0.05
 """Seconds between two events on one stream, at least."""
 _BEAT = 1.0
@@ -47,7 +46,7 @@ class Site:
     def app(self) -> Starlette:
         """Make the application."""
         posts = [
-            Route(f"/{kind}", self._post(kind), methods=["POST"])
+            Route(f"/{kind}", posted(partial(self._carry_out, kind)), methods=["POST"])
             for kind in ("answer", "policy", "undo", "fetch")
         ]
         pictures = Route("/pictures/{system:int}/{call:int}/{name}", self._picture)
@@ -55,18 +54,8 @@ class Site:
         gets = [Route("/events", self._events), Route("/background", self._show_background), pictures, export]
         return Starlette(routes=[*gets, *posts, *static_routes(_STATIC)])
 
-    def _post(self, kind: str) -> Callable[[Request], Any]:
-        async def carry_out(request: Request) -> Response:
-            try:
-                body = await asyncio.wait_for(request.body(), _POSTED_WITHIN)
-                done = self._console.carry_out(read_request(kind, body), time.monotonic(), time.time())
-            except RequestError as error:
-                return as_json({"problem": str(error)}, 409)
-            except (TimeoutError, asyncio.TimeoutError, ClientDisconnect):
-                return as_json({"problem": "the request did not come whole"}, 408)
-            return as_json({"done": done})
-
-        return carry_out
+    def _carry_out(self, kind: str, body: bytes) -> str:
+        return self._console.carry_out(*read_request(kind, body), time.monotonic(), time.time())
 
     async def _picture(self, request: Request) -> Response:
         named = _PICTURE.fullmatch(request.path_params["name"])

@@ -12,12 +12,13 @@ from typing import Any, Protocol, TextIO
 
 from pymavlink.dialects.v20.common import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_WARNING
 
+from companion.wire.delivery import STATUS_TEXTS, Status
 from companion.wire.ids import Reasons, Stage, State
 from companion.wire.packing import clean
 from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import PolicyStatus, Status
 from gcs_plugin.client.events import Event
+from gcs_plugin.client.policy_request import PolicyStatus
 from gcs_plugin.terminal import wording
 
 
@@ -56,15 +57,6 @@ REPEATED_S = 60.0
 _FIGURE = re.compile(r"\d+%")
 _TYPED = re.compile(r"`(?=\w)")
 ALARM, GOOD, FAINT, _PLAIN = "1;31", "32", "2", ""
-STATUS_TEXTS = {
-    Status.WAITING: "waits: the companion is not heard",
-    Status.SENT: "sent",
-    Status.ACKNOWLEDGED: "acknowledged",
-    Status.CLOSED: "not acknowledged: the call was closed meanwhile",
-    Status.EXPIRED: "LOST: no acknowledgement within 60 s",
-}
-
-
 _ShownState = tuple[int, Stage, bool, int]
 
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 from statistics import median
 from typing import Any
 
+from companion.wire.delivery import Status
 from companion.wire.ids import Result
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.delivery import Status
 from gcs_plugin.client.fetch import Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal import wording

@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterator
 
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import Outcome, Policy, Reasons, Result, Stage, State, words_hash
+from companion.wire.delivery import result_text
+from companion.wire.ids import Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.messages import MESSAGES
-from companion.wire.packing import clean, where
+from companion.wire.packing import where
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.payloads import CallData
 from companion.wire.texts import name, percent
-from gcs_plugin.client.delivery import PolicyStatus
+from gcs_plugin.client.policy_request import PolicyStatus
 from gcs_plugin.client.rovers import Computer, Rover
 
 _OLD_FIGURES_S = 2.0 * (MESSAGES["computer"].period or 0.0)
@@ -51,15 +52,6 @@ _OUTCOMES = {
 _TEST_OUTCOMES = {
     Outcome.ANSWERED: "answered, the way there and back works",
     Outcome.PASSED: "nobody answered it",
-}
-_RESULTS = {
-    Result.APPLIED: "done",
-    Result.APPLIED_NOT_REMEMBERED: "done, but not remembered after a restart",
-    Result.NOT_COVERED: "taken, but it does not cover what was seen",
-    Result.STALE: "too late: it is not open",
-    Result.REFUSED: "REFUSED, nothing changed",
-    Result.DENIED: "DENIED: this ground station may not",
-    Result.BUSY: "busy, will be sent again",
 }
 
 
@@ -149,18 +141,7 @@ def closed(call: CallData, after_s: float) -> str:
 
 def acknowledged(ack: Acknowledgement) -> str:
     """Word the acknowledgement of an answer, with the figures of the call's frame judged again."""
-    return f"answer to {ack.target or 'no call'}: {result(ack)}"
-
-
-def result(ack: Acknowledgement) -> str:
-    """Word what became of an answer, with the figures of the call's frame judged again."""
-    figures = []
-    if ack.roi_uncertainty is not None:
-        figures.append(f"now {percent(ack.roi_uncertainty)} unexplained")
-    if ack.worst_tile is not None:
-        figures.append(f"worst tile {percent(ack.worst_tile)}")
-    told = f": {clean(ack.text)}" if clean(ack.text) else ""
-    return f"{_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
+    return f"answer to {ack.target or 'no call'}: {result_text(ack)}"
 
 
 def outcome(value: Outcome, *, test: bool = False) -> str:

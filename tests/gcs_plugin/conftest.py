@@ -11,10 +11,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation
+from companion.wire.delivery import Pending
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.delivery import Pending
 
 THING_CALL = CallData(
     id=7,

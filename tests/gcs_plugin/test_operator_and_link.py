@@ -11,10 +11,10 @@ from companion.answers.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Operation, SetWord
+from companion.wire.delivery import Status
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.delivery import Status
 
 
 class Both:

@@ -10,9 +10,9 @@ import pytest
 
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, SetWord
+from companion.wire.delivery import Status
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import Status
 
 if TYPE_CHECKING:
     from tests.gcs_plugin.conftest import Sky

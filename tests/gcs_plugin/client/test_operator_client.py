@@ -13,10 +13,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, SetWord
+from companion.wire.delivery import Status
 from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import MAX_ROVERS, OperatorClient
-from gcs_plugin.client.delivery import Status
 
 if TYPE_CHECKING:
     from tests.gcs_plugin.conftest import Sky

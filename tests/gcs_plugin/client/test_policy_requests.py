@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.ids import Policy
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import PolicyStatus
+from gcs_plugin.client.policy_request import PolicyStatus
 
 
 @pytest.fixture

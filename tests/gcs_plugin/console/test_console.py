@@ -11,6 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.answers.answer import Answer
+from companion.browser.requests import RequestError
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_tree import Document, Documents, MissingError, Tree
 from companion.wire import ids
@@ -18,7 +19,7 @@ from companion.wire.answers import Acknowledgement, ForgetCall, ForgetWord, SetW
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
-from gcs_plugin.console.requests import RequestError, read_request
+from gcs_plugin.console.requests import read_request
 
 JPEG = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffc0001108006000800301220002110103110100")
 WORDS = {"grass": 1.0}
@@ -90,7 +91,7 @@ class Desk:
 
     def post(self, kind: str, **told: Any) -> str:
         request = read_request(kind, json.dumps({"rover": 1, **told}).encode())
-        return self.console.carry_out(request, self.link.now, WALL + self.link.now)
+        return self.console.carry_out(*request, self.link.now, WALL + self.link.now)
 
     def requests(self) -> list[Answer]:
         return self.link.reported(Answer)

@@ -9,17 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.browser.requests import AnswerRequest, RequestError
+from companion.wire.answers import ForgetWord, SetWord, TapBox
+from companion.wire.delivery import split
 from companion.wire.ids import Motion, Policy
-from gcs_plugin.client.delivery import split
-from gcs_plugin.console.requests import (
-    AnswerRequest,
-    FileRequest,
-    PolicyRequest,
-    RequestError,
-    UndoRequest,
-    read_request,
-)
-from gcs_plugin.terminal.commands import Forget, Tap, Word
+from gcs_plugin.console.requests import FileRequest, PolicyRequest, UndoRequest, read_request
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=60),
@@ -42,24 +36,25 @@ KINDS = st.sampled_from(["answer", "policy", "undo", "fetch", "other"])
 
 
 def read(kind: str, **told: Any) -> Any:
-    return read_request(kind, json.dumps({"rover": 1, **told}).encode())
+    rover, request = read_request(kind, json.dumps({"rover": 1, **told}).encode())
+    assert rover == told.get("rover", 1)
+    return request
 
 
 def test_a_tap_with_a_name_and_a_motion_is_one_answer() -> None:
     box = [0.41, 0.55, 0.6, 0.81]
     changes = [{"tap": "Drum", "weight": -1, "box": box, "frame": 4711}, {"word": "grass", "weight": 0.5}]
     request = read("answer", call=7, motion="go", changes=changes)
-    assert isinstance(request, AnswerRequest)
-    assert request.frame == 4711
-    assert request.reply.motion is Motion.GO
-    assert request.reply.changes == (Tap("drum", -1.0, (0.41, 0.55, 0.6, 0.81)), Word("grass", 0.5))
+    tap = TapBox(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0)
+    assert request == AnswerRequest(7, Motion.GO, (tap, SetWord("grass", 0.5)))
 
 
 def test_policies_undoing_and_files_are_requests() -> None:
-    assert read("policy", policy="hold") == PolicyRequest(1, Policy.HOLD)
-    assert read("undo", call=7) == UndoRequest(1, 7)
-    assert read("fetch", what="large", call=7) == FileRequest(1, "large", 7)
-    assert read("answer", motion="none", changes=[{"forget": "bush"}]).reply.changes == (Forget("bush"),)
+    assert read("policy", policy="hold") == PolicyRequest(Policy.HOLD)
+    assert read("undo", call=7) == UndoRequest(7)
+    assert read("fetch", what="large", call=7) == FileRequest("large", 7)
+    forgotten = read("answer", motion="none", changes=[{"forget": "bush"}])
+    assert forgotten == AnswerRequest(0, Motion.NONE, (ForgetWord("bush"),))
 
 
 @pytest.mark.parametrize(
@@ -91,13 +86,13 @@ def test_what_cannot_be_is_refused_with_what_is_wrong(told: dict[str, Any], why:
 @given(KINDS, st.binary(max_size=200) | (JSON | ALIKE).map(lambda told: json.dumps(told).encode()))
 def test_any_body_is_a_request_that_fits_the_wire_or_is_refused(kind: str, body: bytes) -> None:
     try:
-        request = read_request(kind, body)
+        rover, request = read_request(kind, body)
     except RequestError:
         return
-    assert 1 <= request.rover <= 255
+    assert 1 <= rover <= 255
     if isinstance(request, AnswerRequest):
-        for change in request.reply.changes:
-            if isinstance(change, Word | Tap):
-                assert -1 <= change.weight <= 1
-                assert change.word == change.word.lower()
-        assert split(1, request.reply.call_id or 0, request.reply.motion, ())
+        for one in request.operations:
+            if isinstance(one, SetWord | TapBox):
+                assert -1 <= one.weight <= 1
+                assert one.word == one.word.lower()
+            assert split(1, request.call, request.motion, (one,))

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement
+from companion.wire.delivery import Status
 from companion.wire.packing import where
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.delivery import PolicyStatus, Status
+from gcs_plugin.client.policy_request import PolicyStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.client.vehicle import mode_name
 from gcs_plugin.terminal import wording

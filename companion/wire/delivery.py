@@ -1,17 +1,15 @@
-"""Delivers an answer or a policy request: sends it again with back-off until it is settled."""
+"""Delivers an answer: sends it again with back-off until it is settled, and words what became of it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
-
-from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.answers import MAX_PAYLOAD, MAX_WORD_BYTES, Acknowledgement, AnswerMessage, Operation
-from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, SET_POLICY, Motion, Policy
-from companion.wire.packing import PayloadError
+from companion.wire.ids import Motion, Result
+from companion.wire.packing import PayloadError, clean
+from companion.wire.texts import percent
 
 LIFETIME_S = 60.0
 FIRST_BACK_OFF_S = 1.0
@@ -35,6 +33,35 @@ class Status(Enum):
     """The call was closed before an acknowledgement came."""
     EXPIRED = "expired"
     """No acknowledgement within 60 s."""
+
+
+STATUS_TEXTS = {
+    Status.WAITING: "waits: the companion is not heard",
+    Status.SENT: "sent",
+    Status.ACKNOWLEDGED: "acknowledged",
+    Status.CLOSED: "not acknowledged: the call was closed meanwhile",
+    Status.EXPIRED: "LOST: no acknowledgement within 60 s",
+}
+_RESULTS = {
+    Result.APPLIED: "done",
+    Result.APPLIED_NOT_REMEMBERED: "done, but not remembered after a restart",
+    Result.NOT_COVERED: "taken, but it does not cover what was seen",
+    Result.STALE: "too late: it is not open",
+    Result.REFUSED: "REFUSED, nothing changed",
+    Result.DENIED: "DENIED: this ground station may not",
+    Result.BUSY: "busy, will be sent again",
+}
+
+
+def result_text(ack: Acknowledgement) -> str:
+    """Word what became of an answer, with the figures of the call's frame judged again."""
+    figures = []
+    if ack.roi_uncertainty is not None:
+        figures.append(f"now {percent(ack.roi_uncertainty)} unexplained")
+    if ack.worst_tile is not None:
+        figures.append(f"worst tile {percent(ack.worst_tile)}")
+    told = f": {clean(ack.text)}" if clean(ack.text) else ""
+    return f"{_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
 
 
 def split(transaction: int, target: int, motion: Motion, operations: Sequence[Operation]) -> list[bytes]:
@@ -93,6 +120,13 @@ class Pending:
         """Whether nothing more will be sent."""
         return self.status not in (Status.WAITING, Status.SENT)
 
+    @property
+    def told(self) -> str:
+        """What became of it, for a person."""
+        if self.acknowledgement is not None and self.status is Status.ACKNOWLEDGED:
+            return result_text(self.acknowledgement)
+        return STATUS_TEXTS[self.status]
+
     def blocks(self, now: float) -> bool:
         """Return whether later answers to the same rover must wait for this one."""
         if self.settled or self._closed_at is not None:
@@ -134,59 +168,3 @@ class Pending:
         elif now - self.created >= LIFETIME_S:
             self.status = Status.EXPIRED
         return self.settled
-
-
-class PolicyStatus(Enum):
-    """Names the status of a policy request. All but the first two are final."""
-
-    WAITING = "waiting"
-    """Not sent yet: no heartbeat of the companion is received."""
-    SENT = "sent"
-    GRANTED = "granted"
-    REFUSED = "refused"
-    """A STATUSTEXT of the rover says why."""
-    EXPIRED = "expired"
-    """No acknowledgement within 60 s."""
-
-
-@dataclass(eq=False)
-class PendingPolicy:
-    """Delivers one policy request to one rover. The owner sends what `due` returns, and reports replies."""
-
-    system: int
-    policy: Policy
-    created: float
-    status: PolicyStatus = PolicyStatus.WAITING
-    _rounds: int = 0
-    _next_at: float = 0.0
-
-    @property
-    def settled(self) -> bool:
-        """Whether nothing more will be sent."""
-        return self.status not in (PolicyStatus.WAITING, PolicyStatus.SENT)
-
-    def due(self, now: float) -> Any | None:
-        """Return the command to send now, or None. The companion acts on the first and acknowledges each."""
-        if self.settled or now < self._next_at:
-            return None
-        again = min(self._rounds, 0xFF)
-        self._next_at = now + min(FIRST_BACK_OFF_S * 2**again, LONGEST_BACK_OFF_S)
-        self._rounds += 1
-        self.status = PolicyStatus.SENT
-        return mavlink.MAVLink_command_long_message(
-            self.system, COMPONENT_ID, ANSWER_COMMAND, again, 0, SET_POLICY, self.policy, 0, 0, 0, 0
-        )
-
-    def acknowledge(self, *, granted: bool) -> bool:
-        """Take in an acknowledgement; return True when it settled the request."""
-        if self.status is not PolicyStatus.SENT:
-            return False
-        self.status = PolicyStatus.GRANTED if granted else PolicyStatus.REFUSED
-        return True
-
-    def settle(self, now: float) -> bool:
-        """Apply time limits; return True when they settled it in this call."""
-        if self.settled or now - self.created < LIFETIME_S:
-            return False
-        self.status = PolicyStatus.EXPIRED
-        return True

@@ -1,0 +1,82 @@
+"""What was answered from a page, what became of that, and what takes it back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
+from companion.wire.delivery import Pending, Status
+from companion.wire.ids import CHANGING_RESULTS, Motion, Result
+
+_WELL = CHANGING_RESULTS - {Result.NOT_COVERED}
+_MOTIONS = {Motion.GO: "go", Motion.STAY: "stay", Motion.LOOK_AGAIN: "look again"}
+
+
+@dataclass(frozen=True)
+class Answered:
+    """An answer from a page. at: seconds since 1970. words: weight by word before it."""
+
+    pending: Pending
+    at: float
+    words: Mapping[str, float]
+
+    @property
+    def applied(self) -> bool:
+        """Whether the rover has said that it was applied."""
+        ack = self.pending.acknowledgement
+        return ack is not None and ack.result in CHANGING_RESULTS
+
+    @property
+    def taught(self) -> bool:
+        """Whether the rover learnt something from it: words, or that it may go."""
+        return self.applied and (bool(self.pending.operations) or self.pending.motion is Motion.GO)
+
+    def document(self) -> dict[str, Any]:
+        """Return what a page shows of it."""
+        pending = self.pending
+        ack = pending.acknowledgement
+        settled = ack.result if ack is not None and pending.status is Status.ACKNOWLEDGED else None
+        return {
+            "at": round(self.at, 2),
+            "said": said(pending.motion, pending.operations),
+            "text": pending.told,
+            "tone": "wait" if not pending.settled else "good" if settled in _WELL else "bad",
+            "settled": pending.settled,
+        }
+
+
+def undoing(number: int, answers: Sequence[Answered]) -> tuple[Operation, ...]:
+    """Return what takes back the answers to a call: its scene is forgotten, its words are as before."""
+    applied = [one for one in answers if one.taught]
+    if not applied:
+        return ()
+    before = applied[0].words
+    touched = {
+        change.word: None
+        for one in applied
+        for change in one.pending.operations
+        if isinstance(change, SetWord | TapBox)
+    }
+    restored = (SetWord(word, before[word]) if word in before else ForgetWord(word) for word in touched)
+    return (ForgetCall(number), *restored)
+
+
+def said(motion: Motion, operations: Sequence[Operation]) -> str:
+    """Word an answer."""
+    return ", ".join([*map(_operation, operations), *([_MOTIONS[motion]] if motion in _MOTIONS else [])])
+
+
+def _operation(operation: Operation) -> str:
+    match operation:
+        case SetWord(word, weight) | TapBox(_, _, word, weight):
+            return f"{word}: {weight:g}"
+        case ForgetWord(word):
+            return f"forget {word}"
+        case ForgetCall(number):
+            return f"forget call {number}"
+        case NewEpisode():
+            return "new episode"
+        case OtherPlace():
+            return "another place"

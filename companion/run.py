@@ -92,6 +92,7 @@ def _main(
     page, video = Page(config), Video(config)
     closing.callback(page.close)
     closing.callback(video.close)
+    page.answer, link.answers.to_page = link.answers.receive_from_page, page.acknowledge
 
     def poll(now: float) -> None:
         page.poll(now, _starting)

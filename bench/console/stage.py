@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from companion.sim.field.control import FieldControl
 
 CHROMIUM = "/usr/bin/chromium"
 _SPEED = 1.5
+_TOKEN = "0123456789abcdef"
+_PAGE = f'[web]\nlisten = "127.0.0.1:0"\ntoken = "{_TOKEN}"\n'
 
 
 class Rover:
@@ -47,6 +50,9 @@ class Rover:
         )
         if baud is not None:
             _set_budgets(config, baud)
+        config.write_text(
+            re.sub(r'\[web\]\nlisten = ".*"\n', _PAGE, config.read_text(encoding="utf-8")), encoding="utf-8"
+        )
         port = str(free_port())
         self.second_link = f"udpout:127.0.0.1:{port}"
         with config.open("a", encoding="utf-8") as more:
@@ -73,6 +79,15 @@ class Rover:
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}
+
+    def page(self, within: float = 40.0) -> str:
+        """Return the address of its own page, with the token, once it is up."""
+        deadline = time.monotonic() + within
+        while not (url := self.status().get("web", {}).get("url")):
+            if time.monotonic() > deadline:
+                raise self.daemon.error("showed no page")
+            time.sleep(0.2)
+        return f"{url}?token={_TOKEN}"
 
     def zone(self) -> str:
         """Say where it is: "meadow", "forest" or "gravel"."""

@@ -25,6 +25,8 @@ class Via(Enum):
     """What an answer came by. Its acknowledgement goes back by the message that belongs to it."""
 
     TUNNEL = "TUNNEL 45003"
+    PAGE = "the rover's own page"
+    """The payload of a TUNNEL 45003, which the web process hands over."""
     COMMAND = "COMMAND_LONG 31010"
     TRACK_POINT = "MAV_CMD_CAMERA_TRACK_POINT"
     TRACK_RECTANGLE = "MAV_CMD_CAMERA_TRACK_RECTANGLE"
@@ -32,6 +34,8 @@ class Via(Enum):
     TEXT = "PARAM_EXT_SET"
 
 
+PAYLOADS = frozenset({Via.TUNNEL, Via.PAGE})
+"""These carry a transaction, by which a repetition is known."""
 COMMANDS = frozenset({Via.COMMAND, Via.TRACK_POINT, Via.TRACK_RECTANGLE})
 """These carry a count of how often they were sent, and are acknowledged by COMMAND_ACK."""
 
@@ -40,8 +44,8 @@ COMMANDS = frozenset({Via.COMMAND, Via.TRACK_POINT, Via.TRACK_RECTANGLE})
 class Answer:
     """An operator's answer, complete and well-formed. Reply with `Link.acknowledge`.
 
-    target: id of the call or hold, 0 for the current one. transaction: of a TUNNEL, else 0. confirmation: of
-    `COMMANDS`, above 0 where its sender repeats it. name, raw: of a TEXT, which sets words without a call:
+    target: id of the call or hold, 0 for the current one. transaction: of `PAYLOADS`, else 0. confirmation:
+    of `COMMANDS`, above 0 where its sender repeats it. name, raw: of a TEXT, which sets words without a call:
     the extended parameter and its value as received.
     """
 
@@ -59,7 +63,7 @@ class Answer:
     def key(self) -> tuple[Any, ...]:
         """Equal for an answer and its repetitions. It begins with whose answers are bounded together."""
         owner = self.sender, self.via
-        if self.via is Via.TUNNEL:
+        if self.via in PAYLOADS:
             return owner, self.transaction
         return owner, self.target, self.motion, self.operations, self.name, self.raw
 

@@ -9,9 +9,9 @@ from collections.abc import Hashable, ItemsView
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from companion.answers.answer import COMMANDS, Answer, Via
+from companion.answers.answer import COMMANDS, PAYLOADS, Answer, Via
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import CHANGING_RESULTS, Motion, Result
+from companion.wire.ids import CHANGING_RESULTS, PAGE_SENDER, Motion, Result
 
 _Key = tuple[Any, ...]
 _T = TypeVar("_T")
@@ -82,7 +82,7 @@ class KnownAnswer:
 class AnswerStore:
     """Recognizes repeated answers, so that each is applied once and gets the same reply again.
 
-    - A TUNNEL's transaction is a repetition for as long as it is known.
+    - The transaction of a TUNNEL, or of an answer on the page, is a repetition for as long as it is known.
     - A COMMAND is one within 5 s, when its confirmation count says so; else it is a new answer.
     - AT_ANSWER has no such mark: the same "go" or "look again" within 5 s is one, with the call's id or with
       0. So is "other place", until another place matches. "Stay" is always new, as it may follow a go. An
@@ -122,7 +122,7 @@ class AnswerStore:
             return known if age < self._undecided_for else None
         if answer.via in COMMANDS and not answer.confirmation:
             return None
-        if age > (math.inf if answer.via is Via.TUNNEL else REPEAT_WITHIN):
+        if age > (math.inf if answer.via in PAYLOADS else REPEAT_WITHIN):
             return None
         self._entries.put(answer.key, known)
         return known
@@ -171,7 +171,7 @@ class AnswerStore:
         A reply to what changed nothing is not saved, nor one to a command or a parameter: without a
         transaction number each is a new answer after a restart.
         """
-        if answer.via is Via.TUNNEL and reply.result in CHANGING_RESULTS:
+        if answer.via in PAYLOADS and reply.result in CHANGING_RESULTS:
             self._append(answer, reply)
 
     def saved(self) -> list[list[Any]]:
@@ -180,7 +180,9 @@ class AnswerStore:
 
     def _restore(self, *row: Any) -> None:
         system, component, transaction, target, result, text = row
-        answer = Answer((int(system), int(component)), Via.TUNNEL, 0, Motion.NONE, (), int(transaction))
+        sender = int(system), int(component)
+        via = Via.PAGE if sender == PAGE_SENDER else Via.TUNNEL
+        answer = Answer(sender, via, 0, Motion.NONE, (), int(transaction))
         reply = Acknowledgement.without_figures(answer.transaction, int(target), Result(result), str(text))
         self._before[answer.key] = reply
         self._append(answer, reply)

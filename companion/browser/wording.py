@@ -24,6 +24,7 @@ OUTCOMES = {
     "switched_off": "the companion was switched off",
 }
 """How a call was closed, by the name in its record."""
+_APPLIED = frozenset({"applied", "applied_not_remembered", "not_covered"})
 _NO_MOTION = ("none", "")
 _NAMED = re.compile(r"(?:tap )?([^:;]{1,48}): (-?[01](?:\.[0-9]{1,4})?)(?: .*)?")
 _TAP = re.compile(r"tap ([^:]{1,64}: \S{1,8})(?: \S{1,8}){4}")
@@ -130,8 +131,14 @@ def answered(given: GivenAnswer) -> str:
     return clean(": ".join(filter(None, (said, given.text))))
 
 
-def first_answer(given: GivenAnswer, own: tuple[int, int] | None) -> str:
-    """Say who answered before this page. own: MAVLink ids of the page's program, None where it has none."""
+def first_answer(record: CallRecord, own: tuple[int, int] | None) -> str:
+    """Say who first gave an answer that changed something; "" where nobody did.
+
+    own: MAVLink ids of the page's program, None where it has none.
+    """
+    given = next((one for one in record.answers if one.result in _APPLIED), None)
+    if given is None:
+        return ""
     who = "Another ground station"
     if given.sender == PAGE_SENDER:
         who = "Somebody on the rover's own page"

@@ -14,7 +14,7 @@ class Web(Section):
     """The page that shows a browser what the companion does."""
 
     listen: str = setting("127.0.0.1:8191", checked(read_listen), 'address:port of the page; "": no page')
-    token: str = setting("", checked(check_token), 'what a browser must know to see the page; "": nothing')
+    token: str = setting("", checked(check_token), "whoever knows it sees the page and may answer on it")
 
     def conflicts(self) -> Iterator[Conflict]:
         listen = self.address

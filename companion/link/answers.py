@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.answers.answer import COMMANDS, Answer, Via
-from companion.answers.store import AnswerStore, SenderCache
+from companion.answers.store import AnswerStore
 from companion.link import encode
-from companion.link.access_control import AccessControl
+from companion.link.access_control import REQUESTS_AT_ONCE, REQUESTS_PER_SECOND, AccessControl
 from companion.link.alerts import TextSender
 from companion.link.inbound import ParameterRequest, PolicyRequest
+from companion.link.limits import TokenBucket
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
+from companion.link.reassembly import Reassembly
 from companion.link.text_parameters import TextParameters
 from companion.wire import notices
 from companion.wire.answers import (
@@ -30,6 +34,7 @@ from companion.wire.ids import (
     ANSWER_COMMAND,
     CHANGING_RESULTS,
     OTHER_PLACE,
+    PAGE_SENDER,
     REFUSE_MATCH,
     SET_POLICY,
     SET_WEIGHT,
@@ -43,57 +48,9 @@ from companion.wire.ids import (
 from companion.wire.packing import PayloadError
 from companion.wire.parameters import ANSWER
 
-MAX_PARTS = 4
-OF_A_SENDER, IN_ALL = 8, 1024
-"""Incomplete answers of one sender and in all: more than the senders of one shared rate may begin in 30 s."""
-PATIENCE = 30.0
-"""s to wait for the next part. A sender that backs off, on a radio that loses half, takes 8 to 16 s."""
-
-
-@dataclass
-class _Pieces:
-    newest_at: float
-    parts: dict[int, AnswerMessage] = field(default_factory=dict)
-
-
-class Reassembly:
-    """Reassembles answers that come in two to four parts; at most eight of one sender at once."""
-
-    def __init__(self) -> None:
-        self._open: SenderCache[_Pieces] = SenderCache(OF_A_SENDER, IN_ALL)
-
-    def add(self, sender: SenderId, part: AnswerMessage, now: float) -> AnswerMessage | None:
-        """Add a part; return the whole answer, operations in order, when it completes one, else None.
-
-        Raises PayloadError for more than four parts, and for parts that contradict each other.
-        """
-        if part.parts == 1:
-            return part
-        if part.parts > MAX_PARTS:
-            raise PayloadError(f"{part.parts} parts, at most {MAX_PARTS}")
-        key = (sender, part.transaction)
-        pieces = self._open.get(key)
-        if pieces is None or now - pieces.newest_at >= PATIENCE:
-            pieces = _Pieces(now)
-        pieces.newest_at = now
-        self._open.put(key, pieces)
-        if any(_envelope(other) != _envelope(part) for other in pieces.parts.values()):
-            self._open.pop(key)
-            raise PayloadError("the parts do not belong together")
-        pieces.parts[part.part] = part
-        if len(pieces.parts) < part.parts:
-            return None
-        self._open.pop(key)
-        operations = tuple(op for number in range(part.parts) for op in pieces.parts[number].operations)
-        return replace(part, operations=operations, part=0, parts=1)
-
-
-def _envelope(part: AnswerMessage) -> tuple[int, int, int]:
-    return part.target, part.motion, part.parts
-
-
 MAX_ID = 0xFFFF
 
+_MOST_FROM_PAGE = 64
 _COMMAND_RESULTS = {
     Result.APPLIED: mavlink.MAV_RESULT_ACCEPTED,
     Result.APPLIED_NOT_REMEMBERED: mavlink.MAV_RESULT_ACCEPTED,
@@ -113,6 +70,8 @@ TRACKING = {
 
 class AnswerService:
     """Turns TUNNEL 45003, the answer command, AT_ANSWER and texts into answers, and acknowledges each.
+
+    So it does with the payloads that come from the rover's own page. They do not pass the link.
 
     A repeated answer is not passed on: it gets the reply that the store has. While it is undecided, a TEXT is
     reported to be in progress, and the others get no reply.
@@ -134,30 +93,39 @@ class AnswerService:
         self._texts = texts
         self._store = store
         self._reassembly = Reassembly()
+        self._from_page: deque[bytes] = deque(maxlen=_MOST_FROM_PAGE)
+        self._page_rate = TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, 0.0)
+        self.to_page: Callable[[Acknowledgement], None] = lambda _acknowledgement: None
+        """Takes the acknowledgement of an answer that was given on the page."""
+
+    def receive_from_page(self, payload: bytes) -> None:
+        """Take a payload of the page, as `tunnel` does, for the next `poll_page`."""
+        self._from_page.append(payload)
+
+    def poll_page(self, now: float) -> Iterator[Answer]:
+        """Return the complete answers that the page gave since, no more than a sender may give."""
+        while self._from_page:
+            payload = self._from_page.popleft()
+            if self._page_rate.take(1.0, now):
+                part = self._unpacked(payload, now)
+                answer = None if part is None else self._completed(PAGE_SENDER, Via.PAGE, part, now)
+                if answer is not None:
+                    yield answer
+
+    def discard_received(self) -> None:
+        """Discard what came from the page and was not polled."""
+        self._from_page.clear()
 
     def tunnel(self, sender: SenderId, payload: bytes, now: float) -> Answer | None:
         """Take the payload of an answer, or of one part of it; return the answer once it is complete."""
-        try:
-            part = AnswerMessage.unpack(payload)
-        except PayloadError:
-            other = bool(payload) and payload[0] != VERSION
-            self._access.rejected["version" if other else "payload"] += 1
-            if other:
-                self._text_sender.refuse(notices.other_version(), now)
+        part = self._unpacked(payload, now)
+        if part is None:
             return None
         if not self._access.permits(sender, now, self._text_sender.refuse_sender):
-            self._refuse_part(sender, part, Result.DENIED, "this sender may not answer", now)
+            denied = _of_part(part, Result.DENIED, "this sender may not answer")
+            self._push_ack(sender, denied, now)
             return None
-        answer = Answer(sender, Via.TUNNEL, part.target, part.motion, transaction=part.transaction)
-        if self._is_repeated(answer, now):  # of a long answer, one part suffices
-            return None
-        try:
-            whole = self._reassembly.add(sender, part, now)
-        except PayloadError as error:
-            self._access.rejected["parts"] += 1
-            self._refuse_part(sender, part, Result.REFUSED, str(error), now)
-            return None
-        return None if whole is None else self.admit(replace(answer, operations=whole.operations), now)
+        return self._completed(sender, Via.TUNNEL, part, now)
 
     def command(self, sender: SenderId, message: Any, now: float) -> Answer | PolicyRequest | None:
         """Take the answer command. It is always acknowledged, here when it is refused, else by the daemon."""
@@ -223,6 +191,8 @@ class AnswerService:
         match answer.via:
             case Via.TUNNEL:
                 self._push_ack(answer.sender, reply, now)
+            case Via.PAGE:
+                self.to_page(reply)
             case Via.COMMAND:
                 self._command_ack(answer.sender, _COMMAND_RESULTS[reply.result], now)
             case Via.TRACK_POINT | Via.TRACK_RECTANGLE:
@@ -236,11 +206,28 @@ class AnswerService:
                 result = mavlink.PARAM_ACK_ACCEPTED if accepted else mavlink.PARAM_ACK_FAILED
                 self._texts.acknowledge(answer, result, now)
 
-    def _refuse_part(
-        self, sender: SenderId, part: AnswerMessage, result: Result, text: str, now: float
-    ) -> None:
-        reply = Acknowledgement.without_figures(part.transaction, part.target, result, text)
-        self._push_ack(sender, reply, now)
+    def _unpacked(self, payload: bytes, now: float) -> AnswerMessage | None:
+        try:
+            return AnswerMessage.unpack(payload)
+        except PayloadError:
+            other = bool(payload) and payload[0] != VERSION
+            self._access.rejected["version" if other else "payload"] += 1
+            if other:
+                self._text_sender.refuse(notices.other_version(), now)
+            return None
+
+    def _completed(self, sender: SenderId, via: Via, part: AnswerMessage, now: float) -> Answer | None:
+        """Return the answer that this part completes, if it is new."""
+        answer = Answer(sender, via, part.target, part.motion, transaction=part.transaction)
+        if self._is_repeated(answer, now):  # of a long answer, one part suffices
+            return None
+        try:
+            whole = self._reassembly.add(sender, part, now)
+        except PayloadError as error:
+            self._access.rejected["parts"] += 1
+            self._reply(answer, _of_part(part, Result.REFUSED, str(error)), now)
+            return None
+        return None if whole is None else self.admit(replace(answer, operations=whole.operations), now)
 
     def _push_ack(self, sender: SenderId, ack: Acknowledgement, now: float) -> None:
         message = encode.tunnel(TUNNEL_ACKNOWLEDGEMENT, ack.pack(), sender)
@@ -271,6 +258,10 @@ class AnswerService:
         if entry is None or entry.word is None or not entry.accepts(value):
             return None
         return ForgetWord(entry.word) if value == entry.special else SetWord(entry.word, round(value, 6))
+
+
+def _of_part(part: AnswerMessage, result: Result, text: str) -> Acknowledgement:
+    return Acknowledgement.without_figures(part.transaction, part.target, result, text)
 
 
 def _refusal(sender: SenderId, via: Via, call_id: int) -> Answer:

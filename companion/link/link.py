@@ -47,7 +47,7 @@ class Link:
     """Acts as MAVLink component 191.
 
     Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`. parameters, text_parameters,
-    commands, modes, camera: the services that the daemon uses.
+    answers, commands, modes, camera: the services that the daemon uses.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Link:
         self.parameters = ParameterServer(self._outbox, self._text_sender, self._access, parameters)
         self.text_parameters = TextParameters(self._outbox, self._text_sender, self._access, self.parameters)
         self.answer_store = AnswerStore() if answer_store is None else answer_store
-        self._answers = AnswerService(
+        self.answers = AnswerService(
             self._outbox,
             self._text_sender,
             self._access,
@@ -95,7 +95,7 @@ class Link:
             self.answer_store,
         )
         self.commands = CommandService(self._outbox, self._text_sender, self._access, self.parameters)
-        self.camera = CameraService(self._outbox, self._text_sender, self._access, self._answers, camera)
+        self.camera = CameraService(self._outbox, self._text_sender, self._access, self.answers, camera)
         self._tracker = VehicleTracker(settings.system_id)
         served = (tree or Tree()).with_folder(PARAMETERS, ParameterFile(self.parameters.packed))
         self._files = FtpServer(self._outbox, self._access, served)
@@ -103,7 +103,7 @@ class Link:
             self._access,
             self.parameters,
             self.text_parameters,
-            self._answers,
+            self.answers,
             self.commands,
             self._files,
             self.camera,
@@ -157,7 +157,7 @@ class Link:
         Connections are read in turn, for 50 ms and at least once each, so that a flooded one does not block
         the others. An error in one message is logged and reported: no frame can end the companion.
         """
-        events: list[InboundEvent] = []
+        events: list[InboundEvent] = list(self.answers.poll_page(now))
         until = self._clock() + READING_FOR
         reads = {channel: channel.poll(now) for channel in self._channels}
         while reads:
@@ -177,6 +177,7 @@ class Link:
         """Discard what waits to be read."""
         for channel in self._channels:
             channel.discard_received(now)
+        self.answers.discard_received()
 
     def tick(self, now: float) -> None:
         """Send what is due on all connections, within pace and budgets."""
@@ -254,7 +255,7 @@ class Link:
 
     def acknowledge(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
         """Send the result of an answer to its sender, and store it for when the answer is repeated."""
-        self._answers.acknowledge(answer, ack, now)
+        self.answers.acknowledge(answer, ack, now)
 
     def request_rc_channels(self) -> None:
         """Request RC_CHANNELS from the autopilot from now on, and again whenever they stop."""

@@ -19,7 +19,11 @@ def check_page(rover: Rover) -> list[Finding]:
         return [passed(PAGE, 'off: [web] listen is ""')]
     if packages := missing():
         return [warned(PAGE, f'{", ".join(packages)} not installed: {EXTRA}, or set [web] listen = ""')]
-    whose = "whoever knows the token" if rover.config.web.token else "programs on this computer"
+    whose = (
+        "whoever knows the token, who may answer calls on it"
+        if rover.config.web.token
+        else "programs on this computer"
+    )
     return [served(rover, PAGE, rover.config.web.listen, rover.told("web"), f"to {whose}", "[web] listen")]
 
 

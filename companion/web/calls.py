@@ -3,20 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from companion.browser import wording
+from companion.browser.given import Answered
+from companion.wire.delivery import Pending
 from companion.wire.documents import (
     PICTURES,
     CallRecord,
     DocumentError,
+    GivenAnswer,
     StateFile,
     picture_path,
     record_from,
     state_from,
 )
+from companion.wire.ids import PAGE_SENDER, Result
 from companion.wire.parameters import THR_SCENE
 from companion.wire.payloads import CallData
+
+_MOST_NAMES = 24
+
+
+class OwnAnswers(NamedTuple):
+    """What was answered on the page to a call, the oldest first, and what takes it back."""
+
+    answers: Sequence[Answered] = ()
+    undone: Pending | None = None
+
+    @property
+    def too_late(self) -> bool:
+        """Whether an answer of the page came too late, and none before."""
+        acks = [one.pending.acknowledgement for one in self.answers]
+        return any(ack is not None and ack.result is Result.STALE for ack in acks) and not any(
+            one.applied for one in self.answers
+        )
+
+    @property
+    def may_undo(self) -> bool:
+        """Whether there is something to take back."""
+        return self.undone is None and any(one.taught for one in self.answers)
+
+
+_NOTHING = OwnAnswers()
 
 
 def shown_calls(
@@ -24,11 +53,14 @@ def shown_calls(
     told_at: float,
     records: Sequence[Mapping[str, Any]],
     address: Callable[[str], str],
-) -> list[dict[str, Any]]:
-    """Return the calls for the page, the open call or hold first, then the newest.
+    own: Mapping[int, OwnAnswers],
+) -> dict[str, Any]:
+    """Return the calls, the open call or hold first, then the newest; the names that were used in them; and
+    what became of the newest words that were given without a call.
 
     state: what /state.json has. told_at: monotonic seconds when it was so. records: of the newest calls, the
-    newest first. address: makes the address of a picture from its path, "" where there is none.
+    newest first. address: makes the address of a picture from its path, "" where there is none. own: by call,
+    what was answered on the page.
     """
     now, kept = state_from(state), {}
     for record in records:
@@ -40,12 +72,31 @@ def shown_calls(
     current, found = now.open_call, []
     if current is not None:
         told = wording.announced(current) | {"since": round(told_at - current.age_s, 2)}
-        found.append(told | _more(current, kept.get(current.id), now, kept, address))
-    return found + [
-        wording.recorded(record) | _more(record, record, now, kept, address)
+        found.append(told | _more(current, kept.get(current.id), now, kept, address, own))
+    found += [
+        wording.recorded(record) | _more(record, record, now, kept, address, own)
         for record in kept.values()
         if current is None or record.id != current.id
     ]
+    names: dict[str, float] = {}
+    for one in kept.values():
+        names = wording.named(one) | names
+    alone = own.get(0, _NOTHING).answers[-1:]
+    return {
+        "calls": found,
+        "names": list(names.items())[:_MOST_NAMES],
+        "alone": [answer.document() for answer in alone],
+    }
+
+
+def _stands_in(one: Answered, given: Sequence[GivenAnswer]) -> bool:
+    """Whether an answer of the page stands in the call's record already."""
+    ack = one.pending.acknowledgement
+    return (
+        ack is not None
+        and one.pending.settled
+        and any(other.sender == PAGE_SENDER and other.text == ack.text for other in given)
+    )
 
 
 def _more(
@@ -54,8 +105,10 @@ def _more(
     state: StateFile,
     known: Mapping[int, CallRecord],
     address: Callable[[str], str],
+    own: Mapping[int, OwnAnswers],
 ) -> dict[str, Any]:
     """Return pictures of a call, what was answered to it, and what was in a similar scene."""
+    here = own.get(call.id, _NOTHING)
     pictures = {size: address(picture_path(call.id, size)) for size in PICTURES}
     given = record.answers if record is not None else ()
     found = record.nearest if record is not None else None
@@ -73,6 +126,9 @@ def _more(
         "large": {},
         "given": [wording.answered(one) for one in given if one.at is None],
         "said": [{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
-        "answers": [],
+        "answers": [one.document() for one in here.answers if not _stands_in(one, given)],
+        "first": wording.first_answer(record, None) if record is not None and here.too_late else "",
+        "undo": here.may_undo,
+        "undone": here.undone.told if here.undone is not None else None,
         "nearest": nearest,
     }

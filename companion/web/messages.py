@@ -1,7 +1,8 @@
 """Defines what supervisor and web process say to each other: one datagram (SOCK_SEQPACKET) a message.
 
 To the web process: a kind (one byte), a JSON object, and for a picture a line feed and the JPEG. From it: one
-byte. The web process talks to browsers, so the supervisor believes nothing else of it.
+byte, and for an answer the payload of a TUNNEL 45003. The web process talks to browsers, so the supervisor
+believes nothing else of it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import json
 from collections.abc import Mapping
 from enum import Enum
 from typing import Any, NamedTuple
+
+from companion.wire.answers import MAX_PAYLOAD
 
 LARGEST = 192 << 10
 """Bytes of a message: as much as the kernel's default buffers take. A picture of 480 pixels needs a third."""
@@ -23,13 +26,17 @@ class Kind(Enum):
     NEWS = b"n"
     """The documents status, state and check, `told`: what the ground is told, `ahead`: of `Status.ahead`,
     and `at`: when it was so."""
+    ACKNOWLEDGEMENT = b"k"
+    """payload: of a TUNNEL 45004, in hexadecimal: the result of an answer that was given on the page."""
     PICTURE = b"p"
     """frame: its id. at: when it was captured. Each `at` is in seconds of the monotonic clock, which both
     processes share: a message may have waited for a process that was stopped."""
 
 
-ALIVE, WANTED = b"a", b"w"
-"""From the web process: it lives; somebody watches, so that a picture should be drawn."""
+ALIVE, WANTED, ANSWER = b"a", b"w", b"r"
+"""From the web process: it lives; somebody watches, so that a picture should be drawn; an answer."""
+LONGEST_SAID = len(ANSWER) + MAX_PAYLOAD
+"""Bytes of what the web process says."""
 
 
 class Message(NamedTuple):

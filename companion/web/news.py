@@ -51,8 +51,8 @@ class News:
 
     def take(self, message: Message) -> None:
         """Take what the supervisor tells. Raises ValueError for what it never tells."""
-        if message.kind is Kind.SETUP:
-            raise ValueError("a second setup")
+        if message.kind not in (Kind.NEWS, Kind.PICTURE):
+            raise ValueError("a second setup, or an acknowledgement of nothing")
         content = dict(message.content)
         at = content.pop("at", None)
         if not isinstance(at, float | int):
@@ -71,6 +71,10 @@ class News:
             if not isinstance(frame, int):
                 raise ValueError("a picture without frame")
             self.picture = Picture(frame, at, message.picture)
+        self.wake()
+
+    def wake(self) -> None:
+        """Wake whoever waits for more."""
         self._changed.set()
         self._changed = asyncio.Event()
 

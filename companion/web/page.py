@@ -18,7 +18,8 @@ from companion.system.error_guard import ErrorGuard
 from companion.system.side_process import SideChild, SideProcess
 from companion.system.watchdog import Restarts
 from companion.tasks import PAGE
-from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, Message
+from companion.web.messages import ALIVE, ANSWER, LARGEST, LONGEST_SAID, WANTED, Kind, Message
+from companion.wire.answers import Acknowledgement
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +28,8 @@ EXTRA = 'pip install "anytraverse-companion[web]"'
 _NEEDS = ("starlette", "uvicorn", "prometheus_client")
 _EVERY = 1.0
 """Seconds between two updates."""
+_SOON = 0.2
+"""The same after an acknowledgement."""
 _WANTED_EVERY = 0.8
 """Seconds between two pictures, at least. The web process asks once a second, with some jitter."""
 _BACKLOG = 64
@@ -42,7 +45,7 @@ class WebChild(SideChild):
 
     def __init__(self, listener: socket.socket, command: Sequence[str] = COMMAND) -> None:
         """Start the process, which inherits `listener`. Raises OSError."""
-        super().__init__(command, buffer=2 * LARGEST, inherits=[listener.fileno()], longest=2)
+        super().__init__(command, buffer=2 * LARGEST, inherits=[listener.fileno()], longest=LONGEST_SAID + 1)
 
 
 class Page:
@@ -68,7 +71,10 @@ class Page:
         self._process: SideProcess[WebChild] = SideProcess("page", self._start, restarts)
         self._guard = ErrorGuard(lambda _now: None)
         self._told_at = self._wanted_at = float("-inf")
-        self._wanted = self._too_large = False
+        self._wanted = self._too_large = self._acknowledged = False
+        self._may_answer = bool(config.web.token)
+        self.answer: Callable[[bytes], None] = lambda _payload: None
+        """Takes the payload of an answer that was given on the page."""
         if self._listen is None:
             self._process.trouble = "switched off by [web] listen"
         elif packages := missing():
@@ -108,6 +114,12 @@ class Page:
             self._too_large = True
             log.log(level, "the page shows no picture: %s", error)
 
+    def acknowledge(self, acknowledgement: Acknowledgement) -> None:
+        """Tell the page what became of an answer. The page asks again when it does not hear of it."""
+        content = {"payload": acknowledgement.pack().hex()}
+        self._process.send(Message(Kind.ACKNOWLEDGEMENT, content).encoded())
+        self._acknowledged = True
+
     def figures(self) -> dict[str, Any]:
         """Return where the page is, what is wrong with it, and how often it was started again."""
         return {"url": self.url, "trouble": self.trouble, "restarts": self._process.restarted}
@@ -118,17 +130,21 @@ class Page:
 
     def _poll(self, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
         self._process.poll(now, self._take)
-        if self._process.child is not None and now - self._told_at >= _EVERY:
-            self._told_at = now
+        every = _SOON if self._acknowledged else _EVERY
+        if self._process.child is not None and now - self._told_at >= every:
+            self._told_at, self._acknowledged = now, False
             self._process.send(Message(Kind.NEWS, {**news(), "at": now}).encoded())
 
     def _take(self, said: bytes, now: float) -> bool:
-        if said not in (ALIVE, WANTED):
+        answers = said.startswith(ANSWER) and len(said) <= LONGEST_SAID and self._may_answer
+        if said not in (ALIVE, WANTED) and not answers:
             return False
         if not self._process.running:
             log.info("the page is on %s", self.url)
         if said == WANTED and now - self._wanted_at >= _WANTED_EVERY:
             self._wanted_at, self._wanted = now, True
+        if answers:
+            self.answer(said[len(ANSWER) :])
         return True
 
     def _start(self) -> WebChild:

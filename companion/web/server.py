@@ -26,10 +26,12 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from companion.browser.access import Gate
-from companion.browser.site import EventStreams, Server, as_json, event, static_routes
+from companion.browser.requests import MOST_POSTED
+from companion.browser.site import EventStreams, Server, as_json, event, posted, static_routes
+from companion.web.answering import Answering
 from companion.web.calls import shown_calls
 from companion.web.files import StateFolder
-from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, decode
+from companion.web.messages import ALIVE, ANSWER, LARGEST, WANTED, Kind, decode
 from companion.web.metrics import Metrics
 from companion.web.news import SILENT, News
 
@@ -51,8 +53,10 @@ _T = TypeVar("_T")
 class Site:
     """Answers requests from the news and the state folder."""
 
-    def __init__(self, news: News, folder: StateFolder) -> None:
+    def __init__(self, news: News, folder: StateFolder, answering: Answering | None = None) -> None:
+        """answering: None where the page only shows."""
         self._news = news
+        self._answering = answering
         self._folder = folder
         self._metrics = Metrics(news)
         self._disk = ThreadPoolExecutor(2, "disk")
@@ -74,13 +78,17 @@ class Site:
             *(Route(f"/{name}.json", self._document(name)) for name in ("status", "state", "check")),
             *static_routes(_STATIC),
         ]
+        if self._answering is not None:
+            routes.append(Route("/answer", posted(self._answering.answer), methods=["POST"]))
+            routes.append(Route("/undo", posted(self._answering.undo), methods=["POST"]))
         return Starlette(routes=routes)
 
     async def _events(self, request: Request) -> Response:
         return self.streams.answer(request, self._told)
 
     async def _told(self) -> AsyncIterator[bytes]:
-        told_at, frame, plotted = None, None, float("-inf")
+        told_at, frame, plotted, answered = None, None, float("-inf"), 0
+        answering = self._answering
         while True:
             news = self._news
             if news.told_at != told_at:
@@ -88,7 +96,10 @@ class Site:
                 if points := [one for one in news.points if one[0] > plotted]:
                     plotted = points[-1][0]
                     yield event("points", {"points": points})
-                yield event("news", news.event())
+                yield event("news", {**news.event(), "answers": answering is not None})
+            if answering is not None and answering.revision != answered:
+                answered = answering.revision
+                yield event("answered", {})
             picture = news.shown_picture()
             if picture is not None and picture.frame != frame:
                 frame = picture.frame
@@ -124,8 +135,10 @@ class Site:
 
     async def _shown_calls(self, _: Request) -> Response:
         state, told_at = self._news.told.get("state", {}), self._news.told_at
-        folder = self._folder
-        return await self._read(lambda: shown_calls(state, told_at, folder.calls(), folder.address), as_json)
+        folder, own = self._folder, self._answering.by_call() if self._answering is not None else {}
+        return await self._read(
+            lambda: shown_calls(state, told_at, folder.calls(), folder.address, own), as_json
+        )
 
     async def _log(self, _: Request) -> Response:
         return await self._read(self._folder.log, PlainTextResponse)
@@ -187,15 +200,20 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
         raise ValueError("the first message is no setup")
     channel.settimeout(0)
     news = News()
-    site = Site(news, StateFolder(setup["folder"]))
-    asyncio.get_running_loop().add_reader(channel, _listen, channel, news)
-    server = Server(Gate(site.app(), token=setup["token"], own_address=setup["own_address"]))
-    beating = asyncio.create_task(_beat(channel, server, site))
+    answering = None
+    if setup["token"]:
+        answering = Answering(news, lambda payload: _send(channel, ANSWER + payload))
+    site = Site(news, StateFolder(setup["folder"]), answering)
+    asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
+    most_posted = MOST_POSTED if answering is not None else 0
+    gate = Gate(site.app(), token=setup["token"], own_address=setup["own_address"], most_posted=most_posted)
+    server = Server(gate)
+    beating = asyncio.create_task(_beat(channel, server, site, answering))
     await server.serve(sockets=[listener])
     beating.cancel()
 
 
-def _listen(channel: socket.socket, news: News) -> None:
+def _listen(channel: socket.socket, news: News, answering: Answering | None) -> None:
     """Take a message of the supervisor. Ends the process when the supervisor is gone."""
     try:
         packed = channel.recv(LARGEST)
@@ -206,15 +224,27 @@ def _listen(channel: socket.socket, news: News) -> None:
     if not packed:
         os._exit(0)
     try:
-        news.take(decode(packed))
+        message = decode(packed)
+        if message.kind is Kind.ACKNOWLEDGEMENT and answering is not None:
+            answering.acknowledge(bytes.fromhex(str(message.content.get("payload"))))
+            news.wake()
+        else:
+            news.take(message)
     except ValueError as error:
         log.error("a message of the supervisor is not understood: %s", error)
 
 
-async def _beat(channel: socket.socket, server: Server, site: Site) -> None:
-    """Tell the supervisor once a second that this process lives, and whether somebody watches."""
+def _send(channel: socket.socket, said: bytes) -> None:
+    """Tell the supervisor something. It is dropped when too many messages wait."""
+    with contextlib.suppress(BlockingIOError):
+        channel.send(said)
+
+
+async def _beat(channel: socket.socket, server: Server, site: Site, answering: Answering | None) -> None:
+    """Tell the supervisor once a second that this process lives, whether somebody watches, what is due."""
     while True:
         if server.started:
-            with contextlib.suppress(BlockingIOError):
-                channel.send(WANTED if site.streams.open else ALIVE)
+            _send(channel, WANTED if site.streams.open else ALIVE)
+            if answering is not None:
+                answering.deliver()
         await asyncio.sleep(_BEAT if server.started else 0.05)

@@ -12,7 +12,7 @@ from companion.browser import wording as browser_wording
 from companion.browser.given import Answered, undoing
 from companion.wire.answers import Operation
 from companion.wire.delivery import Pending
-from companion.wire.documents import CallRecord, GivenAnswer
+from companion.wire.documents import CallRecord
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage
 from companion.wire.packing import clean
 from companion.wire.texts import name
@@ -27,7 +27,6 @@ MOST_SAID = 12
 _ABOUT = re.compile(r"[CH](\d{1,5}) ", re.ASCII)
 _ASKS = ("go/stay/word", "go?")
 _DRIVES = frozenset({"AUTO", "GUIDED", "AUTO.MISSION", "OFFBOARD"})
-_APPLIED = frozenset({"applied", "applied_not_remembered", "not_covered"})
 _CLOSED_BY_ANSWER = (Outcome.ANSWERED, Outcome.ACCEPTED)
 
 
@@ -51,11 +50,9 @@ class Story:
     closed_at: float | None = None
     driven_on: bool = False
 
-    @property
-    def first_given(self) -> GivenAnswer | None:
-        """The first answer of its record that changed something, None without one."""
-        given = self.record.answers if self.record is not None else ()
-        return next((one for one in given if one.result in _APPLIED), None)
+    def first_answer(self, own: tuple[int, int] | None) -> str:
+        """Say by its record who answered first, "" where that is not known. own: this console's ids."""
+        return browser_wording.first_answer(self.record, own) if self.record is not None else ""
 
     def keep(self, size: str, content: bytes) -> None:
         """Keep a picture, if it is one."""
@@ -198,13 +195,11 @@ class Stories:
             return shown | _recorded(story)
         data = call.data
         others = self.others_were_first(call)
-        first = story.first_given
         return shown | browser_wording.announced(data) | {
             "since": round(now - call.age(now), 2),
             "place": None if data.latitude is None else [data.latitude, data.longitude, data.heading],
             "outcome": "" if call.open else wording.outcome(data.outcome, test=data.test),
-            "first": "" if not others else browser_wording.first_answer(first, ids) if first is not None
-            else "Another operator answered first.",
+            "first": (others and (story.first_answer(ids) or "Another operator answered first.")) or "",
         }  # fmt: skip
 
 

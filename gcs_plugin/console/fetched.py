@@ -128,7 +128,7 @@ class Fetched:
             failed = not call.data.picture or picture_path(story.id, "small") in self.files.problems
             wanted = call.open and call.data.kind is Kind.CALL and not call.data.test and (pictured or failed)
             return wanted or self._stories.others_were_first(call)
-        if story.first_given is None and self._stories.others_were_first(call):
+        if not story.first_answer(None) and self._stories.others_were_first(call):
             return True
         return call.open and pictured and not story.record.picture
 

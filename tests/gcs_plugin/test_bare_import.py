@@ -54,7 +54,9 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
     allowed = {
         "companion",
         "companion.browser",
+        "companion.browser.given",
         "companion.browser.listen",
+        "companion.browser.requests",
         "companion.browser.wording",
         "companion.system",
         "companion.system.atomic_write",

@@ -5,18 +5,19 @@ import { PATIENCE, Stream } from "./stream.js";
 const FILES_EVERY = 5000; // ms
 
 export class Feed {
-  // take: called with ("news" | "points" | "picture" | "calls" | "log" | "connection", content, late). late: seconds that
+  // take: called with ("news" | "points" | "picture" | "answered" | "calls" | "log" | "connection", content, late). late: seconds that
   // an event waited on its way.
   constructor(take) {
     this.take = take;
     this.reading = false;
-    this.stream = new Stream(["news", "points", "picture"], take, whyNot);
+    this.stream = new Stream(["news", "points", "picture", "answered"], take, whyNot);
     document.addEventListener("visibilitychange", () => this.readFiles());
     setInterval(() => this.readFiles(), FILES_EVERY);
     this.readFiles();
   }
 
   async readFiles() {
+    this.again = this.reading; // what is being read may be older than what this was called for
     if (document.hidden || this.reading) return;
     this.reading = true;
     try {
@@ -26,6 +27,7 @@ export class Feed {
       // The state at the top says that there is no connection.
     } finally {
       this.reading = false;
+      if (this.again) this.readFiles();
     }
   }
 }

@@ -3,14 +3,18 @@
 import { showFacts, showText } from "./elements.js";
 import { Feed } from "./feed.js";
 import * as model from "./model.js";
+import { listenToKeys } from "./keys.js";
 import { joined } from "./plots.js";
+import { poster } from "./sending.js";
 import * as views from "./views.js";
 
+const send = poster("the rover does not answer. See what it says at the top.");
+const opened = (content) => [content?.state?.open?.id, content?.state?.open?.stage, content?.state?.open?.holding];
 const now = () => performance.now() / 1000;
 const picture = document.getElementById("picture");
 let news = null;
 let connection = "";
-let calls = [];
+let told = { calls: [], names: [], alone: [] }; // of /shown-calls.json
 let points = [];
 let offset = 0; // this clock less the rover's
 let seen = null; // the picture that is shown: {frame, age, receivedAt}
@@ -49,8 +53,10 @@ function tick() {
   views.showState(state);
   views.showPictureNote(model.pictureNote(seen, now(), state.stale));
   const time = now() - offset;
-  if (news) views.showAhead(news, points, time);
-  views.showCalls(calls, time);
+  if (!news) return;
+  views.showAhead(news, points, time);
+  views.showCalls({ calls: told.calls, names: told.names, words: model.words(news) }, time);
+  views.showAlone(told.alone);
 }
 
 const feed = new Feed((kind, content, late) => {
@@ -62,15 +68,15 @@ const feed = new Feed((kind, content, late) => {
       points = joined(points.filter(([at]) => at < content.points[0][0]), content.points);
       break;
     case "news":
-      if (news?.status?.current_id !== content.status?.current_id) feed.readFiles();
+      if (!news) views.begin(content.answers ? send : null);
+      if (JSON.stringify(opened(news)) !== JSON.stringify(opened(content))) feed.readFiles();
       news = { ...content, receivedAt: now() - late };
       offset = news.receivedAt - content.clock;
       showFacts("now", model.facts(news));
       showFacts("computer", model.computer(news));
       views.showPlace(news);
-      views.showWords(model.words(news));
       views.showChecks(model.checks(news));
-      showText("about", `AnyTraverse companion ${news.status?.version ?? ""}. This page only shows: answer calls from a ground station.`);
+      showText("about", `AnyTraverse companion ${news.status?.version ?? ""}. ${news.answers ? "Calls can be answered here." : "This page only shows: answer calls from a ground station, or set [web] token."}`);
       break;
     case "picture": {
       const announced = { ...content, receivedAt: now() - late };
@@ -78,13 +84,17 @@ const feed = new Feed((kind, content, late) => {
       else load(announced);
       break;
     }
+    case "answered":
+      feed.readFiles();
+      break;
     case "calls":
-      calls = content;
+      told = content;
       break;
     case "log":
       views.showLog(model.logLines(content));
   }
   tick();
 });
+listenToKeys(views.firstCard, document.getElementById("keys"));
 setInterval(tick, 250);
 document.addEventListener("visibilitychange", tick);

@@ -84,7 +84,8 @@ export function computer({ status = {}, check = {} }) {
 export function words({ state = {} }) {
   const { words: used = {}, vocabulary = [] } = state;
   const shown = Object.entries(used).sort(([, a], [, b]) => b - a);
-  return [...shown, ...vocabulary.filter((word) => !(word in used)).map((word) => [word, null])].map(([word, weight]) => ({ word, weight }));
+  return [...shown, ...vocabulary.filter((word) => !(word in used)).map((word) => [word, null])]
+    .map(([word, weight]) => ({ word, weight, fixed: vocabulary.includes(word) }));
 }
 
 export function checks({ check = {} }) {

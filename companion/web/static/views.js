@@ -1,10 +1,14 @@
 // Puts what `model.js` made into the page. No network, and no decision: what is given is what is shown.
 
+import { AnswerCard } from "./answer_card.js";
 import { CallView, legend } from "./call_view.js";
-import { arrange, changed, element, showText } from "./elements.js";
+import { Cards } from "./cards.js";
+import { changed, element, showText } from "./elements.js";
 import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
+import { say } from "./sending.js";
 import { Words } from "./words.js";
+import { clock } from "./wording.js";
 
 export function showState(state) {
   changed("state", { ...state, since: "" }, (part) => {
@@ -22,15 +26,26 @@ export function showPictureNote({ text, fresh }) {
   changed("view", fresh, (part) => part.classList.toggle("stale", !fresh));
 }
 
-const known = new KnownPlace("h3");
 const fan = new Fan();
 const drivable = new TimePlot("Drivable", { above: false, at: 1 });
 const unexplained = new TimePlot("Unexplained", { above: true, at: 2 });
-const words = new Words("");
-document.getElementById("views").append(known.part);
 document.querySelector("#view figcaption").append(legend("look here"));
 document.getElementById("ahead").append(fan.part, drivable.part, unexplained.part);
-document.getElementById("words").append(words.part);
+const [open, past] = ["open", "past"].map((id) => document.getElementById(id));
+const pastTitle = past.firstElementChild;
+let known = null, words = null, cards = null; // until it is known whether the page may answer
+
+// send: posts an answer; null where the page only shows.
+export function begin(send) {
+  known = new KnownPlace("h3", send && ((call) => send("answer", { motion: "none", changes: [{ other_place: call }] })));
+  words = new Words("", send, () => cards.byKey.forEach((card) => card.refresh()));
+  cards = new Cards(() => (send ? new AnswerCard("", send, say, words.staged, "h2") : new CallView()));
+  document.getElementById("views").append(known.part);
+  document.getElementById("words").append(words.part);
+  document.getElementById("keys-shown").hidden = !send;
+}
+
+export const firstCard = () => cards && [...cards.byKey.values()].find((card) => card.data?.open);
 
 // points, time: of the rover's clock.
 export function showAhead({ ahead, state }, points, time) {
@@ -44,23 +59,16 @@ export function showPlace({ state }) {
   known.show(state?.known_place);
 }
 
-export function showWords(shown) {
-  words.show({ words: shown, words_known: true, calls: [] });
+// rover: {words, calls, names}, as cards and sliders want it.
+export function showCalls(rover, time) {
+  words.show({ ...rover, words_known: true });
+  past.hidden = !cards.show(rover.calls, { front: open, past, before: [pastTitle] }, (card, call) => card.show(call, rover, time));
 }
 
-const cards = new Map();
-
-export function showCalls(calls, time) {
-  const keys = new Set(calls.map((call) => call.key));
-  for (const [key, card] of cards) if (!keys.has(key)) card.part.remove(), cards.delete(key);
-  for (const call of calls) {
-    if (!cards.has(call.key)) cards.set(call.key, new CallView());
-    cards.get(call.key).show(call, time);
-  }
-  const parts = (open) => calls.filter((call) => call.open === open).map((call) => cards.get(call.key).part);
-  arrange(document.getElementById("open"), parts(true));
-  arrange(document.getElementById("past"), parts(false), 1);
-  document.getElementById("past").hidden = !parts(false).length;
+// What became of the newest words that were given without a call.
+export function showAlone(answers) {
+  changed("alone", answers, (list) => list.replaceChildren(...answers.map(({ at, said, text, tone }) =>
+    element("li", { tone }, element("time", {}, clock(at)), element("b", {}, ` You: ${said}`), ` ${text}`))));
 }
 
 export function showChecks({ summary, rows }) {

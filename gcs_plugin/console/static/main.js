@@ -3,9 +3,11 @@
 import { arrange, element, showText } from "./elements.js";
 import { Stream } from "./stream.js";
 import { Alarm } from "./alarm.js";
+import { listenToKeys } from "./keys.js";
 import * as model from "./model.js";
 import { joined } from "./plots.js";
 import { RoverView } from "./rover.js";
+import { poster, say } from "./sending.js";
 
 const now = () => performance.now() / 1000;
 const rovers = new Map(); // system -> RoverView
@@ -17,29 +19,7 @@ let news = null;
 let connection = "";
 let offset = 0; // this clock less the console's
 
-async function send(kind, content) {
-  try {
-    const answer = await fetch(`/${kind}`, {
-      method: "POST",
-      headers: { "Content-Type": "application/json" },
-      body: JSON.stringify(content),
-      signal: AbortSignal.timeout(5000),
-    });
-    const told = await answer.json();
-    if (!answer.ok) say(told.problem);
-    return answer.ok ? "" : told.problem;
-  } catch {
-    const problem = "Nothing was sent: the console does not answer. Is it still running?";
-    say(problem);
-    return problem;
-  }
-}
-
-// Read aloud by a screen reader.
-function say(text) {
-  const part = document.getElementById("say");
-  part.replaceChildren(part.textContent === text ? `${text}\u00a0` : text);
-}
+const send = poster("the console does not answer. Is it still running?");
 
 function view(system) {
   if (!rovers.has(system)) {
@@ -108,17 +88,9 @@ async function whyNot() {
   }
 }
 
-document.addEventListener("keydown", (event) => {
-  const first = news?.rovers.flatMap((one) => one.calls.filter((call) => call.open).map((call) => [one.system, call]))[0];
-  if (!first || event.ctrlKey || event.altKey || event.metaKey) return;
-  const card = view(first[0]).card(first[1].key);
-  if (!card) return;
-  if (event.key === "Escape") card.clear();
-  if (!document.getElementById("keys").checked || event.target.closest("input:not([type=checkbox]), select, textarea")) return;
-  const act = { g: () => card.send("go"), s: () => card.send("stay"), l: () => card.send("look"), n: () => card.name(), t: () => card.aim() }[event.key];
-  if (!act) return;
-  event.preventDefault();
-  act();
-});
+listenToKeys(() => {
+  const first = news?.rovers.flatMap((one) => one.calls.filter((call) => call.open).map((call) => [one.system, call.key]))[0];
+  return first && view(first[0]).card(first[1]);
+}, document.getElementById("keys"));
 
 setInterval(show, 500);

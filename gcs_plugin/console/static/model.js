@@ -1,6 +1,6 @@
 // Turns what the console tells into what a person reads. Pure: no page, no network, no clock.
 
-import { POLICIES, STATES, capital, duration, percent, signed } from "./wording.js";
+import { POLICIES, STATES, capital, duration, percent } from "./wording.js";
 
 const MOST_ENTRIES = 300;
 const OLD = 3; // seconds after which what was heard is old
@@ -85,17 +85,6 @@ export function fresh(rovers) {
 }
 
 export const aloud = (rover, call, several) => `${several ? `Rover ${rover.system} calls. ` : ""}${call.name}. ${call.reason} ${call.stands} ${call.todo}`;
-
-// What stands on the button that sends: motion with what was named.
-export function labels(changes) {
-  const named = changes.map(({ word, weight }) => `${word} ${signed(weight)}`).join(", ");
-  return named
-    ? { go: `${capital(named)}, and go`, stay: `${capital(named)}, and stay`, none: `${capital(named)}, nothing else` }
-    : { go: "Go", stay: "Stay", none: "" };
-}
-
-// Whether words said elsewhere may be said here with one click: a thing is not named as ground that is driven on.
-export const fitting = (words, box) => words.length > 0 && words.every(([, weight]) => (box ? weight <= 0 : weight > 0));
 
 function bytes(count) {
   return count < 10_000 ? `${count} B` : count < 10_000_000 ? `${Math.round(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`;

@@ -1,8 +1,9 @@
 // One rover: its state, the call that is open, what is ahead, words, link, faults, earlier calls, timeline.
 
-import { arrange, changed, element, showFacts, showText } from "./elements.js";
+import { changed, element, showFacts, showText } from "./elements.js";
 import * as model from "./model.js";
-import { CallCard } from "./call.js";
+import { Cards } from "./cards.js";
+import { ConsoleCard } from "./console_card.js";
 import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
 import { Track } from "./track.js";
@@ -14,7 +15,7 @@ const POLICIES = ["report", "shadow", "hold", "off"];
 export class RoverView {
   constructor(system, send, say) {
     Object.assign(this, { system, send, say });
-    this.cards = new Map();
+    this.cards = new Cards(() => new ConsoleCard(system, send, say, this.words.staged, () => this.showChosen()));
     this.name = element("h2", { id: `rover${system}` });
     this.title = element("strong");
     this.text = element("span");
@@ -25,7 +26,7 @@ export class RoverView {
     this.fan = new Fan();
     this.words = new Words(system, send, () => this.refreshCards());
     this.place = new KnownPlace("h4", (call) => send("answer", { rover: system, motion: "none", changes: [{ other_place: call }] }));
-    this.track = new Track((key) => this.cards.get(key)?.look());
+    this.track = new Track((key) => this.cards.byKey.get(key)?.look());
     this.policy = element("div", { className: "policies", role: "group", "aria-label": "Policy" });
     this.policyText = element("p", { className: "faint" });
     this.facts = element("dl", { className: "facts" });
@@ -74,30 +75,9 @@ export class RoverView {
   }
 
   showCalls(rover, time) {
-    const wanted = new Map(rover.calls.map((call) => [call.key, call]));
-    for (const [key, card] of this.cards) {
-      if (wanted.has(key)) continue;
-      card.part.remove();
-      this.cards.delete(key);
-    }
-    const inFront = [], behind = [];
-    const latest = rover.calls.find((call) => !call.open);
-    for (const call of rover.calls) {
-      if (!this.cards.has(call.key)) {
-        const card = new CallCard(rover.system, this.send, this.say, this.words.staged, performance.now() / 1000, () => this.showChosen());
-        card.replaces = [...this.cards.values()].some((other) => other.data?.open || performance.now() / 1000 - (other.closedAt ?? -Infinity) < 5);
-        this.cards.set(call.key, card);
-      }
-      const card = this.cards.get(call.key);
-      if (card.data?.open && !call.open) card.closedAt = performance.now() / 1000;
-      card.show(call, rover, time);
-      // A call stays in front until another is there, so that what became of it is seen.
-      const front = call.open || (call === latest && !rover.calls.some((one) => one.open) && (card.closedAt ?? -Infinity) > performance.now() / 1000 - 60);
-      (front ? inFront : behind).push(card.part);
-    }
-    arrange(this.open, inFront);
-    arrange(this.past, [this.pastTitle, ...behind, this.saveAll, this.more]);
-    this.past.hidden = !behind.length && rover.earlier === "known" && this.cards.size < 2;
+    const behind = this.cards.show(rover.calls, { front: this.open, past: this.past, before: [this.pastTitle], after: [this.saveAll, this.more] },
+      (card, call) => card.show(call, rover, time));
+    this.past.hidden = !behind && rover.earlier === "known" && this.cards.byKey.size < 2;
     this.showChosen();
     this.more.hidden = rover.earlier === "known";
     this.more.disabled = rover.earlier === "coming";
@@ -106,8 +86,8 @@ export class RoverView {
 
   // The report is of the calls that are chosen, or of all.
   showChosen() {
-    const chosen = [...this.cards.values()].filter((card) => card.chosen.checked).map((card) => card.data.id);
-    this.saveAll.hidden = this.cards.size < 2;
+    const chosen = [...this.cards.byKey.values()].filter((card) => card.chosen.checked).map((card) => card.data.id);
+    this.saveAll.hidden = this.cards.byKey.size < 2;
     this.saveAll.href = `/export/${this.system}/${chosen.join(",") || "all"}.zip`;
     showText(this.saveAll, chosen.length ? `Save ${chosen.length === 1 ? "the call chosen" : `the ${chosen.length} calls chosen`} as one report` : "Save all calls as one report");
   }
@@ -120,10 +100,10 @@ export class RoverView {
   }
 
   card(key) {
-    return this.cards.get(key);
+    return this.cards.byKey.get(key);
   }
 
   refreshCards() {
-    for (const card of this.cards.values()) card.refresh();
+    for (const card of this.cards.byKey.values()) card.refresh();
   }
 }

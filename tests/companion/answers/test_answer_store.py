@@ -9,15 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.answers.answer import Answer, Via
+from companion.answers.answer import PAYLOADS, Answer, Via
 from companion.answers.store import IN_ALL, MAX_TEXTS, OF_A_SENDER, UNDECIDED_FOR, AnswerStore, KnownAnswer
 from companion.wire.answers import Acknowledgement, SetWord, TapBox
-from companion.wire.ids import CHANGING_RESULTS, Motion, Result
+from companion.wire.ids import CHANGING_RESULTS, PAGE_SENDER, Motion, Result
 
 GROUND, OTHER = (255, 190), (254, 1)
 BOX = (0.4, 0.5, 0.6, 0.7)
 ANSWERS = {
     Via.TUNNEL: Answer(GROUND, Via.TUNNEL, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9),
+    Via.PAGE: Answer(PAGE_SENDER, Via.PAGE, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9),
     Via.COMMAND: Answer(GROUND, Via.COMMAND, 7, Motion.GO, confirmation=1),
     **{
         via: Answer(GROUND, via, 7, Motion.NONE, (TapBox(3, BOX, "obstacle", -1.0),), confirmation=1)
@@ -61,13 +62,14 @@ def test_a_busy_answer_is_forgotten(via: Via) -> None:
 
 
 @pytest.mark.parametrize(
-    ("via", "lasts"), [(Via.TUNNEL, 1e6), (Via.COMMAND, 5.0), (Via.AT_ANSWER, 5.0), (Via.TEXT, None)]
+    ("via", "lasts"),
+    [(Via.TUNNEL, 1e6), (Via.PAGE, 1e6), (Via.COMMAND, 5.0), (Via.AT_ANSWER, 5.0), (Via.TEXT, None)],
 )
 def test_a_decided_answer_is_known_for_as_long_as_its_message_needs(via: Via, lasts: float | None) -> None:
     store, answer = decided(via=via)
     if lasts is not None:
         assert store.find(answer, 1.0 + lasts) == KnownAnswer(1.0, reply(answer))
-    assert store.find(answer, 1.0 + (lasts or 0.0) + 0.1) is None or via is Via.TUNNEL
+    assert store.find(answer, 1.0 + (lasts or 0.0) + 0.1) is None or via in PAYLOADS
 
 
 def test_a_command_without_a_confirmation_count_is_new_once_the_last_is_decided() -> None:
@@ -140,9 +142,9 @@ def test_only_what_changed_something_by_a_transaction_is_known_after_a_restart(
     store, answer = decided(result, via)
     store.save(answer, reply(answer, result))
     after = AnswerStore(store.saved())
-    saved = via is Via.TUNNEL and result in CHANGING_RESULTS
+    saved = via in PAYLOADS and result in CHANGING_RESULTS
     assert after.before_restart(answer) == (reply(answer, result) if saved else None)
-    assert after.saved() == ([[255, 190, 9, 7, result, result.name]] if saved else [])
+    assert after.saved() == ([[*answer.sender, 9, 7, result, result.name]] if saved else [])
     assert after.find(answer, 0.0) is None, "it is completed with the figures of now"
     assert after.before_restart(replace(answer, sender=OTHER)) is None
 

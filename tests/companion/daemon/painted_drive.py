@@ -16,6 +16,7 @@ loop = true
 name = "painted"
 [web]
 listen = "{listen}"
+token = "{token}"
 [vehicle]
 file = ""
 [link]
@@ -28,16 +29,16 @@ grass = 1.0
 """
 
 
-def to_a_drum(folder: Path, port: int, link: str = "", listen: str = "") -> Path:
+def to_a_drum(folder: Path, port: int, link: str = "", listen: str = "", token: str = "") -> Path:
     """Writes a frame of grass and 29 of a drum without a word; returns the configuration.
 
-    port: of the ground on 127.0.0.1. link: more lines of [link]. listen: of [web].
+    port: of the ground on 127.0.0.1. link: more lines of [link]. listen, token: of [web].
     """
     frames = folder / "frames"
     frames.mkdir()
     for number in range(30):
         cv2.imwrite(str(frames / f"{number}.png"), picture("drum" if number else "")[..., ::-1])
     config = folder / "companion.toml"
-    values = {"frames": frames, "port": port, "link": link, "state": folder / "state", "listen": listen}
-    config.write_text(CONFIG.format(**values))
+    values = {"frames": frames, "port": port, "link": link, "state": folder / "state"}
+    config.write_text(CONFIG.format(**values, listen=listen, token=token))
     return config

@@ -21,6 +21,7 @@ from companion.wire.answers import (
     TapBox,
 )
 from companion.wire.ids import (
+    PAGE_SENDER,
     TUNNEL_ACKNOWLEDGEMENT,
     TUNNEL_ANSWER,
     TUNNEL_SUMMARY,
@@ -217,7 +218,7 @@ def test_more_than_four_parts_are_refused(stage: LoopbackLink) -> None:
 def test_halves_of_many_answers_take_bounded_memory(stage: LoopbackLink) -> None:
     for number in range(1, 50):
         heard(stage, tunnel(AnswerMessage(number, 7, Motion.NONE, (), 0, 2).pack()))
-    assert len(stage.link._answers._reassembly._open) <= 8
+    assert len(stage.link.answers._reassembly._open) <= 8
 
 
 def test_a_sender_that_may_not_is_denied_counted_and_told(stage: LoopbackLink) -> None:
@@ -416,3 +417,61 @@ def test_a_policy_from_a_sender_that_may_not_is_denied(stage: LoopbackLink) -> N
     stage.run(0.2)
     assert stage.reported(PolicyRequest) == []
     assert results(stage) == [(31010, 2)]
+
+
+def from_page(stage: LoopbackLink, *payloads: bytes) -> list[Answer]:
+    """What the link reports when the rover's own page hands these payloads over."""
+    before = len(stage.reported(Answer))
+    for payload in payloads:
+        stage.link.answers.receive_from_page(payload)
+    stage.run(0.3)
+    return stage.reported(Answer)[before:]
+
+
+def test_an_answer_of_the_page_is_reported_once_and_acknowledged_to_the_page_alone(
+    stage: LoopbackLink,
+) -> None:
+    told: list[Acknowledgement] = []
+    stage.link.answers.to_page = told.append
+    (request,) = from_page(stage, GO.pack(), GO.pack())
+    assert request == Answer(PAGE_SENDER, Via.PAGE, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9)
+    stage.link.acknowledge(request, ACK, stage.now)
+    assert from_page(stage, GO.pack()) == []
+    assert told == [ACK, ACK]
+    assert acknowledgements(stage) == []
+    assert stage.sent("STATUSTEXT") == []
+
+
+def test_the_page_and_a_ground_station_with_its_ids_are_two_senders(stage: LoopbackLink) -> None:
+    told: list[Acknowledgement] = []
+    stage.link.answers.to_page = told.append
+    assert heard(stage, tunnel(GO.pack()), sender=PAGE_SENDER) == [], "0 is no id that may answer"
+    assert len(from_page(stage, GO.pack())) == 1
+    assert told == []
+
+
+def test_a_long_answer_of_the_page_comes_in_parts_that_must_belong_together(stage: LoopbackLink) -> None:
+    told: list[Acknowledgement] = []
+    stage.link.answers.to_page = told.append
+    halves = [AnswerMessage(5, 7, Motion.NONE, (SetWord(w, 1.0),), n, 2) for n, w in enumerate("ab")]
+    (whole,) = from_page(stage, *(half.pack() for half in halves))
+    assert whole.operations == (SetWord("a", 1.0), SetWord("b", 1.0))
+    other = replace(halves[1], transaction=6, target=8)
+    assert from_page(stage, replace(halves[0], transaction=6).pack(), other.pack(), b"", b"\xff" * 129) == []
+    assert [(ack.result, ack.text) for ack in told] == [(Result.REFUSED, "the parts do not belong together")]
+
+
+def test_a_flood_from_the_page_is_as_bounded_as_one_of_a_sender(stage: LoopbackLink) -> None:
+    taken = 0
+    for number in range(1, 1001):
+        payload = replace(GO, transaction=number).pack()
+        stage.link.answers.receive_from_page(payload)
+        if number % 50 == 0:
+            taken += len(from_page(stage))
+    assert 60 <= taken <= 60 + 20 * 0.3 * 21
+
+
+def test_what_the_page_gave_before_a_stall_is_discarded(stage: LoopbackLink) -> None:
+    stage.link.answers.receive_from_page(GO.pack())
+    stage.link.discard_received(stage.now)
+    assert from_page(stage) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import socket
 import time
 from collections.abc import Callable, Mapping
@@ -18,6 +19,7 @@ from companion.web.page import Page
 
 PATIENCE = 20.0
 LIMITS = Restarts(silent_for=2.5, loading=20.0, first=0.2, longest=0.4)
+TOKEN = "0123456789abcdef-TOKEN"
 JPEG = b"\xff\xd8 a picture \xff\xd9"
 
 
@@ -81,10 +83,23 @@ class Stage:
         host, _, port = self.page.url.removeprefix("http://").strip("/").rpartition(":")
         return host, int(port)
 
-    def get(self, path: str, method: str = "GET", headers: Mapping[str, str] | None = None) -> Answer:
+    def post(self, path: str, content: Any, headers: Mapping[str, str] | None = None) -> Answer:
+        """Post JSON as the page does that has the token."""
+        host, port = self.address
+        own = {"authorization": f"Bearer {TOKEN}", "origin": f"http://{host}:{port}"}
+        own |= {"content-type": "application/json", **(headers or {})}
+        return self.get(path, "POST", own, json.dumps(content).encode())
+
+    def get(
+        self,
+        path: str,
+        method: str = "GET",
+        headers: Mapping[str, str] | None = None,
+        body: bytes | None = None,
+    ) -> Answer:
         connection = http.client.HTTPConnection(*self.address, timeout=5.0)
         try:
-            connection.request(method, path, headers=dict(headers or {}))
+            connection.request(method, path, body, headers=dict(headers or {}))
             response = connection.getresponse()
             return Answer(response.status, {k.lower(): v for k, v in response.getheaders()}, response.read())
         except OSError:

@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from companion.web.page import missing
+from companion.wire.answers import Acknowledgement, AnswerMessage, TapBox
+from companion.wire.ids import Motion, Result
 from tests.companion.web import played
 from tests.companion.web.played import Stage
 
@@ -77,7 +79,9 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
         "all => all.map(one => one.src.split('/').pop())"
     )
     assert [one.partition("?")[0] for one in sources] == ["7-raw.jpg", "7-raw.jpg", "7-large.jpg"]
-    assert tab.locator("button, form, input:enabled:not([type=range])").count() == 0, "it only shows"
+    assert tab.locator("button:visible, form, input:visible:enabled:not([type=range])").count() == 0, (
+        "it only shows"
+    )
 
     deadline = time.monotonic() + 6.0
     while title.inner_text() != "NO NEWS":  # nothing is told meanwhile
@@ -130,3 +134,57 @@ def test_the_place_that_matched_is_shown_beside_the_newest_picture_while_it_is_i
     assert not picture.is_visible()
     stage.news["state"]["known_place"] = None
     stage.until(lambda: not place.is_visible())
+
+
+def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jpeg = cv2.imencode(".jpg", np.full((240, 320, 3), 120, np.uint8))[1].tobytes()
+    monkeypatch.setattr(played, "JPEG", jpeg)
+    calls = tmp_path / "calls"
+    calls.mkdir()
+    for ending in ("", "-raw", "-large"):
+        (calls / f"7{ending}.jpg").write_bytes(jpeg)
+    (calls / "7.json").write_text(json.dumps({"id": 7, "reasons": ["unknown_object"], "answers": []}))
+    stage, given, errors = Stage(tmp_path, token=played.TOKEN), list[bytes](), list[str]()
+    stage.page.answer = given.append
+    opened: dict[str, Any] = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3}
+    opened["worst_tile_box"] = [0.4, 0.5, 0.6, 0.8]
+    stage.news["state"] |= {"open": opened, "reasons": ["unknown_object"], "vocabulary": ["mud"]}
+    stage.until(stage.up)
+    with playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        tab = browser.new_page(viewport={"width": 360, "height": 800})
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(f"{stage.page.url}?token={played.TOKEN}")
+        card = tab.locator("#open .call")
+        stage.until(card.is_visible)
+        stage.until(card.locator(".shot.small img:visible").first.is_visible)
+        frame = card.locator(".shot.small .aim").bounding_box()
+        tab.mouse.click(frame["x"] + 0.5 * frame["width"], frame["y"] + 0.6 * frame["height"])
+        card.get_by_label("Its name").click()
+        tab.keyboard.type("Old drum")
+        tab.keyboard.press("Enter")
+        stage.until(lambda: bool(given))
+        message = AnswerMessage.unpack(given[0])
+        (tap,) = message.operations
+        assert isinstance(tap, TapBox)
+        assert (message.target, message.motion) == (7, Motion.GO)
+        assert (tap.frame_id, tap.word, tap.weight) == (9, "old drum", -1.0)
+        assert tap.box[0] < 0.5 < tap.box[2]
+        stage.until(lambda: "You: old drum: -1, go" in card.inner_text())
+        stage.page.acknowledge(
+            Acknowledgement.without_figures(message.transaction, 7, Result.NOT_COVERED, "C7 still unknown")
+        )
+        stage.until(lambda: "does not cover what was seen: C7 still unknown" in card.inner_text())
+        given.clear()
+        tab.locator("#state-title").click()
+        tab.keyboard.press("s")
+        stage.until(lambda: bool(given))
+        assert AnswerMessage.unpack(given[0]).motion is Motion.STAY
+        stage.news["state"]["open"] = None
+        stage.until(lambda: "closed" in card.inner_text())
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 360
+        browser.close()
+    stage.close()
+    assert errors == []

@@ -28,7 +28,7 @@ def there(path: str) -> str:
 
 
 def test_the_open_call_comes_first_and_says_why_what_was_answered_and_what_is_alike() -> None:
-    first, second = shown_calls(STATE, 100.0, RECORDS, there)
+    first, second = shown_calls(STATE, 100.0, RECORDS, there, {})["calls"]
     assert (first["name"], first["open"], first["since"]) == ("C7", True, 88.0)
     assert first["reason"] == "Something in the middle that none of its words explains."
     assert (first["stands"], first["box"]) == ("The vehicle is held.", (0.41, 0.55, 0.6, 0.81))
@@ -41,23 +41,24 @@ def test_the_open_call_comes_first_and_says_why_what_was_answered_and_what_is_al
 
 
 def test_without_an_open_call_a_record_without_an_outcome_is_not_shown_as_open() -> None:
-    first, _ = shown_calls({"state": "ok"}, 100.0, RECORDS, lambda _: "")
+    first, _ = shown_calls({"state": "ok"}, 100.0, RECORDS, lambda _: "", {})["calls"]
     assert (first["open"], first["pictures"]) == (False, {})
 
 
 def test_a_tap_is_told_by_its_word() -> None:
     tapped = {"at": None, "motion": "none", "operations": ["tap old drum: -1 0.1 0.2 0.3 0.4"]}
-    (call,) = shown_calls({}, 0.0, [{**RECORD, "answers": [tapped]}], there)
-    assert call["given"] == ["old drum: -1"]
+    shown = shown_calls({}, 0.0, [{**RECORD, "answers": [tapped]}], there, {})
+    assert shown["calls"][0]["given"] == ["old drum: -1"]
+    assert shown["names"] == [("old drum", -1.0)], "it can be said again with one click"
 
 
 @given(
     st.dictionaries(st.sampled_from([*STATE, "x"]), JSON), st.dictionaries(st.sampled_from([*RECORD]), JSON)
 )
 def test_what_is_not_understood_is_left_out(state: dict[str, Any], record: dict[str, Any]) -> None:
-    shown = shown_calls({**STATE, **state}, 0.0, [{**RECORD, **record}], there)
+    shown = shown_calls({**STATE, **state}, 0.0, [{**RECORD, **record}], there, {})
     json.dumps(shown)
-    assert len(shown) <= 2
+    assert len(shown["calls"]) <= 2
 
 
 def test_a_pictures_address_changes_with_the_picture(tmp_path: Path) -> None:

@@ -16,9 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from companion.web.page import missing
-from tests.companion.web.played import JPEG, Stage
+from tests.companion.web.played import JPEG, TOKEN, Stage
 
-TOKEN = "0123456789abcdef-TOKEN"
 pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not installed")
 
 

@@ -109,10 +109,10 @@ def test_a_call_is_saved_by_a_click_and_the_page_inside_opens_from_a_file(
 
 
 CARD = """async () => {
-  const { CallCard } = await import("/call.js");
+  const { ConsoleCard } = await import("/console_card.js");
   const { Words } = await import("/words.js");
   const words = new Words(1, () => "", () => {});
-  const card = new CallCard(1, () => "", () => {}, words.staged, 0, () => {});
+  const card = new ConsoleCard(1, () => "", () => {}, words.staged, () => {});
   document.querySelector("main").append(card.part);
   const [small, raw, large, picture] = ["small", "raw", "large", "near"].map((one) => `/favicon.svg?${one}`);
   const said = [["drum", -0.5], ["mud", -1]];

@@ -55,7 +55,7 @@ def test_the_page_comes_from_here_under_a_strict_policy_and_is_small(served: Ser
 
 
 MODULES = (
-    "main", "model", "rover", "call", "track", "alarm",
+    "main", "model", "rover", "console_card", "track", "alarm", "answer_card", "cards", "keys", "sending",
     "call_view", "picture", "boxes", "place", "plots", "words", "elements", "stream", "delay", "wording",
 )  # fmt: skip
 

@@ -1,31 +1,25 @@
-// One call as an operator sees it: the card, what can be answered, and what became of the answers.
+// One call as somebody sees it who may answer it.
 
 import { changed, element, showText } from "./elements.js";
 import { CallView } from "./call_view.js";
-import { fitting, labels } from "./model.js";
-import { duration, weightText } from "./wording.js";
+import { capital, signed, weightText } from "./wording.js";
 
 const READ = 2; // seconds for which a call that took another's place takes no answer: it may be meant for that one
 
-export class CallCard extends CallView {
+export class AnswerCard extends CallView {
   // send: posts, and returns a promise of "" or of what is wrong. staged: words set by sliders for this answer.
-  // chosen: called when it was put into the report, or taken out.
-  constructor(system, send, say, staged, time, chosen) {
-    super((box) => this.point(box), "h3");
+  // heading: its tag, as deep as the card is in the page.
+  constructor(system, send, say, staged, heading) {
+    super((box) => this.point(box), heading);
     Object.assign(this, { system, post: send, say, staged });
-    this.shownAt = time;
+    this.shownAt = performance.now() / 1000;
     this.replaces = false;
-    this.more = element("button", { type: "button", className: "plain", onclick: () => this.post("fetch", { rover: system, what: "large", call: this.data.id }) });
     this.todo = element("p", { className: "todo" });
     this.first = element("p", { className: "first" });
     this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
-    this.save = element("a", { className: "save", download: "" });
-    this.chosen = element("input", { type: "checkbox", onchange: () => chosen() });
-    this.choice = element("label", { className: "choice" }, this.chosen, "in the report");
     this.problem = element("p", { className: "problem", role: "alert" });
-    this.under.append(this.more);
     this.becoming.before(this.todo, this.first, this.form(), this.problem);
-    this.ask.append(this.undo, element("div", { className: "keep" }, this.save, this.choice));
+    this.ask.append(this.undo);
   }
 
   form() {
@@ -62,10 +56,7 @@ export class CallCard extends CallView {
       this.about.value = object ? "tap" : "word";
     }
     super.show(data, time);
-    const large = data.large;
     for (const name of ["todo", "first"]) showText(this[name], data[name] ?? "");
-    this.more.hidden = Boolean(data.pictures.large) || large.waits || !data.pictures.small;
-    showText(this.more, `Show how it judged that${large.seconds === null ? "" : ` (about ${duration(large.seconds)} on this link)`}${large.problem ? `. It did not come: ${large.problem}` : ""}`);
     this.entry.hidden = !data.open;
     this.naming.hidden = Boolean(data.test) || data.kind === "hold" && !data.box;
     this.showNames(rover);
@@ -73,8 +64,6 @@ export class CallCard extends CallView {
     const last = data.answers.at(-1);
     changed(this.ask, last, () => before && last?.settled && this.say(`${data.name}: ${last.text}`));
     this.undo.hidden = !data.undo;
-    this.save.href = `/export/${this.system}/${data.id}.zip`;
-    showText(this.save, `Save ${data.kind} ${data.name}`);
   }
 
   showNames(rover) {
@@ -168,3 +157,14 @@ export class CallCard extends CallView {
     showText(this.problem, await this.post("undo", { rover: this.system, call: this.data.id }));
   }
 }
+
+// What stands on the button that sends: motion with what was named.
+export function labels(changes) {
+  const named = changes.map(({ word, weight }) => `${word} ${signed(weight)}`).join(", ");
+  return named
+    ? { go: `${capital(named)}, and go`, stay: `${capital(named)}, and stay`, none: `${capital(named)}, nothing else` }
+    : { go: "Go", stay: "Stay", none: "" };
+}
+
+// Whether words said elsewhere may be said here with one click: a thing is not named as ground that is driven on.
+export const fitting = (words, box) => words.length > 0 && words.every(([, weight]) => (box ? weight <= 0 : weight > 0));

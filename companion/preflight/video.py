@@ -7,7 +7,7 @@ import subprocess
 from companion.preflight.page import served
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, passed, warned
-from companion.video.rtsp_server import BINDINGS, PIPELINE
+from companion.video.rtsp_server import BINDINGS, elements
 from companion.video.video import PACKAGES
 
 VIDEO = "video"
@@ -35,11 +35,9 @@ def check_video(rover: Rover) -> list[Finding]:
 
 def missing_of(python: str, encoder: str) -> str:
     """Say what this Python's GStreamer lacks for the video, "" for nothing. encoder: of `[video]`."""
-    elements = [part.split()[0] for part in PIPELINE.format(rate=1, encoder=encoder).strip("() ").split("!")]
-    named = [element for element in elements if "/" not in element]
     try:
         probed = subprocess.run(
-            [python, "-I", "-c", _PROBE, " ".join(BINDINGS), *named],
+            [python, "-I", "-c", _PROBE, " ".join(BINDINGS), *elements(encoder)],
             capture_output=True,
             text=True,
             timeout=_WITHIN,

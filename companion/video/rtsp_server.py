@@ -55,6 +55,12 @@ PIPELINE = (
 )
 
 
+def elements(encoder: str) -> list[str]:
+    """Name GStreamer's elements that the video needs. encoder: the element that encodes, with properties."""
+    parts = [part.split()[0] for part in PIPELINE.format(rate=1, encoder=encoder).strip("() ").split("!")]
+    return [part for part in parts if "/" not in part]
+
+
 class Stream:
     """One stream for all viewers."""
 
@@ -209,6 +215,8 @@ def main(descriptor: int, parent: int) -> NoReturn:
         sys.exit(NO_GSTREAMER)
     Gst.init(None)
     setup = json.loads(packed[1:])
+    if any(Gst.ElementFactory.find(name) is None for name in elements(setup["encoder"])):
+        sys.exit(NO_GSTREAMER)
     try:
         stream = Stream(channel, setup)
     except OSError:

@@ -22,13 +22,13 @@ log = logging.getLogger(__name__)
 SERVER = Path(__file__).with_name("rtsp_server.py")
 PACKAGES = (
     "python3-gi gir1.2-gst-rtsp-server-1.0 "
-    "gstreamer1.0-plugins-base gstreamer1.0-plugins-good gstreamer1.0-plugins-ugly"
+    "gstreamer1.0-plugins-base gstreamer1.0-plugins-good gstreamer1.0-plugins-ugly gstreamer1.0-x"
 )
 """What the video needs of Debian, Raspberry Pi OS and Ubuntu."""
 
 _WHY = {
     f"exit code {PORT_TAKEN}": "another program has its port: set another [video] listen",
-    f"exit code {NO_GSTREAMER}": "GStreamer is missing: install the packages of docs/install.md",
+    f"exit code {NO_GSTREAMER}": f"GStreamer lacks what the video needs: sudo apt install {PACKAGES}",
 }
 
 

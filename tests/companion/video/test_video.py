@@ -200,9 +200,17 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
     assert stage.video.trouble == "ended: another program has its port: set another [video] listen"
 
 
-def test_what_gstreamer_lacks_is_named() -> None:
+def test_what_gstreamer_lacks_is_named_and_said(tmp_path: Path) -> None:
     if _missing():
         pytest.skip(_missing())
+    settings = Settings("127.0.0.1:0", encoder="nosuchenc bitrate=1")
+    video = Video(replace(Config(), video=settings, journal=Journal(folder=str(tmp_path))), restarts=LIMITS)
+    deadline = time.monotonic() + 20.0
+    while "GStreamer lacks what the video needs: sudo apt install" not in video.trouble:
+        assert time.monotonic() < deadline, video.trouble
+        video.poll(time.monotonic())
+        time.sleep(0.02)
+    video.close()
     assert missing_of("/usr/bin/python3", "nosuchenc bitrate=1") == "no nosuchenc in GStreamer"
 
 

@@ -30,11 +30,14 @@ class Answering:
     def __init__(
         self,
         news: News,
-        send: Callable[[bytes], None],
+        send: Callable[[bytes, float], None],
         clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
     ) -> None:
-        """send: sends a payload to the supervisor, or drops it. clock: monotonic s. wall: s since 1970."""
+        """send: sends a payload to the supervisor, or drops it; it is told when. clock: monotonic s.
+
+        wall: s since 1970.
+        """
         self._news = news
         self._send = send
         self._clock = clock
@@ -91,7 +94,7 @@ class Answering:
                 self.revision += 1
                 continue
             while (payload := pending.due(now)) is not None:
-                self._send(payload)
+                self._send(payload, now)
             if pending.blocks(now):
                 return
 

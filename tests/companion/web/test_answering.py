@@ -30,7 +30,8 @@ class Desk:
         self.answering = Answering(self.news, self.take, lambda: self.now, lambda: 1.8e9 + self.now)
         self.tell(opened)
 
-    def take(self, payload: bytes) -> None:
+    def take(self, payload: bytes, at: float) -> None:
+        assert at == self.now
         self.sent.append(AnswerMessage.unpack(payload))
 
     def tell(self, opened: dict[str, Any] | None, **words: float) -> None:

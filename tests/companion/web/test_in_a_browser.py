@@ -147,7 +147,7 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         (calls / f"7{ending}.jpg").write_bytes(jpeg)
     (calls / "7.json").write_text(json.dumps({"id": 7, "reasons": ["unknown_object"], "answers": []}))
     stage, given, errors = Stage(tmp_path, token=played.TOKEN), list[bytes](), list[str]()
-    stage.page.answer = given.append
+    stage.page.answer = lambda payload, _at: given.append(payload)
     opened: dict[str, Any] = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3}
     opened["worst_tile_box"] = [0.4, 0.5, 0.6, 0.8]
     stage.news["state"] |= {"open": opened, "reasons": ["unknown_object"], "vocabulary": ["mud"]}

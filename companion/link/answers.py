@@ -52,7 +52,7 @@ MAX_ID = 0xFFFF
 
 _MOST_FROM_PAGE = 64
 _PAGE_WAITED = 1.0
-"""s after which an answer of the page is dropped: one of us was stopped. What is still meant is sent again."""
+"""s after which an answer of the page is dropped, since one of us was stopped. It comes again if it is meant."""
 _COMMAND_RESULTS = {
     Result.APPLIED: mavlink.MAV_RESULT_ACCEPTED,
     Result.APPLIED_NOT_REMEMBERED: mavlink.MAV_RESULT_ACCEPTED,
@@ -101,7 +101,7 @@ class AnswerService:
         """Takes the acknowledgement of an answer that was given on the page."""
 
     def receive_from_page(self, payload: bytes, at: float) -> None:
-        """Take a payload of the page, as `tunnel` does, for the next `poll_page`. at: s, when it was given."""
+        """Take a payload of the page, as `tunnel` does, for the next `poll_page`. at: s, when it was sent."""
         self._from_page.append((payload, at))
 
     def poll_page(self, now: float) -> Iterator[Answer]:

@@ -86,7 +86,7 @@ class Answering:
     def deliver(self) -> None:
         """Send what is due. Called once a second, since what is not acknowledged is sent again.
 
-        An answer waits for the one before it.
+        An answer waits for the one before it, but a stay does not.
         """
         now = self._clock()
         for pending in self._unsettled():
@@ -119,10 +119,11 @@ class Answering:
             pending = Pending(0, target, motion, tuple(operations), transaction, self._clock())
         except PayloadError as error:
             raise RequestError(str(error)) from error
+        pending.overrule(self._unsettled(), self._clock())
         self.revision += 1
         return pending
 
     def _unsettled(self) -> list[Pending]:
-        """Return what waits for its acknowledgement, the oldest first."""
+        """Return what waits for its acknowledgement, in the order in which it is sent."""
         all_pending = [*(one.pending for one in self._answers), *self._undone.values()]
-        return sorted((one for one in all_pending if not one.settled), key=lambda one: one.created)
+        return sorted((one for one in all_pending if not one.settled), key=lambda one: one.urgency)

@@ -92,10 +92,29 @@ def test_a_busy_companion_is_asked_again() -> None:
 def test_an_answer_waits_for_the_one_before_it() -> None:
     desk = Desk()
     desk.post(call=7)
-    desk.post(call=7, motion="stay")
+    desk.post(call=7, motion="look")
     assert [one.motion for one in desk.sent] == [Motion.GO]
     desk.acknowledge()
+    assert [one.motion for one in desk.sent] == [Motion.GO, Motion.LOOK_AGAIN]
+
+
+@pytest.mark.parametrize("busy", [False, True])
+def test_a_stay_waits_for_no_answer_and_no_go_is_sent_after_it(busy: bool) -> None:
+    desk = Desk()
+    desk.post(call=7)
+    if busy:
+        desk.acknowledge(Result.BUSY)
+    desk.post(call=7, motion="stay")
     assert [one.motion for one in desk.sent] == [Motion.GO, Motion.STAY]
+    for _ in range(61):
+        desk.now += 1.0
+        desk.answering.deliver()
+    assert {one.motion for one in desk.sent[1:]} == {Motion.STAY}
+    assert desk.shown()[0] == (
+        "go",
+        "not acknowledged: the call was closed meanwhile, or stay was said",
+        "bad",
+    )
 
 
 def test_a_long_answer_goes_in_parts_and_too_long_a_one_is_refused() -> None:

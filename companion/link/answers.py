@@ -52,7 +52,7 @@ MAX_ID = 0xFFFF
 
 _MOST_FROM_PAGE = 64
 _PAGE_WAITED = 1.0
-"""s after which an answer of the page is dropped, since one of us was stopped. It comes again if it is meant."""
+"""s after which an answer of the page is dropped, since one of us was stopped. It comes again if meant."""
 _COMMAND_RESULTS = {
     Result.APPLIED: mavlink.MAV_RESULT_ACCEPTED,
     Result.APPLIED_NOT_REMEMBERED: mavlink.MAV_RESULT_ACCEPTED,

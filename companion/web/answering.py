@@ -24,7 +24,7 @@ _KEPT = 64
 class Answering:
     """Takes answers from browsers. The supervisor is told each until it acknowledges, 60 s at most.
 
-    revision: rises whenever something changed that the page shows.
+    revision: rises whenever something changed that the page shows. Who waits for news is woken then.
     """
 
     def __init__(
@@ -66,9 +66,9 @@ class Answering:
         self._require_news()
         if state_from(self._news.told.get("state", {})).open_call is not None:
             raise RequestError("a call is open: answer it first, then undo")
-        operations = undoing(number, self._of(number).answers)
+        operations = undoing(*self._of(number))
         if not operations:
-            raise RequestError(f"nothing was answered on this page to call {number}")
+            raise RequestError(f"nothing that was answered on this page to call {number} is left to undo")
         self._undone[number] = self._begin(0, Motion.NONE, operations)
         while len(self._undone) > _KEPT:
             self._undone.pop(next(iter(self._undone)))
@@ -91,7 +91,7 @@ class Answering:
         now = self._clock()
         for pending in self._unsettled():
             if pending.settle(now):
-                self.revision += 1
+                self._changed()
                 continue
             while (payload := pending.due(now)) is not None:
                 self._send(payload, now)
@@ -104,8 +104,12 @@ class Answering:
         for pending in self._unsettled():
             if pending.transaction == ack.transaction:
                 pending.acknowledge(ack, final=ack.result is not Result.BUSY)
-                self.revision += 1
+                self._changed()
         self.deliver()
+
+    def _changed(self) -> None:
+        self.revision += 1
+        self._news.wake()
 
     def _require_news(self) -> None:
         if self._news.trouble() == SILENT:
@@ -120,7 +124,7 @@ class Answering:
         except PayloadError as error:
             raise RequestError(str(error)) from error
         pending.overrule(self._unsettled(), self._clock())
-        self.revision += 1
+        self._changed()
         return pending
 
     def _unsettled(self) -> list[Pending]:

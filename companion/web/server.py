@@ -227,7 +227,6 @@ def _listen(channel: socket.socket, news: News, answering: Answering | None) -> 
         message = decode(packed)
         if message.kind is Kind.ACKNOWLEDGEMENT and answering is not None:
             answering.acknowledge(bytes.fromhex(str(message.content.get("payload"))))
-            news.wake()
         else:
             news.take(message)
     except ValueError as error:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from companion.wire.answers import MAX_PAYLOAD, MAX_WORD_BYTES, Acknowledgement, AnswerMessage, Operation
-from companion.wire.ids import Motion, Result
+from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.packing import PayloadError, clean
 from companion.wire.texts import percent
 
@@ -125,6 +125,11 @@ class Pending:
     def settled(self) -> bool:
         """Whether nothing more will be sent."""
         return self.status not in (Status.WAITING, Status.SENT)
+
+    @property
+    def applied(self) -> bool:
+        """Whether the rover has said that it was applied."""
+        return self.acknowledgement is not None and self.acknowledgement.result in CHANGING_RESULTS
 
     @property
     def told(self) -> str:

@@ -18,7 +18,6 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from companion.system.error_guard import ErrorGuard
 
-COOKIE = "anytraverse"
 HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -56,6 +55,8 @@ class Gate:
         self._hint = where_the_token_is
         self._token = token.encode()
         self._cookie = hmac.new(self._token, b"the cookie of the page", hashlib.sha256).hexdigest()
+        # A browser knows cookies by computer, not by port, and over ssh two rovers' pages are on localhost.
+        self._cookie_name = f"anytraverse-{self._cookie[:8]}"
         itself = f"[{own_address}]" if ":" in own_address else own_address
         named = {itself, _host(origin.partition("://")[2])} - {""}
         self._names = _HERE | named if named else None
@@ -86,7 +87,8 @@ class Gate:
         headers = Headers(scope=scope)
         posted = scope["method"] == "POST" and self._most_posted > 0
         if not posted and scope["method"] not in ("GET", "HEAD"):
-            return PlainTextResponse("this page only shows: GET and HEAD\n", 405, {"allow": "GET, HEAD"})
+            taken = "GET, HEAD, POST" if self._most_posted else "GET, HEAD"
+            return PlainTextResponse(f"this page takes {taken}\n", 405, {"allow": taken})
         if (not posted and headers.get("content-length", "0") != "0") or "transfer-encoding" in headers:
             return PlainTextResponse("a request without a body, please\n", 413)
         # Another site's name may lead here (DNS rebinding), and its scripts would read the page.
@@ -117,9 +119,9 @@ class Gate:
         query = parse_qs(scope["query_string"][:_LONGEST_QUERY].decode("latin-1"))
         if self._is_token(query.get("token", [""])[-1]):  # with a cookie, too: it must leave the address bar
             shown = RedirectResponse("/", 303)
-            shown.set_cookie(COOKIE, self._cookie, httponly=True, samesite="strict")
+            shown.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="strict")
             return shown
-        if hmac.compare_digest(_cookie(headers).encode(), self._cookie.encode()):
+        if hmac.compare_digest(_cookie(headers, self._cookie_name).encode(), self._cookie.encode()):
             return None
         return PlainTextResponse(
             f"this page needs its token: open it as http://.../?token=... ({self._hint})\n",
@@ -137,9 +139,9 @@ def _host(header: str) -> str:
     return (header[:end] if end > 0 else header).lower()
 
 
-def _cookie(headers: Headers) -> str:
+def _cookie(headers: Headers, name: str) -> str:
     try:
-        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        found = SimpleCookie(headers.get("cookie", "")).get(name)
     except CookieError:
         return ""
     return found.value if found is not None else ""

@@ -23,15 +23,9 @@ class Answered:
     words: Mapping[str, float]
 
     @property
-    def applied(self) -> bool:
-        """Whether the rover has said that it was applied."""
-        ack = self.pending.acknowledgement
-        return ack is not None and ack.result in CHANGING_RESULTS
-
-    @property
     def taught(self) -> bool:
         """Whether the rover learnt something from it: words, or that it may go."""
-        return self.applied and (bool(self.pending.operations) or self.pending.motion is Motion.GO)
+        return self.pending.applied and (bool(self.pending.operations) or self.pending.motion is Motion.GO)
 
     def document(self) -> dict[str, Any]:
         """Return what a page shows of it."""
@@ -47,20 +41,23 @@ class Answered:
         }
 
 
-def undoing(number: int, answers: Sequence[Answered]) -> tuple[Operation, ...]:
-    """Return what takes back the answers to a call: its scene is forgotten, its words are as before."""
-    applied = [one for one in answers if one.taught]
-    if not applied:
+def undoing(answers: Sequence[Answered], undone: Pending | None) -> tuple[Operation, ...]:
+    """Return what takes back the answers to a call: its scene is forgotten, its words are as before.
+
+    undone: what was sent last to take them back. Where it may still be applied, or was, the result is empty.
+    """
+    taught = [one for one in answers if one.taught]
+    if not taught or (undone is not None and (undone.applied or not undone.settled)):
         return ()
-    before = applied[0].words
+    before = taught[0].words
     touched = {
         change.word: None
-        for one in applied
+        for one in taught
         for change in one.pending.operations
         if isinstance(change, SetWord | TapBox)
     }
     restored = (SetWord(word, before[word]) if word in before else ForgetWord(word) for word in touched)
-    return (ForgetCall(number), *restored)
+    return (ForgetCall(taught[0].pending.target), *restored)
 
 
 def said(motion: Motion, operations: Sequence[Operation]) -> str:

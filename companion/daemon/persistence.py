@@ -92,6 +92,7 @@ class Persistence:
             "motion": answer.motion.name.lower(),
             "operations": [operation_text(operation) for operation in answer.operations],
             "sender": list(answer.sender),
+            "transaction": answer.transaction,
             "result": acknowledgement.result.name.lower(),
             "text": acknowledgement.text,
         }

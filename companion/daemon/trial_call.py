@@ -101,7 +101,7 @@ class TrialCall:
         if answer.target == 0 and seconds < self._calls.numbers.announce_guard:
             self._acknowledge(answer, number, Result.STALE, texts.just_announced(Kind.CALL, number), now)
             return True
-        text = notices.trial_answered(number, answer.sender, seconds)
+        text = notices.trial_answered(number, *answer.sender, seconds)
         self.status |= {"by": list(answer.sender), "after": round(seconds, 1)}
         self._end("answered", text, Outcome.ANSWERED, now)
         result = Result.REFUSED if answer.operations else Result.APPLIED

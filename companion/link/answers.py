@@ -51,6 +51,8 @@ from companion.wire.parameters import ANSWER
 MAX_ID = 0xFFFF
 
 _MOST_FROM_PAGE = 64
+_PAGE_WAITED = 1.0
+"""s after which an answer of the page is dropped, since one of us was stopped. It comes again if meant."""
 _COMMAND_RESULTS = {
     Result.APPLIED: mavlink.MAV_RESULT_ACCEPTED,
     Result.APPLIED_NOT_REMEMBERED: mavlink.MAV_RESULT_ACCEPTED,
@@ -93,28 +95,24 @@ class AnswerService:
         self._texts = texts
         self._store = store
         self._reassembly = Reassembly()
-        self._from_page: deque[bytes] = deque(maxlen=_MOST_FROM_PAGE)
+        self._from_page: deque[tuple[bytes, float]] = deque(maxlen=_MOST_FROM_PAGE)
         self._page_rate = TokenBucket(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, 0.0)
         self.to_page: Callable[[Acknowledgement], None] = lambda _acknowledgement: None
         """Takes the acknowledgement of an answer that was given on the page."""
 
-    def receive_from_page(self, payload: bytes) -> None:
-        """Take a payload of the page, as `tunnel` does, for the next `poll_page`."""
-        self._from_page.append(payload)
+    def receive_from_page(self, payload: bytes, at: float) -> None:
+        """Take a payload of the page, as `tunnel` does, for the next `poll_page`. at: s, when it was sent."""
+        self._from_page.append((payload, at))
 
     def poll_page(self, now: float) -> Iterator[Answer]:
-        """Return the complete answers that the page gave since, no more than a sender may give."""
+        """Return the complete answers that the page gave just now, no more than a sender may give."""
         while self._from_page:
-            payload = self._from_page.popleft()
-            if self._page_rate.take(1.0, now):
+            payload, at = self._from_page.popleft()
+            if now - at <= _PAGE_WAITED and self._page_rate.take(1.0, now):
                 part = self._unpacked(payload, now)
                 answer = None if part is None else self._completed(PAGE_SENDER, Via.PAGE, part, now)
                 if answer is not None:
                     yield answer
-
-    def discard_received(self) -> None:
-        """Discard what came from the page and was not polled."""
-        self._from_page.clear()
 
     def tunnel(self, sender: SenderId, payload: bytes, now: float) -> Answer | None:
         """Take the payload of an answer, or of one part of it; return the answer once it is complete."""

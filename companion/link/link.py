@@ -157,7 +157,9 @@ class Link:
         Connections are read in turn, for 50 ms and at least once each, so that a flooded one does not block
         the others. An error in one message is logged and reported: no frame can end the companion.
         """
-        events: list[InboundEvent] = list(self.answers.poll_page(now))
+        events: list[InboundEvent] = []
+        with self._error_guard.survived("page", now):
+            events += self.answers.poll_page(now)
         until = self._clock() + READING_FOR
         reads = {channel: channel.poll(now) for channel in self._channels}
         while reads:
@@ -177,7 +179,6 @@ class Link:
         """Discard what waits to be read."""
         for channel in self._channels:
             channel.discard_received(now)
-        self.answers.discard_received()
 
     def tick(self, now: float) -> None:
         """Send what is due on all connections, within pace and budgets."""

@@ -24,17 +24,20 @@ _KEPT = 64
 class Answering:
     """Takes answers from browsers. The supervisor is told each until it acknowledges, 60 s at most.
 
-    revision: rises whenever something changed that the page shows.
+    revision: rises whenever something changed that the page shows. Who waits for news is woken then.
     """
 
     def __init__(
         self,
         news: News,
-        send: Callable[[bytes], None],
+        send: Callable[[bytes, float], None],
         clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
     ) -> None:
-        """send: sends a payload to the supervisor, or drops it. clock: monotonic s. wall: s since 1970."""
+        """send: sends a payload to the supervisor, or drops it; it is told when. clock: monotonic s.
+
+        wall: s since 1970.
+        """
         self._news = news
         self._send = send
         self._clock = clock
@@ -63,9 +66,9 @@ class Answering:
         self._require_news()
         if state_from(self._news.told.get("state", {})).open_call is not None:
             raise RequestError("a call is open: answer it first, then undo")
-        operations = undoing(number, self._of(number).answers)
+        operations = undoing(*self._of(number))
         if not operations:
-            raise RequestError(f"nothing was answered on this page to call {number}")
+            raise RequestError(f"nothing that was answered on this page to call {number} is left to undo")
         self._undone[number] = self._begin(0, Motion.NONE, operations)
         while len(self._undone) > _KEPT:
             self._undone.pop(next(iter(self._undone)))
@@ -83,15 +86,15 @@ class Answering:
     def deliver(self) -> None:
         """Send what is due. Called once a second, since what is not acknowledged is sent again.
 
-        An answer waits for the one before it.
+        An answer waits for the one before it, but a stay does not.
         """
         now = self._clock()
         for pending in self._unsettled():
             if pending.settle(now):
-                self.revision += 1
+                self._changed()
                 continue
             while (payload := pending.due(now)) is not None:
-                self._send(payload)
+                self._send(payload, now)
             if pending.blocks(now):
                 return
 
@@ -101,8 +104,12 @@ class Answering:
         for pending in self._unsettled():
             if pending.transaction == ack.transaction:
                 pending.acknowledge(ack, final=ack.result is not Result.BUSY)
-                self.revision += 1
+                self._changed()
         self.deliver()
+
+    def _changed(self) -> None:
+        self.revision += 1
+        self._news.wake()
 
     def _require_news(self) -> None:
         if self._news.trouble() == SILENT:
@@ -116,10 +123,11 @@ class Answering:
             pending = Pending(0, target, motion, tuple(operations), transaction, self._clock())
         except PayloadError as error:
             raise RequestError(str(error)) from error
-        self.revision += 1
+        pending.overrule(self._unsettled(), self._clock())
+        self._changed()
         return pending
 
     def _unsettled(self) -> list[Pending]:
-        """Return what waits for its acknowledgement, the oldest first."""
+        """Return what waits for its acknowledgement, in the order in which it is sent."""
         all_pending = [*(one.pending for one in self._answers), *self._undone.values()]
-        return sorted((one for one in all_pending if not one.settled), key=lambda one: one.created)
+        return sorted((one for one in all_pending if not one.settled), key=lambda one: one.urgency)

@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from companion.browser import wording
-from companion.browser.given import Answered
+from companion.browser.given import Answered, undoing
 from companion.wire.delivery import Pending
 from companion.wire.documents import (
     PICTURES,
     CallRecord,
     DocumentError,
-    GivenAnswer,
     StateFile,
     picture_path,
     record_from,
@@ -36,13 +35,8 @@ class OwnAnswers(NamedTuple):
         """Whether an answer of the page came too late, and none before."""
         acks = [one.pending.acknowledgement for one in self.answers]
         return any(ack is not None and ack.result is Result.STALE for ack in acks) and not any(
-            one.applied for one in self.answers
+            one.pending.applied for one in self.answers
         )
-
-    @property
-    def may_undo(self) -> bool:
-        """Whether there is something to take back."""
-        return self.undone is None and any(one.taught for one in self.answers)
 
 
 _NOTHING = OwnAnswers()
@@ -56,7 +50,7 @@ def shown_calls(
     own: Mapping[int, OwnAnswers],
 ) -> dict[str, Any]:
     """Return the calls, the open call or hold first, then the newest; the names that were used in them; and
-    what became of the newest words that were given without a call.
+    what became of the newest answer on the page that belongs to none of these calls: words alone, for one.
 
     state: what /state.json has. told_at: monotonic seconds when it was so. records: of the newest calls, the
     newest first. address: makes the address of a picture from its path, "" where there is none. own: by call,
@@ -81,22 +75,14 @@ def shown_calls(
     names: dict[str, float] = {}
     for one in kept.values():
         names = wording.named(one) | names
-    alone = own.get(0, _NOTHING).answers[-1:]
+    there = {call["id"] for call in found}
+    alone = [one for number, its in own.items() if number not in there for one in its.answers]
+    newest = sorted(alone, key=lambda one: one.pending.created)[-1:]
     return {
         "calls": found,
         "names": list(names.items())[:_MOST_NAMES],
-        "alone": [answer.document() for answer in alone],
+        "alone": [one.document() for one in newest],
     }
-
-
-def _stands_in(one: Answered, given: Sequence[GivenAnswer]) -> bool:
-    """Whether an answer of the page stands in the call's record already."""
-    ack = one.pending.acknowledgement
-    return (
-        ack is not None
-        and one.pending.settled
-        and any(other.sender == PAGE_SENDER and other.text == ack.text for other in given)
-    )
 
 
 def _more(
@@ -110,7 +96,9 @@ def _more(
     """Return pictures of a call, what was answered to it, and what was in a similar scene."""
     here = own.get(call.id, _NOTHING)
     pictures = {size: address(picture_path(call.id, size)) for size in PICTURES}
-    given = record.answers if record is not None else ()
+    ours = {(PAGE_SENDER, one.pending.transaction) for one in here.answers}
+    recorded = record.answers if record is not None else ()
+    given = [one for one in recorded if (one.sender, one.transaction) not in ours]
     found = record.nearest if record is not None else None
     nearest = None
     if found is not None:
@@ -126,9 +114,9 @@ def _more(
         "large": {},
         "given": [wording.answered(one) for one in given if one.at is None],
         "said": [{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
-        "answers": [one.document() for one in here.answers if not _stands_in(one, given)],
+        "answers": [one.document() for one in here.answers],
         "first": wording.first_answer(record, None) if record is not None and here.too_late else "",
-        "undo": here.may_undo,
+        "undo": bool(undoing(here.answers, here.undone)),
         "undone": here.undone.told if here.undone is not None else None,
         "nearest": nearest,
     }

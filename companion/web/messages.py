@@ -1,13 +1,14 @@
 """Defines what supervisor and web process say to each other: one datagram (SOCK_SEQPACKET) a message.
 
 To the web process: a kind (one byte), a JSON object, and for a picture a line feed and the JPEG. From it: one
-byte, and for an answer the payload of a TUNNEL 45003. The web process talks to browsers, so the supervisor
-believes nothing else of it.
+byte, and for an answer when it was handed over (monotonic seconds) and the payload of a TUNNEL 45003. The web
+process talks to browsers, so the supervisor believes nothing else of it.
 """
 
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Mapping
 from enum import Enum
 from typing import Any, NamedTuple
@@ -35,8 +36,22 @@ class Kind(Enum):
 
 ALIVE, WANTED, ANSWER = b"a", b"w", b"r"
 """From the web process: it lives; somebody watches, so that a picture should be drawn; an answer."""
-LONGEST_SAID = len(ANSWER) + MAX_PAYLOAD
+_AT = struct.Struct("<d")
+LONGEST_SAID = len(ANSWER) + _AT.size + MAX_PAYLOAD
 """Bytes of what the web process says."""
+
+
+def encode_answer(payload: bytes, now: float) -> bytes:
+    """Encode an answer for the supervisor. payload: of a TUNNEL 45003. now: monotonic seconds."""
+    return ANSWER + _AT.pack(now) + payload
+
+
+def decode_answer(said: bytes) -> tuple[bytes, float] | None:
+    """Return the payload of an answer and when it was handed over; None for anything else."""
+    start = len(ANSWER) + _AT.size
+    if not said.startswith(ANSWER) or not start <= len(said) <= LONGEST_SAID:
+        return None
+    return said[start:], float(_AT.unpack_from(said, len(ANSWER))[0])
 
 
 class Message(NamedTuple):

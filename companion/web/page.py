@@ -18,7 +18,7 @@ from companion.system.error_guard import ErrorGuard
 from companion.system.side_process import SideChild, SideProcess
 from companion.system.watchdog import Restarts
 from companion.tasks import PAGE
-from companion.web.messages import ALIVE, ANSWER, LARGEST, LONGEST_SAID, WANTED, Kind, Message
+from companion.web.messages import ALIVE, LARGEST, LONGEST_SAID, WANTED, Kind, Message, decode_answer
 from companion.wire.answers import Acknowledgement
 
 log = logging.getLogger(__name__)
@@ -73,8 +73,8 @@ class Page:
         self._told_at = self._wanted_at = float("-inf")
         self._wanted = self._too_large = self._acknowledged = False
         self._may_answer = bool(config.web.token)
-        self.answer: Callable[[bytes], None] = lambda _payload: None
-        """Takes the payload of an answer that was given on the page."""
+        self.answer: Callable[[bytes, float], None] = lambda _payload, _at: None
+        """Takes the payload of an answer that was given on the page, and when it was handed over."""
         if self._listen is None:
             self._process.trouble = "switched off by [web] listen"
         elif packages := missing():
@@ -136,15 +136,15 @@ class Page:
             self._process.send(Message(Kind.NEWS, {**news(), "at": now}).encoded())
 
     def _take(self, said: bytes, now: float) -> bool:
-        answers = said.startswith(ANSWER) and len(said) <= LONGEST_SAID and self._may_answer
-        if said not in (ALIVE, WANTED) and not answers:
+        answer = decode_answer(said) if self._may_answer else None
+        if said not in (ALIVE, WANTED) and answer is None:
             return False
         if not self._process.running:
             log.info("the page is on %s", self.url)
         if said == WANTED and now - self._wanted_at >= _WANTED_EVERY:
             self._wanted_at, self._wanted = now, True
-        if answers:
-            self.answer(said[len(ANSWER) :])
+        if answer is not None:
+            self.answer(*answer)
         return True
 
     def _start(self) -> WebChild:

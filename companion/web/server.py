@@ -31,7 +31,7 @@ from companion.browser.site import EventStreams, Server, as_json, event, posted,
 from companion.web.answering import Answering
 from companion.web.calls import shown_calls
 from companion.web.files import StateFolder
-from companion.web.messages import ALIVE, ANSWER, LARGEST, WANTED, Kind, decode
+from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, decode, encode_answer
 from companion.web.metrics import Metrics
 from companion.web.news import SILENT, News
 
@@ -202,7 +202,7 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     news = News()
     answering = None
     if setup["token"]:
-        answering = Answering(news, lambda payload: _send(channel, ANSWER + payload))
+        answering = Answering(news, lambda payload, now: _send(channel, encode_answer(payload, now)))
     site = Site(news, StateFolder(setup["folder"]), answering)
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
     most_posted = MOST_POSTED if answering is not None else 0
@@ -227,7 +227,6 @@ def _listen(channel: socket.socket, news: News, answering: Answering | None) -> 
         message = decode(packed)
         if message.kind is Kind.ACKNOWLEDGEMENT and answering is not None:
             answering.acknowledge(bytes.fromhex(str(message.content.get("payload"))))
-            news.wake()
         else:
             news.take(message)
     except ValueError as error:

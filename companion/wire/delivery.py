@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
 from companion.wire.answers import MAX_PAYLOAD, MAX_WORD_BYTES, Acknowledgement, AnswerMessage, Operation
-from companion.wire.ids import Motion, Result
+from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.packing import PayloadError, clean
 from companion.wire.texts import percent
 
@@ -18,7 +18,8 @@ GRACE_S = 5.0
 """How long an acknowledgement is awaited after the call's closing was received. The rover closes the call at
 once, but may hold the acknowledgement back for 2 s while its disk is slow; the radio's delay comes on top."""
 BLOCKS_S = 8.0
-"""An answer delays later ones to the same rover for at most this time, since their order matters."""
+"""An answer delays later ones to the same rover for at most this time, since their order matters. It does not
+delay a stay."""
 MAX_PARTS = 4
 
 
@@ -26,20 +27,20 @@ class Status(Enum):
     """Names the status of an answer. The last three are final."""
 
     WAITING = "waiting"
-    """Not sent yet: the rover is not heard, or an earlier answer must be sent first."""
+    """Not sent yet: the rover is not heard, or an earlier answer must be acknowledged first."""
     SENT = "sent"
     ACKNOWLEDGED = "acknowledged"
     CLOSED = "closed"
-    """The call was closed before an acknowledgement came."""
+    """The call was closed, or a stay overruled this go, before an acknowledgement came."""
     EXPIRED = "expired"
     """No acknowledgement within 60 s."""
 
 
 STATUS_TEXTS = {
-    Status.WAITING: "waits: the companion is not heard",
+    Status.WAITING: "waits: the companion is not heard, or has not acknowledged the answer before",
     Status.SENT: "sent",
     Status.ACKNOWLEDGED: "acknowledged",
-    Status.CLOSED: "not acknowledged: the call was closed meanwhile",
+    Status.CLOSED: "not acknowledged: the call was closed meanwhile, or stay was said",
     Status.EXPIRED: "LOST: no acknowledgement within 60 s",
 }
 _RESULTS = {
@@ -116,9 +117,19 @@ class Pending:
         self._next_at = self.created
 
     @property
+    def urgency(self) -> tuple[bool, float]:
+        """Sorts answers to one rover: in this order they are sent. A stay waits for none."""
+        return self.motion is not Motion.STAY, self.created
+
+    @property
     def settled(self) -> bool:
         """Whether nothing more will be sent."""
         return self.status not in (Status.WAITING, Status.SENT)
+
+    @property
+    def applied(self) -> bool:
+        """Whether the rover has said that it was applied."""
+        return self.acknowledgement is not None and self.acknowledgement.result in CHANGING_RESULTS
 
     @property
     def told(self) -> str:
@@ -154,8 +165,18 @@ class Pending:
         if final:
             self.status = Status.ACKNOWLEDGED
 
+    def overrule(self, others: Iterable[Pending], now: float) -> None:
+        """If this is a stay, send no go to its call any more: it would come after the stay, and undo it."""
+        if self.motion is Motion.STAY:
+            for other in others:
+                if (other.system, other.target, other.motion) == (self.system, self.target, Motion.GO):
+                    other.close(now)
+
     def close(self, now: float) -> None:
-        """Send no more, since the call is closed; an acknowledgement is still awaited for `GRACE_S`."""
+        """Send no more, since the call is closed, or a stay was said.
+
+        An acknowledgement is still awaited for `GRACE_S`.
+        """
         if self._closed_at is None:
             self._closed_at = now
 

@@ -87,10 +87,14 @@ class Check:
 
 @dataclass(frozen=True)
 class GivenAnswer:
-    """One answer in a call's record. sender: system and component. at: seconds since 1970."""
+    """One answer in a call's record. sender: system and component. at: seconds since 1970.
+
+    transaction: of its payload, 0 where it has none.
+    """
 
     at: float | None
     sender: tuple[int, int] | None
+    transaction: int
     motion: str
     operations: tuple[str, ...]
     result: str
@@ -274,6 +278,7 @@ def _answer(raw: Any) -> GivenAnswer:
     return GivenAnswer(
         _number(told.get("at"), 0, 1e11),
         (known[0], known[1]) if len(known) == len(sender) == 2 else None,
+        int(_number(told.get("transaction"), 0, 0xFFFFFFFF) or 0),
         _text(told.get("motion")),
         tuple(map(_text, _list(told.get("operations"))[:MOST_ROWS])),
         _text(told.get("result")),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from companion.wire.ids import COMPONENT_ID, MAX_TEXT, PAGE_SENDER, Policy, SenderId
+from companion.wire.ids import COMPONENT_ID, MAX_TEXT, Policy
 from companion.wire.packing import shortened
 from companion.wire.texts import REASONS, fit
 
@@ -21,10 +21,9 @@ def _fast(speed: float | None) -> str:
     return f"{math.floor(10 * min(99.9, max(0.0, speed)) + 1e-6) / 10:.1f}"
 
 
-def trial_answered(number: int, sender: SenderId, seconds: float | None) -> str:
+def trial_answered(number: int, system: int, component: int, seconds: float | None) -> str:
     """Reports who answered the test call, and the s from sending it to the answer."""
-    who = "its page" if sender == PAGE_SENDER else f"{sender[0]}/{sender[1]}"
-    return fit(f"C{number} TEST answered by {who} after {_seconds(seconds)}")
+    return fit(f"C{number} TEST answered by {system}/{component} after {_seconds(seconds)}")
 
 
 def trial_unanswered(number: int) -> str:

@@ -68,6 +68,7 @@ class Outbox:
         if len(self.unsettled) >= MAX_PENDING:
             raise PayloadError(f"{MAX_PENDING} answers wait already: is the link up?")
         pending = Pending(system, target, motion, tuple(operations), self._transactions(), now)
+        pending.overrule(self.unsettled, now)
         while len(self._pending) >= MAX_PENDING:
             self._pending.remove(next(old for old in self._pending if old.settled))
         self._pending.append(pending)
@@ -165,7 +166,7 @@ class Outbox:
         return message
 
     def _next_answer(self, system: int, now: float) -> Any | None:
-        for pending in self.unsettled:
+        for pending in sorted(self.unsettled, key=lambda one: one.urgency):
             if pending.system != system:
                 continue
             before = pending.status

@@ -119,7 +119,7 @@ class Stories:
     def others_were_first(self, call: Call) -> bool:
         """Whether the call was answered, and not from here."""
         story = self.by_id.get(call.data.id)
-        if story is None or any(one.applied for one in story.answers):
+        if story is None or any(one.pending.applied for one in story.answers):
             return False
         stale = any(
             one.pending.acknowledgement is not None and one.pending.acknowledgement.result is Result.STALE
@@ -131,11 +131,11 @@ class Stories:
     def undo(self, number: int) -> tuple[Operation, ...]:
         """Return what takes back the answers to a call: its scene is forgotten, its words are as before."""
         story = self.by_id.get(number)
-        return undoing(number, story.answers) if story is not None else ()
+        return undoing(story.answers, story.undone) if story is not None else ()
 
     @staticmethod
     def _has_driven_on(story: Story, call: Call, rover: Rover) -> bool:
-        went = any(one.applied and one.pending.motion is Motion.GO for one in story.answers)
+        went = any(one.pending.applied and one.pending.motion is Motion.GO for one in story.answers)
         vehicle = rover.vehicle
         drives = vehicle is not None and vehicle.armed and vehicle.mode in _DRIVES
         return went and drives and not call.data.holding and call.data.stage is Stage.CLOSED
@@ -162,7 +162,7 @@ class Stories:
         there = self.by_id.get(found.call_id or 0)
         said, motion = "the answer was", ""
         if there is not None:
-            own = [plain(one.pending.motion) for one in there.answers if one.applied]
+            own = [plain(one.pending.motion) for one in there.answers if one.pending.applied]
             given = [one.motion for one in there.record.answers] if there.record is not None else []
             said = "you said" if own else said
             motion = browser_wording.newest_motion(own or given)
@@ -188,7 +188,7 @@ class Stories:
             "size": _frame_size(story),
             "answers": [one.document() for one in story.answers],
             "said": [{"at": round(at, 2), "text": text} for at, text in story.said],
-            "undo": bool(self.undo(story.id)) and story.undone is None,
+            "undo": bool(self.undo(story.id)),
             "undone": None if story.undone is None else story.undone.told,
         }
         if call is None:

@@ -120,7 +120,7 @@ class Console:
             raise RequestError("a call is open: answer it first, then undo")
         operations = desk.stories.undo(request.call)
         if not operations:
-            raise RequestError(f"this console has answered nothing to call {request.call}")
+            raise RequestError(f"nothing that this console answered to call {request.call} is left to undo")
         story = desk.stories.by_id[request.call]
         story.undone = self.client.answer(desk.system, 0, Motion.NONE, operations, now)
         return "asked for"

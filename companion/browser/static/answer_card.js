@@ -17,7 +17,7 @@ export class AnswerCard extends CallView {
     this.todo = element("p", { className: "todo" });
     this.first = element("p", { className: "first" });
     this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
-    this.problem = element("p", { className: "problem", role: "alert" });
+    this.problem = element("p", { className: "problem" });
     this.becoming.before(this.todo, this.first, this.form(), this.problem);
     this.ask.append(this.undo);
   }

@@ -39,11 +39,11 @@ export class CallView {
     this.showNearest(data);
     changed(this.becoming, [data.answers, data.said, data.undone, data.given], (list) => {
       const given = (data.given ?? []).map((text) => element("li", {}, text));
-      const answers = data.answers.map((one) => ({ at: one.at, part: element("li", { tone: one.tone }, element("b", {}, `You: ${one.said}`), ` ${one.text}`) }));
+      const answers = data.answers.map((one) => ({ at: one.at, part: element("li", { tone: one.tone }, element("b", {}, `From here: ${one.said}`), ` ${one.text}`) }));
       const said = data.said.map((one) => ({ at: one.at, part: element("li", {}, one.text) }));
       const rows = [...answers, ...said].sort((a, b) => a.at - b.at);
       rows.forEach((row) => row.part.prepend(element("time", {}, clock(row.at)), " "));
-      const undone = data.undone ? [element("li", {}, element("b", {}, "You: undo"), ` ${data.undone}`)] : [];
+      const undone = data.undone ? [element("li", {}, element("b", {}, "From here: undo"), ` ${data.undone}`)] : [];
       list.replaceChildren(...given, ...rows.map((row) => row.part), ...undone);
     });
   }

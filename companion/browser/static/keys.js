@@ -6,7 +6,7 @@ export function listenToKeys(first, enabled) {
     const card = event.ctrlKey || event.altKey || event.metaKey ? null : first();
     if (!card) return;
     if (event.key === "Escape") card.clear();
-    if (!enabled.checked || event.target.closest("input:not([type=checkbox]), select, textarea")) return;
+    if (event.repeat || !enabled.checked || event.target.closest("input:not([type=checkbox]), select, textarea")) return;
     const act = { g: () => card.send("go"), s: () => card.send("stay"), l: () => card.send("look"), n: () => card.name(), t: () => card.aim() }[event.key];
     if (!act) return;
     event.preventDefault();

@@ -20,16 +20,18 @@ export function place(known, { answers = false } = {}) {
 }
 
 export class KnownPlace {
-  // refuse: called with the number of its call, 0 for none, when it is another place; null where nobody may answer.
+  // refuse: called with the number of its call, 0 for none, when it is another place; returns a promise of "" or of what is
+  // wrong. null where nobody may answer.
   constructor(heading, refuse = null) {
     this.answers = refuse !== null;
     this.title = element(heading);
     this.note = element("p", { className: "note" });
     this.picture = element("img", { alt: "The remembered place whose words are in force", onload: () => this.showPicture(true), onerror: () => this.showPicture(false) });
     this.facts = element("dl", { className: "facts" });
-    const other = refuse && element("button", { type: "button", className: "plain", onclick: () => refuse(this.call) }, "It is another place");
+    this.problem = element("p", { className: "problem" });
+    const other = refuse && element("button", { type: "button", className: "plain", onclick: async () => showText(this.problem, await refuse(this.call)) }, "It is another place");
     this.part = element("figure", { className: "place", hidden: true }, element("div", { className: "frame pane" }, this.picture, this.note),
-      element("figcaption", {}, this.title, this.facts, other));
+      element("figcaption", {}, this.title, this.facts, other, this.problem));
   }
 
   // known: null where no place is in force.

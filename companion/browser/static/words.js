@@ -31,8 +31,9 @@ export class Words {
     this.rows = new Map();
     this.list = element("ul", { className: send ? "sliders" : "sliders shown" });
     this.note = element("p", { className: "faint" });
+    this.problem = element("p", { className: "problem" });
     this.word = element("input", { type: "text", id: `new${system}`, maxLength: 48, autocomplete: "off" });
-    this.part = element("div", {}, this.note, this.list, send &&
+    this.part = element("div", {}, this.note, this.list, this.problem, send &&
       element("form", { className: "field", onsubmit: (event) => { event.preventDefault(); this.add(); } },
         element("label", { htmlFor: this.word.id }, "New word"), this.word, element("button", { type: "submit", className: "plain" }, "Add")));
   }
@@ -89,7 +90,7 @@ export class Words {
     }
     this.busy = true;
     this.staged.changes.set(word, weight);
-    await this.post("answer", { rover: this.system, call: null, motion: "none", changes: this.staged.list() });
+    showText(this.problem, await this.post("answer", { rover: this.system, call: null, motion: "none", changes: this.staged.list() }));
     this.staged.clear();
     this.busy = false;
   }

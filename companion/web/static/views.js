@@ -65,10 +65,10 @@ export function showCalls(rover, time) {
   past.hidden = !cards.show(rover.calls, { front: open, past, before: [pastTitle] }, (card, call) => card.show(call, rover, time));
 }
 
-// What became of the newest words that were given without a call.
+// What became of the newest answer that is on no card: words alone, for one.
 export function showAlone(answers) {
   changed("alone", answers, (list) => list.replaceChildren(...answers.map(({ at, said, text, tone }) =>
-    element("li", { tone }, element("time", {}, clock(at)), element("b", {}, ` You: ${said}`), ` ${text}`))));
+    element("li", { tone }, element("time", {}, clock(at)), element("b", {}, ` From here: ${said}`), ` ${text}`))));
 }
 
 export function showChecks({ summary, rows }) {

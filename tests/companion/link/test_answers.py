@@ -423,7 +423,7 @@ def from_page(stage: LoopbackLink, *payloads: bytes) -> list[Answer]:
     """What the link reports when the rover's own page hands these payloads over."""
     before = len(stage.reported(Answer))
     for payload in payloads:
-        stage.link.answers.receive_from_page(payload)
+        stage.link.answers.receive_from_page(payload, stage.now)
     stage.run(0.3)
     return stage.reported(Answer)[before:]
 
@@ -465,13 +465,24 @@ def test_a_flood_from_the_page_is_as_bounded_as_one_of_a_sender(stage: LoopbackL
     taken = 0
     for number in range(1, 1001):
         payload = replace(GO, transaction=number).pack()
-        stage.link.answers.receive_from_page(payload)
+        stage.link.answers.receive_from_page(payload, stage.now)
         if number % 50 == 0:
             taken += len(from_page(stage))
     assert 60 <= taken <= 60 + 20 * 0.3 * 21
 
 
-def test_what_the_page_gave_before_a_stall_is_discarded(stage: LoopbackLink) -> None:
-    stage.link.answers.receive_from_page(GO.pack())
-    stage.link.discard_received(stage.now)
+@pytest.mark.parametrize("waited", [1.1, 300.0, float("nan")])
+def test_what_the_page_gave_before_a_stall_is_discarded(stage: LoopbackLink, waited: float) -> None:
+    stage.link.answers.receive_from_page(GO.pack(), stage.now - waited)
     assert from_page(stage) == []
+    assert len(from_page(stage, GO.pack())) == 1, "it is still meant, so it is given again"
+
+
+def test_a_bug_that_an_answer_of_the_page_finds_does_not_end_the_companion(stage: LoopbackLink) -> None:
+    def fail(_: Acknowledgement) -> None:
+        raise RuntimeError("a bug")
+
+    stage.link.answers.to_page = fail
+    (request,) = from_page(stage, GO.pack())
+    stage.link.answer_store.finish(request, ACK, stage.now)
+    assert from_page(stage, GO.pack()) == []

@@ -15,7 +15,9 @@ from companion.wire.answers import ForgetWord, SetWord
 from companion.wire.ids import Motion
 
 FRAMES = 100_000
-REQUESTS = {"ParameterRequest", "PolicyRequest", "ResetRequest"} | {via.value for via in Via}
+REQUESTS = {"ParameterRequest", "PolicyRequest", "ResetRequest"} | {
+    via.value for via in Via if via is not Via.PAGE
+}
 REPLIES = {"HEARTBEAT", "COMMAND_ACK", "PARAM_VALUE", "PARAM_EXT_ACK", "TUNNEL", "FILE_TRANSFER_PROTOCOL"}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,10 +12,11 @@ import pytest
 
 from companion.browser.requests import RequestError
 from companion.web.answering import MOST_WAITING, Answering
+from companion.web.calls import shown_calls
 from companion.web.messages import Kind, Message
 from companion.web.news import News
 from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetCall, ForgetWord, SetWord, TapBox
-from companion.wire.ids import Motion, Result
+from companion.wire.ids import PAGE_SENDER, Motion, Result
 
 OPEN = {"id": 7, "kind": "call", "stage": "open", "frame_id": 4711, "age": 3, "holding": True}
 TAP = {"tap": "drum", "weight": -1, "box": [0.4, 0.5, 0.6, 0.8], "frame": 4711}
@@ -30,7 +32,8 @@ class Desk:
         self.answering = Answering(self.news, self.take, lambda: self.now, lambda: 1.8e9 + self.now)
         self.tell(opened)
 
-    def take(self, payload: bytes) -> None:
+    def take(self, payload: bytes, at: float) -> None:
+        assert at == self.now
         self.sent.append(AnswerMessage.unpack(payload))
 
     def tell(self, opened: dict[str, Any] | None, **words: float) -> None:
@@ -91,10 +94,29 @@ def test_a_busy_companion_is_asked_again() -> None:
 def test_an_answer_waits_for_the_one_before_it() -> None:
     desk = Desk()
     desk.post(call=7)
-    desk.post(call=7, motion="stay")
+    desk.post(call=7, motion="look")
     assert [one.motion for one in desk.sent] == [Motion.GO]
     desk.acknowledge()
+    assert [one.motion for one in desk.sent] == [Motion.GO, Motion.LOOK_AGAIN]
+
+
+@pytest.mark.parametrize("busy", [False, True])
+def test_a_stay_waits_for_no_answer_and_no_go_is_sent_after_it(busy: bool) -> None:
+    desk = Desk()
+    desk.post(call=7)
+    if busy:
+        desk.acknowledge(Result.BUSY)
+    desk.post(call=7, motion="stay")
     assert [one.motion for one in desk.sent] == [Motion.GO, Motion.STAY]
+    for _ in range(61):
+        desk.now += 1.0
+        desk.answering.deliver()
+    assert {one.motion for one in desk.sent[1:]} == {Motion.STAY}
+    assert desk.shown()[0] == (
+        "go",
+        "not acknowledged: the call was closed meanwhile, or stay was said",
+        "bad",
+    )
 
 
 def test_a_long_answer_goes_in_parts_and_too_long_a_one_is_refused() -> None:
@@ -153,12 +175,61 @@ def test_what_an_answer_taught_can_be_taken_back_once_no_call_is_open() -> None:
     with pytest.raises(RequestError, match="answer it first"):
         desk.undo(7)
     desk.tell(None, drum=-1.0, grass=0.5)
-    assert desk.answering.by_call()[7].may_undo
     desk.undo(7)
     assert desk.sent[-1].operations == (ForgetCall(7), ForgetWord("drum"), SetWord("grass", 1.0))
-    assert not desk.answering.by_call()[7].may_undo
-    with pytest.raises(RequestError, match="nothing was answered on this page to call 8"):
+    with pytest.raises(RequestError, match="to call 8 is left to undo"):
         desk.undo(8)
+
+
+def test_what_is_being_taken_back_is_not_taken_back_twice_but_again_where_that_failed() -> None:
+    desk = Desk()
+    desk.post(call=7, changes=[TAP])
+    desk.acknowledge()
+    desk.tell(None, drum=-1.0)
+    desk.undo(7)
+    with pytest.raises(RequestError, match="to call 7 is left to undo"):
+        desk.undo(7)
+    desk.acknowledge(Result.STALE, "C8 was announced just now")
+    desk.undo(7)
+    desk.acknowledge()
+    with pytest.raises(RequestError, match="to call 7 is left to undo"):
+        desk.undo(7)
+
+
+def test_who_waits_for_news_is_woken_by_an_answer() -> None:
+    async def wait() -> bool:
+        waits = asyncio.create_task(desk.news.more(20.0))
+        await asyncio.sleep(0)
+        desk.post(call=7)
+        return waits in (await asyncio.wait({waits}, timeout=5.0))[0]
+
+    desk = Desk()
+    assert asyncio.run(wait())
+
+
+def test_an_answer_is_shown_once_whatever_its_record_says() -> None:
+    desk = Desk()
+    desk.post(call=7)
+    desk.acknowledge(Result.APPLIED, "noted")
+    entry = {"at": 1.8e9, "motion": "go", "operations": [], "text": "before the disk was slow"}
+    ours = {**entry, "sender": list(PAGE_SENDER), "transaction": desk.sent[0].transaction}
+    others = {**ours, "sender": [255, 190]}
+    record = {"id": 7, "answers": [others, ours]}
+    (shown,) = shown_calls({"open": OPEN}, 0.0, [record], str, desk.answering.by_call())["calls"]
+    assert [one["text"] for one in shown["answers"]] == ["done, now 10% unexplained, worst tile 20%: noted"]
+    assert len(shown["said"]) == 1
+    (shown,) = shown_calls({"open": OPEN}, 0.0, [record], str, {})["calls"]
+    assert len(shown["said"]) == 2, "after the page was started again the record tells of it"
+
+
+def test_what_became_of_an_answer_to_a_hold_that_is_over_is_still_told() -> None:
+    desk = Desk({**OPEN, "id": 9, "kind": "hold"})
+    desk.post(call=9)
+    desk.acknowledge(Result.STALE, "H9 is over")
+    own = desk.answering.by_call()
+    assert shown_calls({"open": {**OPEN, "id": 9}}, 0.0, [], str, own)["alone"] == []
+    (told,) = shown_calls({}, 0.0, [], str, own)["alone"]
+    assert told["text"].endswith("H9 is over")
 
 
 def test_an_acknowledgement_of_somebody_elses_answer_changes_nothing() -> None:

@@ -27,7 +27,7 @@ def answered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Stage, 
     folder: Path = tmp_path_factory.mktemp("state")
     (folder / "calls").mkdir()
     stage, given = Stage(folder, token=TOKEN), list[bytes]()
-    stage.page.answer = given.append
+    stage.page.answer = lambda payload, _at: given.append(payload)
     opened = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3, "holding": True}
     stage.news["state"] |= {"open": opened, "words": {"grass": 1.0}}
     stage.until(lambda: stage.up() and stage.get("/healthz", headers=BEARER).status == 200)
@@ -105,7 +105,7 @@ def test_a_process_that_answers_without_a_token_or_says_too_much_is_killed(
     command = (sys.executable, "-c", SAYS.format(said))
     stage = Stage(tmp_path, token=token, launch=lambda listener: WebChild(listener, command))
     given = list[bytes]()
-    stage.page.answer = given.append
+    stage.page.answer = lambda payload, _at: given.append(payload)
     try:
         stage.until(lambda: stage.page.figures()["restarts"] >= 1)
         assert given == []

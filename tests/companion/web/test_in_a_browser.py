@@ -136,6 +136,17 @@ def test_the_place_that_matched_is_shown_beside_the_newest_picture_while_it_is_i
     stage.until(lambda: not place.is_visible())
 
 
+def held(stage: Stage, tab: Any, given: list[bytes], key: str) -> set[Motion]:
+    """Hold a key until what it sends was sent three times. Returns what it is; it must be one answer."""
+    tab.keyboard.down(key)
+    stage.until(lambda: bool(given))
+    tab.keyboard.down(key)
+    stage.until(lambda: len(given) == 3)
+    tab.keyboard.up(key)
+    assert len({AnswerMessage.unpack(one).transaction for one in given}) == 1
+    return {AnswerMessage.unpack(one).motion for one in given}
+
+
 def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,7 +158,7 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         (calls / f"7{ending}.jpg").write_bytes(jpeg)
     (calls / "7.json").write_text(json.dumps({"id": 7, "reasons": ["unknown_object"], "answers": []}))
     stage, given, errors = Stage(tmp_path, token=played.TOKEN), list[bytes](), list[str]()
-    stage.page.answer = given.append
+    stage.page.answer = lambda payload, _at: given.append(payload)
     opened: dict[str, Any] = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3}
     opened["worst_tile_box"] = [0.4, 0.5, 0.6, 0.8]
     stage.news["state"] |= {"open": opened, "reasons": ["unknown_object"], "vocabulary": ["mud"]}
@@ -172,19 +183,22 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         assert (message.target, message.motion) == (7, Motion.GO)
         assert (tap.frame_id, tap.word, tap.weight) == (9, "old drum", -1.0)
         assert tap.box[0] < 0.5 < tap.box[2]
-        stage.until(lambda: "You: old drum: -1, go" in card.inner_text())
+        stage.until(lambda: "From here: old drum: -1, go" in card.inner_text())
         stage.page.acknowledge(
             Acknowledgement.without_figures(message.transaction, 7, Result.NOT_COVERED, "C7 still unknown")
         )
         stage.until(lambda: "does not cover what was seen: C7 still unknown" in card.inner_text())
+        stage.until(lambda: "C7 still unknown" in tab.locator("#say").text_content())
         given.clear()
         tab.locator("#state-title").click()
-        tab.keyboard.press("s")
-        stage.until(lambda: bool(given))
-        assert AnswerMessage.unpack(given[0]).motion is Motion.STAY
+        assert held(stage, tab, given, "s") == {Motion.STAY}
         stage.news["state"]["open"] = None
         stage.until(lambda: "closed" in card.inner_text())
         assert tab.evaluate("document.documentElement.scrollWidth") <= 360
+        tab.route("**/answer", lambda route: route.abort())
+        tab.get_by_label("New word").fill("mud")
+        tab.keyboard.press("Enter")
+        stage.until(lambda: "not known whether that was sent" in tab.locator("#words").inner_text())
         browser.close()
     stage.close()
     assert errors == []

@@ -116,6 +116,22 @@ def test_a_busy_rover_is_asked_again(sky: Sky) -> None:
     assert pending.status is Status.ACKNOWLEDGED
 
 
+def test_a_stay_waits_for_no_go_and_no_go_is_sent_after_it(sky: Sky) -> None:
+    sky.rover.result, sky.rover.stage_after = ids.Result.BUSY, ids.Stage.OPEN
+    sky.run(2.0)
+    go = sky.answer(BUSH)
+    sky.run(0.5)
+    sky.rover.result, sky.rover.stage_after = ids.Result.APPLIED, ids.Stage.OPEN
+    sky.rover._acknowledgements.clear()
+    sky.rover.applied.clear()
+    stay = sky.answer(motion=ids.Motion.STAY)
+    sky.run(0.2)
+    assert stay.status is Status.ACKNOWLEDGED
+    sky.run(20.0)
+    assert sky.rover.applied == [(7, ids.Motion.STAY, ())]
+    assert go.status is Status.CLOSED
+
+
 def test_a_rover_that_is_busy_too_late_is_not_said_to_be_asked_again(sky: Sky) -> None:
     sky.rover.result, sky.rover.stage_after = ids.Result.BUSY, ids.Stage.OPEN
     sky.run(2.0)
@@ -188,7 +204,7 @@ def test_answers_to_one_rover_keep_their_order(sky: Sky) -> None:
 def test_an_answer_that_is_never_acknowledged_keeps_the_next_one_back_for_eight_seconds(sky: Sky) -> None:
     sky.run(2.0)
     sky.unheard.add(sky.answer(BUSH, motion=ids.Motion.NONE).transaction)
-    second = sky.answer(motion=ids.Motion.STAY)
+    second = sky.answer(motion=ids.Motion.LOOK_AGAIN)
     sky.run(7.0)
     assert second.first_sent is None
     sky.run(2.0)

@@ -82,7 +82,7 @@ def test_a_call_is_seen_tapped_named_and_acknowledged_in_four_actions(
     left, top, right, bottom = tap.box
     assert ((left + right) / 2, (top + bottom) / 2) == pytest.approx((0.3, 0.6), abs=0.01)
     said = tab.locator(".becoming").first
-    served.until(lambda: "You: drum: -1, go" in said.inner_text() and "done" in said.inner_text())
+    served.until(lambda: "From here: drum: -1, go" in said.inner_text() and "done" in said.inner_text())
     served.until(lambda: "The rover drives on" in said.inner_text())
     served.until(lambda: tab.locator("#title").inner_text() == "OK")
 
@@ -208,11 +208,11 @@ def test_after_a_reload_and_with_a_second_page_the_call_and_its_answer_are_there
     assert dot["y"] < own["y"], "the call was north of here"
     tab.locator(".dots button").click()
     assert tab.evaluate("document.activeElement.textContent").startswith("Call C7")
-    assert "You: go done" in tab.locator(".becoming").inner_text()
+    assert "From here: go done" in tab.locator(".becoming").inner_text()
     assert tab.locator(".timeline li").count() > 2
     other = open_page()
     served.until(other.locator(CALL).is_visible)
-    assert "You: go done" in other.locator(".becoming").inner_text()
+    assert "From here: go done" in other.locator(".becoming").inner_text()
 
 
 def test_of_two_rovers_the_one_that_calls_comes_first(

@@ -12,7 +12,7 @@ from anytraverse.evaluation.arguments import (
     Watched,
     add_shared,
     heading,
-    open_folder,
+    open_chosen,
     open_perceiver,
     rounded,
     setting,
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     if options.degrade is not None:
         return _run_degraded(options)
     given = parse_matches(options.match)
-    folder = open_folder(options)
+    folder = open_chosen(options)
     drivable = folder.classes.choose(options.drivable.split(","))
     seeing = open_perceiver(options)
     matches = match_words(seeing.words, folder.classes, seeing.perceiver.meaning, given)
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _run_degraded(options: argparse.Namespace) -> int:
     names = parse_degradations(options.degrade)
-    folder = open_folder(options)
+    folder = open_chosen(options)
     drivable = folder.classes.choose(options.drivable.split(","))
     seeing = open_perceiver(options)
     with Watched(folder) as frames:

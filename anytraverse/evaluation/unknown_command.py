@@ -10,7 +10,7 @@ from anytraverse.evaluation.arguments import (
     Watched,
     add_shared,
     heading,
-    open_folder,
+    open_chosen,
     open_perceiver,
     rounded,
     setting,
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Score the frames, print the table and the JSON. Returns 0."""
-    folder = open_folder(options)
+    folder = open_chosen(options)
     unknown = folder.classes.choose(options.unknown.split(","))
     drivable = folder.classes.choose(options.drivable.split(","))
     for name in unknown:

@@ -1,10 +1,9 @@
-"""Reads a labelled folder: pictures `NNNN.jpg`, label images `NNNN.png` of class ids, and `classes.json`."""
+"""Reads the frames of a labelled data set, one at a time: pictures, and label images as class ids."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.decoding import PictureTooLargeError, decode
-from anytraverse.evaluation.labels import Classes, DatasetError, Labels, read_classes
+from anytraverse.evaluation.datasets.codes import LabelCode
+from anytraverse.evaluation.labels import Classes, DatasetError, Labels
 from anytraverse.frame import Image
 
-_NAME = re.compile(r"([0-9]{1,9})\.(jpg|png)")
-_MOST_FRAMES = 200_000
+MOST_FRAMES = 200_000
 _MOST_BYTES = 64_000_000
 _ENDS = {b"\xff\xd8": (b"\xff\xd9", 1024), b"\x89P": (b"IEND", 12)}
 """First bytes of JPEG and PNG files -> (end mark, how many last bytes hold it in a complete file)."""
+_SAME_SHAPE = 0.02
+"""By how much the aspect ratio of a label image of another size may differ from its picture's."""
 
 
 class TornPictureError(DatasetError):
@@ -51,9 +52,25 @@ class Selection:
         return [number for number in numbers if low <= number <= high][:: self.every]
 
 
+@dataclass(frozen=True)
+class Files:
+    """Names the picture and the label image of a frame.
+
+    number: the one in the name, or the place in the split as published, from 0.
+    """
+
+    number: int
+    picture: Path
+    label: Path
+
+
 @dataclass(frozen=True, eq=False)
 class LabelledFrame:
-    """Holds a picture, RGB (height, width, 3) uint8, and its labels, class ids (height, width) uint8."""
+    """Holds a picture, RGB (height, width, 3) uint8, and its labels, class ids (height, width) uint8.
+
+    name: the picture's path in the data set's folder. The labels have the picture's size, or in a data set
+    that is published so, another size of the same shape.
+    """
 
     number: int
     name: str
@@ -61,31 +78,52 @@ class LabelledFrame:
     labels: Labels
 
 
-class LabelledFolder:
-    """Reads the chosen frames of a folder, in the order of their numbers, one at a time.
+class Dataset:
+    """Reads the chosen frames of a data set, in the order of their numbers, one at a time.
 
-    Files with other names are ignored.
+    path: its folder. classes: what the ids in `LabelledFrame.labels` stand for.
     """
 
-    def __init__(self, path: Path, selection: Selection | None = None) -> None:
-        """Raises DatasetError without frames, or when a picture or label image is missing; and OSError."""
-        if not path.is_dir():
-            raise DatasetError(f"{path} is not a folder: give one with NNNN.jpg, NNNN.png and classes.json")
-        self.path = path
-        self.classes: Classes = read_classes(path)
-        pictures, labels = _numbered(path)
-        if not pictures:
-            raise DatasetError(f"{path} holds no picture NNNN.jpg: name pictures by number, as 0001.jpg")
-        chosen = (selection or Selection()).of(sorted(pictures.keys() | labels.keys()))
+    def __init__(
+        self,
+        path: Path,
+        classes: Classes,
+        files: Sequence[Files],
+        code: LabelCode,
+        selection: Selection,
+        *,
+        remedy: str,
+        one_size: bool = True,
+    ) -> None:
+        """Choose from `files`, whose numbers must rise.
+
+        code: how label images are written. remedy: what to do when a file is missing. one_size: whether a
+        label image of another size than its picture is refused. Raises DatasetError when no frame is chosen,
+        when there are more than 200,000, and when a picture or label image is missing.
+        """
+        if len(files) > MOST_FRAMES:
+            raise DatasetError(f"{path} holds more than {MOST_FRAMES} frames: split it")
+        by_number = {one.number: one for one in files}
+        chosen = selection.of(list(by_number))
         if not chosen:
-            numbers = f"{min(pictures)} to {max(pictures)}"
+            numbers = f"{min(by_number)} to {max(by_number)}"
             raise DatasetError(f"{path} has no frame in the chosen range: its numbers go from {numbers}")
-        for number in chosen:
-            if number not in labels:
-                raise DatasetError(_missing_half(pictures[number], "label image", ".png"))
-            if number not in pictures:
-                raise DatasetError(_missing_half(labels[number], "picture", ".jpg"))
-        self._files = {number: (pictures[number], labels[number]) for number in chosen}
+        self.path = path
+        self.classes = classes
+        self._files = {number: by_number[number] for number in chosen}
+        self._code = code
+        self._one_size = one_size
+        for one in self._files.values():
+            for file, other, what in (
+                (one.label, one.picture, "label image"),
+                (one.picture, one.label, "picture"),
+            ):
+                if not file.is_file():
+                    raise DatasetError(f"{other} has no {what} {self._missing(file, other)}: {remedy}")
+
+    @staticmethod
+    def _missing(file: Path, other: Path) -> str:
+        return file.name if file.parent == other.parent else str(file)
 
     def __len__(self) -> int:
         return len(self._files)
@@ -95,31 +133,30 @@ class LabelledFolder:
         """The chosen numbers, rising."""
         return tuple(self._files)
 
+    @property
+    def files(self) -> tuple[Files, ...]:
+        """The files of the chosen frames, in the order of `numbers`."""
+        return tuple(self._files.values())
+
+    def name(self, number: int) -> str:
+        """Return the path of a frame's picture in the data set's folder, with forward slashes."""
+        return self._files[number].picture.relative_to(self.path).as_posix()
+
     def read(self, number: int) -> LabelledFrame:
         """Read one frame.
 
         Raises TornPictureError for a damaged file, DatasetError for labels that do not fit, OSError.
         """
-        picture, label = self._files[number]
-        image = _decoded(picture, cv2.IMREAD_COLOR)
-        labels = _decoded(label, cv2.IMREAD_UNCHANGED)
-        if labels.ndim != 2 or labels.dtype != np.uint8:
+        one = self._files[number]
+        image = _decoded(one.picture, cv2.IMREAD_COLOR)
+        labels = self._code.ids(_decoded(one.label, self._code.flags), one.label)
+        if not (labels.shape == image.shape[:2] or (not self._one_size and _alike(labels, image))):
             raise DatasetError(
-                f"{label} is not one channel of 8 bits: save class ids in grey, not colours or a palette"
-            )
-        if labels.shape != image.shape[:2]:
-            raise DatasetError(
-                f"{label} is {_size(labels)} and {picture.name} is {_size(image)}: "
+                f"{one.label} is {_size(labels)} and {one.picture.name} is {_size(image)}: "
                 "save label images in the size of their pictures"
             )
-        stray = self.classes.stray(labels)
-        if stray is not None:
-            raise DatasetError(
-                f"{label} holds the id {stray}, which classes.json does not name: "
-                f"add it there, or write {self.classes.ignore} for what is not labelled"
-            )
         rgb = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-        return LabelledFrame(number, picture.name, rgb, labels)
+        return LabelledFrame(number, self.name(number), rgb, labels)
 
     def frames(self, torn: Callable[[str], None]) -> Iterator[LabelledFrame]:
         """Yield all chosen frames; damaged ones are reported to `torn` and skipped.
@@ -139,22 +176,6 @@ class LabelledFolder:
             raise DatasetError(f"{self.path} has no frame that can be read: copy the folder again")
 
 
-def _numbered(path: Path) -> tuple[dict[int, Path], dict[int, Path]]:
-    """Return the pictures and the label images by their number."""
-    found: dict[str, dict[int, Path]] = {"jpg": {}, "png": {}}
-    for file in path.iterdir():
-        match = _NAME.fullmatch(file.name)
-        if match is None:
-            continue
-        number, files = int(match[1]), found[match[2]]
-        if number in files:
-            raise DatasetError(f"{file} has the same number as {files[number].name}: rename one")
-        if len(files) == _MOST_FRAMES:
-            raise DatasetError(f"{path} holds more than {_MOST_FRAMES} frames: split it")
-        files[number] = file
-    return found["jpg"], found["png"]
-
-
 def _decoded(file: Path, flags: int) -> NDArray[np.uint8]:
     with file.open("rb") as stream:
         data = stream.read(_MOST_BYTES + 1)
@@ -171,9 +192,10 @@ def _decoded(file: Path, flags: int) -> NDArray[np.uint8]:
     return picture
 
 
-def _missing_half(file: Path, what: str, suffix: str) -> str:
-    missing = file.with_suffix(suffix).name
-    return f"{file} has no {what} {missing}: add it, or leave the frame out with --from and --to"
+def _alike(labels: Labels, image: NDArray[np.uint8]) -> bool:
+    """Return whether both have nearly the same aspect ratio."""
+    ratio = labels.shape[0] * image.shape[1] / (labels.shape[1] * image.shape[0])
+    return bool(abs(ratio - 1) <= _SAME_SHAPE)
 
 
 def _size(picture: NDArray[np.uint8]) -> str:

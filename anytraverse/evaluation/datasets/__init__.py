@@ -1,4 +1,4 @@
-"""Opens labelled data sets by name, as "folder:DIR". One file a kind."""
+"""Opens labelled data sets by name, as "rellis:DIR". One file a kind."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ from anytraverse.evaluation.datasets.dataset import (
     Selection,
     TornPictureError,
 )
+from anytraverse.evaluation.datasets.deepscene import open_deepscene
 from anytraverse.evaluation.datasets.folder import open_folder
+from anytraverse.evaluation.datasets.rellis import open_rellis
+from anytraverse.evaluation.datasets.rugd import open_rugd
 from anytraverse.evaluation.datasets.splits import ALL
+from anytraverse.evaluation.datasets.ycor import open_ycor
 from anytraverse.evaluation.labels import DatasetError
 
 __all__ = [
@@ -33,12 +37,16 @@ __all__ = [
 FOLDER = "folder"
 KINDS: Mapping[str, Callable[[Path, str, Selection], Dataset]] = {
     FOLDER: open_folder,
+    "rellis": open_rellis,
+    "rugd": open_rugd,
+    "deepscene": open_deepscene,
+    "ycor": open_ycor,
 }
 """Kind -> its function, which finds the files of a split."""
 
 
 def kind_and_path(name: str) -> tuple[str, Path]:
-    """Split "folder:DIR" into kind and path; a folder's name alone is a folder. Raises DatasetError."""
+    """Split "rellis:DIR" into kind and path; a folder's name alone is a folder. Raises DatasetError."""
     kind, colon, path = name.partition(":")
     if not colon or Path(name).is_dir():
         return FOLDER, Path(name)

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from anytraverse.evaluation.datasets import KINDS, Dataset, LabelledFrame, Selection, open_dataset
+from anytraverse.evaluation.datasets import ALL, KINDS, Dataset, LabelledFrame, Selection, open_dataset
 from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.seeing import PerceiverRun
 from anytraverse.perception import make_perceiver
@@ -41,6 +41,7 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
 
 def add_choice(parser: argparse.ArgumentParser) -> None:
     """Add the arguments for the cores and the choice of frames."""
+    parser.add_argument("--split", metavar="NAME", help='a part of a published data set, e.g. "test"')
     parser.add_argument("--threads", type=int, default=0, metavar="N", help="cores to use, by default all")
     parser.add_argument("--from", dest="first", type=int, metavar="N", help="the lowest number that counts")
     parser.add_argument("--to", dest="last", type=int, metavar="N", help="the highest number that counts")
@@ -49,9 +50,10 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def open_chosen(options: argparse.Namespace) -> Dataset:
-    """Open the data set with the chosen frames. Raises DatasetError, OSError."""
-    return open_dataset(options.folder, selection=Selection(options.first, options.last, options.every))
+def open_chosen(options: argparse.Namespace, split: str = ALL) -> Dataset:
+    """Open the data set with the chosen frames. split: the default. Raises DatasetError, OSError."""
+    selection = Selection(options.first, options.last, options.every)
+    return open_dataset(options.folder, options.split or split, selection)
 
 
 def open_perceiver(options: argparse.Namespace) -> PerceiverRun:
@@ -88,14 +90,13 @@ class Watched:
         self._progress.step()
 
 
-def setting(
-    options: argparse.Namespace, seeing: PerceiverRun, watched: Watched, images: int
-) -> dict[str, Any]:
+def setting(options: argparse.Namespace, seeing: PerceiverRun, torn: int, images: int) -> dict[str, Any]:
     """Return what was scored, for JSON."""
     return {
         "images": images,
-        "torn": watched.torn,
+        "torn": torn,
         "folder": options.folder,
+        "split": options.split,
         "from": options.first,
         "to": options.last,
         "every": options.every,

@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     matches = match_words(seeing.words, folder.classes, seeing.perceiver.meaning, given)
     with Watched(folder) as frames:
         score = score_drivable(frames, seeing, folder.classes, drivable, matches)
-    figures = figures_of(score) | setting(options, seeing, frames, score.images) | {"drivable": drivable}
+    figures = figures_of(score) | setting(options, seeing, frames.torn, score.images) | {"drivable": drivable}
     if not options.json:
         print(text_of(score, heading(options, figures)))
     print(json.dumps(figures, allow_nan=False))
@@ -74,7 +74,7 @@ def _run_degraded(options: argparse.Namespace) -> int:
         scores, times = score_degraded(frames, seeing, folder.classes, drivable, names)
     rows = {name: ground_figures(score) for name, score in scores.items()}
     figures = {"degraded": rows, "ms_per_frame": round(median(times), 2), "drivable": drivable}
-    figures |= setting(options, seeing, frames, len(times))
+    figures |= setting(options, seeing, frames.torn, len(times))
     if not options.json:
         print(degraded_text(rows, heading(options, figures)))
     print(json.dumps(figures, allow_nan=False))

@@ -81,11 +81,12 @@ class LabelledFrame:
 class Dataset:
     """Reads the chosen frames of a data set, in the order of their numbers, one at a time.
 
-    path: its folder. classes: what the ids in `LabelledFrame.labels` stand for.
+    title: its name for people. path: its folder. classes: what the ids in `LabelledFrame.labels` stand for.
     """
 
     def __init__(
         self,
+        title: str,
         path: Path,
         classes: Classes,
         files: Sequence[Files],
@@ -108,6 +109,7 @@ class Dataset:
         if not chosen:
             numbers = f"{min(by_number)} to {max(by_number)}"
             raise DatasetError(f"{path} has no frame in the chosen range: its numbers go from {numbers}")
+        self.title = title
         self.path = path
         self.classes = classes
         self._files = {number: by_number[number] for number in chosen}

@@ -44,7 +44,9 @@ def open_deepscene(path: Path, split: str, selection: Selection) -> Dataset:
         absent = root / part / _PICTURES
         pairs += [(pictures.get(name, absent / f"{name}_Clipped.jpg"), labels[name]) for name in labels]
     files = numbered(pairs, root, ORIGIN.remedy)
-    return Dataset(root, CODE.classes, files, CODE, selection, remedy=ORIGIN.remedy, one_size=False)
+    return Dataset(
+        ORIGIN.title, root, CODE.classes, files, CODE, selection, remedy=ORIGIN.remedy, one_size=False
+    )
 
 
 def _by_sample(folder: Path, suffix: str) -> dict[str, Path]:

@@ -38,7 +38,7 @@ def open_folder(path: Path, split: str = ALL, selection: Selection | None = None
     ]
     code = IdCode(classes, FILE, f"add it there, or write {classes.ignore} for what is not labelled")
     remedy = "add it, or leave the frame out with --from and --to"
-    return Dataset(path, classes, files, code, selection or Selection(), remedy=remedy)
+    return Dataset(path.resolve().name, path, classes, files, code, selection or Selection(), remedy=remedy)
 
 
 def _numbered(path: Path) -> tuple[dict[int, Path], dict[int, Path]]:

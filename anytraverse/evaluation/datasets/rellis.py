@@ -40,7 +40,7 @@ def open_rellis(path: Path, split: str, selection: Selection) -> Dataset:
     remedy = f"unpack {_ARCHIVES} into {root}; {ORIGIN.remedy}"
     files = numbered(pairs, root, remedy)
     code = IdCode(CLASSES, ORIGIN.title, "take the label images in ID format")
-    return Dataset(root, CLASSES, files, code, selection, remedy=remedy)
+    return Dataset(ORIGIN.title, root, CLASSES, files, code, selection, remedy=remedy)
 
 
 def _list(path: Path, root: Path, split: str) -> Path:

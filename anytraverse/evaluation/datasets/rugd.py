@@ -48,4 +48,4 @@ def open_rugd(path: Path, split: str, selection: Selection) -> Dataset:
         pairs += [(pictures / drive / label.name, label) for label in labels]
     files = numbered(pairs, annotated, ORIGIN.remedy)
     remedy = f"unpack {_PICTURES}.zip into {path}; {ORIGIN.remedy}"
-    return Dataset(path, CODE.classes, files, CODE, selection, remedy=remedy)
+    return Dataset(ORIGIN.title, path, CODE.classes, files, CODE, selection, remedy=remedy)

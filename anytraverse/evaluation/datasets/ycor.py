@@ -38,4 +38,4 @@ def open_ycor(path: Path, split: str, selection: Selection) -> Dataset:
         folder = ORIGIN.folder(root / part, f"{_ARCHIVE}.zip")
         pairs += [(label.with_name("rgb.jpg"), label) for label in sorted(folder.glob("*/labels.png"))]
     files = numbered(pairs, root, ORIGIN.remedy)
-    return Dataset(root, CODE.classes, files, CODE, selection, remedy=ORIGIN.remedy)
+    return Dataset(ORIGIN.title, root, CODE.classes, files, CODE, selection, remedy=ORIGIN.remedy)

@@ -48,8 +48,8 @@ def test_each_is_scored_as_its_labels_say(tree: tuple[str, Path], capsys: Out) -
     assert main([*command, "--drivable", DRIVABLE[kind], "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["images"] == 2
-    assert figures["iou_pooled"] == pytest.approx(3 / 5, abs=0.03)
-    assert figures["iou_mean"] == pytest.approx((1 + 1 / 3) / 2, abs=0.03)
+    assert figures["iou_pooled"] == pytest.approx(3 / 4, abs=0.03)
+    assert figures["iou_mean"] == pytest.approx((1 + 1 / 2) / 2, abs=0.03)
     assert figures["words"]["grass"]["pixels"] in {3 * 1024, 3 * 256}
 
 

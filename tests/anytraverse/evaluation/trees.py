@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from anytraverse.evaluation.datasets.rugd import SPLITS
 
-GRASS, BUSH, STRANGE = 90, 140, 250
-"""Brightness that Grey takes for grass and bush, and one that it takes for neither."""
+GRASS, BUSH = 90, 140
+"""Brightness that Grey takes for grass and bush."""
 SCENES: Mapping[str, tuple[Sequence[int], Sequence[str]]] = {
     "right": ((GRASS, GRASS, BUSH, BUSH), ("grass", "grass", "bush", "bush")),
-    "wrong": ((GRASS, GRASS, GRASS, BUSH), ("grass", "bush", "bush", "void")),
+    "wrong": ((GRASS, GRASS, BUSH, GRASS), ("grass", "bush", "bush", "void")),
 }
-"""Brightness and label of four blocks of 32x32 pixels: all right, and an IoU of 1/3."""
+"""Brightness and label of four blocks of 32x32 pixels.
+
+The IoU is 1 and 1/2, and 1/3 where the block without a label counts.
+"""
 
 
 def blocks(values: Sequence[object]) -> NDArray[np.uint8]:

@@ -23,6 +23,10 @@ COMMANDS: Commands = {
         "score a perceiver on a published data set, beside the paper's figures",
         "anytraverse.evaluation.evaluate_command",
     ),
+    "sweep": (
+        "compare sets of words on a data set",
+        "anytraverse.evaluation.sweep_command",
+    ),
     "fit": ("fit the built-in network to labelled frames of your own", "anytraverse.training.command"),
     "export": ("make a bundle of a CLIPSeg checkpoint, for a rover to run", "anytraverse.export.command"),
     "bundle": (

@@ -49,6 +49,10 @@ _CURVES = (
     ("precision", "precision", "--violet"),
     ("recall", "recall", "--red"),
 )
+_CALLS = (
+    ("things", "holds a thing", "--green"),
+    ("clean", "all drivable", "--red"),
+)
 _LEGENDS = (
     (
         "judged",
@@ -79,7 +83,9 @@ def page(figures: Figures, exhibits: Mapping[int, Exhibit]) -> str:
         f"{figures['ms_per_frame']:.1f} ms a frame.<br>Words: {escape(asked(figures))}<br>"
         f"Drivable: {escape(', '.join(figures['drivable']))}</p>",
         f'<div class="beside"><div>{_compared(figures)}</div><div>{_headlines(figures)}</div></div>',
-        f'<div class="beside"><div><h2>Other thresholds</h2>{_curve(figures["curve"])}</div>',
+        f'<div class="beside"><div><h2>Other thresholds</h2>'
+        f"{_curve(figures['curve'], _CURVES, 0.5, 'traversability above which a pixel counts as drivable')}"
+        f"{_calls(figures)}</div>",
         f"<div><h2>Classes</h2>{_classes(figures['classes'])}</div></div>",
         "<h2>The worst frames</h2>",
         *(_legend(name, keys) for name, keys in _LEGENDS),
@@ -136,15 +142,31 @@ def _classes(classes: Mapping[str, Mapping[str, Any]]) -> str:
     )
 
 
-def _curve(rows: Sequence[Mapping[str, float | None]]) -> str:
-    """Draw IoU, precision and recall over the threshold, 0 to 1 each."""
+def _calls(figures: Figures) -> str:
+    calls, label = figures["calls"], "mean uncertainty of the region above which the rover calls"
+    return (
+        "<h2>Uncertain regions of interest</h2>"
+        f'<p class="faint">Share of frames above each threshold: of {calls["clean"]} whose region of '
+        f"interest is all drivable, and of {calls['things']} in which a thing without a word covers 1 % of "
+        "it. The perceiver's own threshold is marked.</p>"
+        f"{_curve(calls['curve'], _CALLS, figures['roi_threshold'], label)}"
+    )
+
+
+def _curve(
+    rows: Sequence[Mapping[str, float | None]],
+    curves: Sequence[tuple[str, str, str]],
+    mark: float,
+    label: str,
+) -> str:
+    """Draw curves (key, name, colour) over the threshold, 0 to 1 each. mark: the threshold in use."""
     width, height, left, top = 440, 280, 34, 10
 
     def at(x: float, y: float) -> str:
         return f"{left + x * width:.1f},{top + (1 - y) * height:.1f}"
 
     parts = [f'<svg viewBox="0 0 {width + left + 60} {height + 50}" width="{width + left + 60}" role="img">']
-    parts.append("<title>IoU, precision and recall over the threshold of traversability</title>")
+    parts.append(f"<title>{', '.join(name for _, name, _ in curves)} over the {label}</title>")
     for step in range(6):
         value = step / 5
         y = at(0, value).split(",")[1]
@@ -153,24 +175,24 @@ def _curve(rows: Sequence[Mapping[str, float | None]]) -> str:
         x = at(value, 0).split(",")[0]
         parts.append(f'<text x="{x}" y="{top + height + 18}" text-anchor="middle">{value:.1f}</text>')
     parts.append(
-        f'<text x="{left + width / 2}" y="{top + height + 36}" text-anchor="middle">'
-        "traversability above which a pixel counts as drivable</text>"
+        f'<text x="{left + width / 2}" y="{top + height + 36}" text-anchor="middle">{escape(label)}</text>'
     )
-    half = at(0.5, 0).split(",")[0]
+    half = at(mark, 0).split(",")[0]
     parts.append(f'<line class="half" x1="{half}" y1="{top}" x2="{half}" y2="{top + height}"/>')
     ends: list[tuple[float, str, str]] = []
-    for key, name, colour in _CURVES:
+    for key, name, colour in curves:
         points = [(row["threshold"] or 0.0, high) for row in rows if (high := row[key]) is not None]
         if points:
             line = " ".join(at(*point) for point in points)
             parts.append(f'<polyline points="{line}" style="stroke:var({colour})"/>')
             ends.append((top + (1 - points[-1][1]) * height, name, colour))
-    below = float("-inf")
-    for end, name, colour in sorted(ends):  # names that would overlap are moved down
-        below = max(end + 4, below + 14)
-        parts.append(
-            f'<text x="{left + 0.96 * width:.1f}" y="{below:.1f}" style="fill:var({colour})">{name}</text>'
-        )
+    places: list[float] = []
+    for end, _, _ in sorted(ends):  # names that would overlap are moved apart, and up from the axis
+        places.append(max(end + 4, places[-1] + 14 if places else 0.0))
+    moved = max(0.0, places[-1] - top - height) if places else 0.0
+    for place, (_, name, colour) in zip(places, sorted(ends), strict=True):
+        x = f"{left + 0.96 * width:.1f}"
+        parts.append(f'<text x="{x}" y="{place - moved:.1f}" style="fill:var({colour})">{name}</text>')
     return "".join(parts) + "</svg>"
 
 

@@ -1,4 +1,4 @@
-"""Stores the tally of each judged frame, so that a run that was killed goes on where it was."""
+"""Stores the tally of each judged frame, so that no frame is judged twice with the same words."""
 
 from __future__ import annotations
 
@@ -12,26 +12,34 @@ from typing import Any
 from anytraverse.evaluation.datasets import Files
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.tally import DamagedTallyError, Tally
+from anytraverse.preferences import Preferences
 
 FILE = "records.sqlite"
+MOST_WORDS = 64
+"""How many sets of words are kept; beyond that the least recently used goes."""
 _TABLES = """
+BEGIN EXCLUSIVE;
 CREATE TABLE IF NOT EXISTS run (settings TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS frames
-    (name TEXT PRIMARY KEY, stamp TEXT NOT NULL, milliseconds REAL NOT NULL, tally BLOB NOT NULL);
+CREATE TABLE IF NOT EXISTS words (id INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE, used INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS tallies
+    (words INTEGER, name TEXT, stamp TEXT NOT NULL, tally BLOB NOT NULL, PRIMARY KEY (words, name));
+COMMIT;
 """
 
 
 class Records:
-    """Keeps tallies by frame in a file of SQLite, which survives a kill at any point. A context manager.
+    """Keeps tallies by words and frame in a file of SQLite, which survives a kill at any point.
 
-    What decides the maps is stored with them: a folder holds one run, and another one is refused.
+    What else decides the maps is stored with them: a folder holds the tallies of one data set and one
+    perceiver, and those of another are refused. A context manager.
     """
 
     def __init__(self, folder: Path, run: Mapping[str, Any], rows: int) -> None:
         """Open or make the records in `folder`.
 
-        run: what the tallies depend on, JSON. rows: of a tally. Raises DatasetError when the folder holds
-        another run's, when another program writes them, and when they are damaged; and OSError.
+        run: what the tallies depend on besides frame and words, JSON. rows: of a tally. Raises DatasetError
+        when the folder holds another run's, when another program writes them, and when they are damaged; and
+        OSError.
         """
         folder.mkdir(parents=True, exist_ok=True)
         self._file = folder / FILE
@@ -40,12 +48,12 @@ class Records:
         with self._refusals():
             self._connection = sqlite3.connect(self._file, timeout=0.5, isolation_level=None)
             try:
-                self._connection.execute("PRAGMA locking_mode=EXCLUSIVE")
-                self._connection.execute("PRAGMA synchronous=NORMAL")
-                self._connection.executescript(f"BEGIN EXCLUSIVE;{_TABLES}COMMIT;")
-                found = self._connection.execute("SELECT settings FROM run").fetchone()
+                self._execute("PRAGMA locking_mode=EXCLUSIVE")
+                self._execute("PRAGMA synchronous=NORMAL")
+                self._connection.executescript(_TABLES)
+                found = self._execute("SELECT settings FROM run").fetchone()
                 if found is None:
-                    self._connection.execute("INSERT INTO run VALUES (?)", (settings,))
+                    self._execute("INSERT INTO run VALUES (?)", settings)
                 elif found[0] != settings:
                     raise DatasetError(self._other(json.loads(found[0]), json.loads(settings)))
             except BaseException:
@@ -58,29 +66,58 @@ class Records:
     def __exit__(self, *_: object) -> None:
         self._connection.close()
 
-    def get(self, name: str, files: Files) -> Tally | None:
-        """Return the tally of a frame; None when there is none of the files as they are now."""
+    def use(self, words: Preferences) -> int:
+        """Return the key of a set of words; beyond `MOST_WORDS` the least recently used is forgotten."""
+        text = json.dumps(dict(words), sort_keys=True)
         with self._refusals():
-            found = self._connection.execute(
-                "SELECT tally, milliseconds FROM frames WHERE name = ? AND stamp = ?", (name, _stamp(files))
-            ).fetchone()
-            return Tally.unpacked(found[0], found[1], self._rows) if found else None
+            (last,) = self._execute("SELECT COALESCE(MAX(used), 0) FROM words").fetchone()
+            self._execute(
+                "INSERT INTO words (text, used) VALUES (?, ?) ON CONFLICT (text) DO UPDATE SET used = ?",
+                text,
+                last + 1,
+                last + 1,
+            )
+            (key,) = self._execute("SELECT id FROM words WHERE text = ?", text).fetchone()
+            self._execute(
+                "DELETE FROM words WHERE id NOT IN (SELECT id FROM words ORDER BY used DESC LIMIT ?)",
+                MOST_WORDS,
+            )
+            self._execute("DELETE FROM tallies WHERE words NOT IN (SELECT id FROM words)")
+        return int(key)
 
-    def holds(self, name: str, files: Files) -> bool:
+    def holds(self, words: int, name: str, files: Files) -> bool:
         """Return whether `get` returns a tally."""
-        with self._refusals():
-            found = self._connection.execute(
-                "SELECT 1 FROM frames WHERE name = ? AND stamp = ?", (name, _stamp(files))
-            ).fetchone()
-        return found is not None
+        return self._find("1", words, name, files) is not None
 
-    def add(self, name: str, files: Files, tally: Tally) -> None:
+    def get(self, words: int, name: str, files: Files) -> Tally | None:
+        """Return the tally of a frame; None when there is none of the files as they are now.
+
+        words: what `use` returned. Raises DatasetError.
+        """
+        with self._refusals():
+            found = self._find("tally", words, name, files)
+            return Tally.unpacked(found[0], self._rows) if found else None
+
+    def add(self, words: int, name: str, files: Files, tally: Tally) -> None:
         """Store a tally; it is there after a kill. Raises DatasetError, e.g. when the disk is full."""
         with self._refusals():
-            self._connection.execute(
-                "INSERT OR REPLACE INTO frames VALUES (?, ?, ?, ?)",
-                (name, _stamp(files), tally.milliseconds, tally.packed()),
+            self._execute(
+                "INSERT OR REPLACE INTO tallies VALUES (?, ?, ?, ?)",
+                words,
+                name,
+                _stamp(files),
+                tally.packed(),
             )
+
+    def _find(self, column: str, words: int, name: str, files: Files) -> Any:
+        where = "WHERE words = ? AND name = ? AND stamp = ?"
+        with self._refusals():
+            return self._execute(
+                f"SELECT {column} FROM tallies {where}", words, name, _stamp(files)
+            ).fetchone()
+
+    def _execute(self, statement: str, *values: object) -> sqlite3.Cursor:
+        return self._connection.execute(statement, values)
 
     @contextmanager
     def _refusals(self) -> Iterator[None]:

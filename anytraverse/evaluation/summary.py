@@ -19,6 +19,9 @@ from anytraverse.evaluation.tally import HALF, THRESHOLDS, Rows, Tally
 
 Floats = NDArray[np.float64]
 
+THING = 0.01
+"""Share of the region of interest that a thing must cover to count as one in it."""
+
 
 @dataclass(frozen=True)
 class FrameScore:
@@ -52,6 +55,7 @@ class Summary:
     def __post_init__(self) -> None:
         names = self.rows.names
         self._true = np.array([name in self.drivable for name in names] + [False])
+        self._unknown = np.array([name in self.unknown for name in names] + [False])
         self._false = np.array([name not in self.drivable for name in names] + [False])
         self._ious: list[Floats] = []
         self._authors: list[Floats] = []
@@ -59,6 +63,8 @@ class Summary:
         self._ground: Counts = np.zeros((self.rows.count, len(THRESHOLDS) + 1), dtype=np.int64)
         self._known: Counts = np.zeros((self.rows.count, 2), dtype=np.int64)
         self._uncertainty: Counts = np.zeros((self.rows.count, COARSE.count), dtype=np.int64)
+        self._clean: list[float] = []
+        self._things: list[float] = []
 
     def add(self, number: int, name: str, tally: Tally) -> None:
         """Add a frame."""
@@ -69,6 +75,7 @@ class Summary:
         self._ground += tally.ground
         self._known += tally.known
         self._uncertainty += tally.uncertainty
+        self._add_roi(tally)
         labelled = max(1, int(tally.ground[:-1].sum()))
         true = int(tally.ground[self._true].sum())
         right = int(both[HALF])
@@ -85,6 +92,14 @@ class Summary:
             wrong=(found - right) / labelled,
         )
         self.frames.append(score)
+
+    def _add_roi(self, tally: Tally) -> None:
+        """Note the uncertainty of a region of interest that is all drivable, or holds an unknown thing."""
+        whole = max(1, int(tally.roi.sum()))
+        if tally.roi[self._true].sum() == whole:
+            self._clean.append(tally.roi_uncertainty)
+        elif tally.roi[self._unknown].sum() >= THING * whole:
+            self._things.append(tally.roi_uncertainty)
 
     def _overlap(self, ground: Counts) -> tuple[Floats, Floats, Floats]:
         """Return intersection, union over labelled pixels, and found pixels without a label, by threshold."""
@@ -129,6 +144,7 @@ class Summary:
             "curve": self._curve(),
             "classes": self._classes(),
             **self._unknown_figures(),
+            "calls": self._calls(),
             "best": [_brief(frame) for frame in self.best(most)],
             "worst": [_brief(frame) for frame in self.worst(most)],
         }
@@ -183,13 +199,25 @@ class Summary:
             },
         }
 
+    def _calls(self) -> dict[str, Any]:
+        """Return the shares of frames whose region of interest is more uncertain than each threshold."""
+        kinds = {"clean": self._clean, "things": self._things}
+        curve: list[dict[str, float | None]] = []
+        for threshold in THRESHOLDS:
+            above = {
+                kind: rounded(float(np.mean(np.array(values) > threshold))) if values else None
+                for kind, values in kinds.items()
+            }
+            curve.append({"threshold": threshold, **above})
+        return {**{kind: len(values) for kind, values in kinds.items()}, "curve": curve}
+
     def frames_csv(self) -> str:
         """Return the figures of each frame as CSV, by number."""
-        return _csv([vars(frame) for frame in sorted(self.frames, key=lambda frame: frame.number)])
+        return as_csv([vars(frame) for frame in sorted(self.frames, key=lambda frame: frame.number)])
 
     def curve_csv(self) -> str:
         """Return the curve over thresholds as CSV."""
-        return _csv(self._curve())
+        return as_csv(self._curve())
 
 
 def _brief(frame: FrameScore) -> dict[str, Any]:
@@ -221,7 +249,8 @@ def _rounded(value: Floats | float) -> float | None:
     return rounded(_or_none(value))
 
 
-def _csv(rows: Sequence[dict[str, Any]]) -> str:
+def as_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """Return rows of the same keys as CSV. Raises IndexError without any."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()

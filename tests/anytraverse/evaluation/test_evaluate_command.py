@@ -172,6 +172,25 @@ def test_a_thing_that_looks_like_ground_and_ground_that_nothing_explains_are_cou
     assert figures["unknown"]["barrel"]["auroc"] == figures["auroc"]
 
 
+def test_regions_of_interest_are_counted_by_what_is_in_them(
+    make_drive: MakeDrive, tmp_path: Path, capsys: Out
+) -> None:
+    ground, thing, grass = [DIRT] * 3, [DIRT, STRANGE, DIRT], [DIRT, BUSH, DIRT]
+    folder = make_drive(
+        {
+            1: ([ground] * 4, [[0] * 3] * 4),
+            2: ([ground, ground, thing, thing], [[0] * 3] * 2 + [[0, 3, 0]] * 2),
+            3: ([ground, ground, grass, grass], [[0] * 3] * 2 + [[0, 2, 0]] * 2),
+            4: ([thing] * 4, [[0] * 3] * 4),
+        }
+    )
+    figures = evaluated(capsys, own(folder, tmp_path / "out", "--unknown", "barrel"))
+    calls = figures["calls"]
+    assert (calls["clean"], calls["things"], figures["roi_threshold"]) == (2, 1, 0.3)
+    assert calls["curve"][5] == {"threshold": 0.3, "clean": 0.5, "things": 1.0}
+    assert "mean uncertainty of the region" in (tmp_path / "out" / "evaluation.html").read_text()
+
+
 @pytest.mark.parametrize("word", ["barrel", "drum"])
 def test_a_word_for_what_shall_be_unknown_is_refused_by_name_and_by_meaning(
     drive: Path, tmp_path: Path, capsys: Out, word: str

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from anytraverse.cli import main
+from anytraverse.evaluation import records
 from anytraverse.evaluation.records import FILE
 
 MakeDrive = Callable[..., Path]
@@ -164,10 +165,41 @@ def test_a_folder_of_which_all_is_torn_is_refused(drive: Path, tmp_path: Path, c
     assert "no frame that can be read" in refused(capsys, command(drive, tmp_path / "out"))
 
 
-def test_another_run_is_not_mixed_with_this_one(drive: Path, tmp_path: Path, capsys: Out) -> None:
-    evaluated(capsys, command(drive, tmp_path / "out"))
-    line = refused(capsys, command(drive, tmp_path / "out", words="dirt: 1; grass: 1"))
-    assert "holds another run, with other words: choose another --out, or remove" in line
+def test_other_words_are_judged_beside_the_first_ones(drive: Path, tmp_path: Path, capsys: Out) -> None:
+    first, _ = evaluated(capsys, command(drive, tmp_path / "out"))
+    _, said = evaluated(capsys, command(drive, tmp_path / "out", words="dirt: 1; grass: 0.9"))
+    assert "judged before" not in said
+    again, said = evaluated(capsys, command(drive, tmp_path / "out"))
+    assert said.startswith("20 frames were judged before")
+    assert again == first
+
+
+def test_another_perceiver_is_not_mixed_with_this_one(
+    drive: Path, tmp_path: Path, capsys: Out, grey: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bundle = tmp_path / "bundle"
+    bundle.mkdir()
+    (bundle / "manifest.json").write_text("one calibration")
+    arguments = [*command(drive, tmp_path / "out"), "--perceiver", f"grey:{bundle}"]
+    evaluated(capsys, arguments)
+    evaluated(capsys, arguments)
+    (bundle / "manifest.json").write_text("another")
+    line = refused(capsys, arguments)
+    assert "holds another run, with other model: choose another --out, or remove" in line
+    (bundle / "manifest.json").write_text("one calibration")
+    monkeypatch.setattr(grey, "precision", "int8", raising=False)
+    assert "with other model" in refused(capsys, arguments)
+
+
+def test_the_least_recently_used_words_are_forgotten_first(
+    drive: Path, tmp_path: Path, capsys: Out, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records, "MOST_WORDS", 2)
+    for words in ("dirt: 1", "grass: 1", "dirt: 1", "bush: 1"):
+        evaluated(capsys, command(drive, tmp_path / "out", words=words))
+    for words, kept in (("dirt: 1", True), ("grass: 1", False)):
+        _, said = evaluated(capsys, command(drive, tmp_path / "out", words=words))
+        assert ("20 frames were judged before" in said) == kept
 
 
 def test_two_runs_do_not_write_at_once(drive: Path, tmp_path: Path, capsys: Out) -> None:
@@ -185,7 +217,7 @@ def test_two_runs_do_not_write_at_once(drive: Path, tmp_path: Path, capsys: Out)
     "damage",
     [
         lambda file: file.write_bytes(b"no database" * 1000),
-        lambda file: _execute(file, "UPDATE frames SET tally = x'00' WHERE name = '0002.jpg'"),
+        lambda file: _execute(file, "UPDATE tallies SET tally = x'00' WHERE name = '0002.jpg'"),
         lambda file: _execute(file, "UPDATE run SET settings = '{'"),
     ],
 )

@@ -35,7 +35,7 @@ def summed(frames: list[tuple[LabelledFrame, Seen]]) -> Summary:
     summary = Summary(ROWS, ["grass"], ["drum"])
     for frame, seen in frames:
         tally = Tally.of(seen, frame, ROWS)
-        again = Tally.unpacked(tally.packed(), tally.milliseconds, ROWS.count)
+        again = Tally.unpacked(tally.packed(), ROWS.count)
         summary.add(frame.number, frame.name, again)
     return summary
 
@@ -108,9 +108,9 @@ def test_a_tally_that_is_not_whole_is_refused(cut: int) -> None:
     packed = Tally.of(seen, frame, ROWS).packed()
     for damaged in (packed[:cut], b"x" + packed):
         with pytest.raises(DamagedTallyError, match="damaged"):
-            Tally.unpacked(damaged, 1.0, ROWS.count)
+            Tally.unpacked(damaged, ROWS.count)
     with pytest.raises(DamagedTallyError, match="damaged"):
-        Tally.unpacked(packed, 1.0, ROWS.count + 1)
+        Tally.unpacked(packed, ROWS.count + 1)
 
 
 @given(st.lists(st.floats(0, 1, width=32), min_size=2), st.sampled_from([FINE, COARSE]))

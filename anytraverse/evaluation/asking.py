@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from anytraverse.evaluation.arguments import add_choice, open_chosen
 from anytraverse.evaluation.datasets import KINDS, Dataset, kind_and_path
@@ -135,9 +137,18 @@ def _unknown(
     return dataset.classes.choose(free) if free else ()
 
 
-def write_files(folder: Path, files: Mapping[str, str]) -> None:
-    """Write each text whole or not at all, by the name of its file. Raises OSError."""
+def conclude(
+    options: argparse.Namespace, files: Mapping[str, str], table: str, figures: Mapping[str, Any]
+) -> None:
+    """Write the files into --out, and print the table, and the figures as the last line.
+
+    files: name -> text; each is written whole or not at all. Raises OSError.
+    """
     for name, text in files.items():
-        partial = folder / f".{name}.part"
+        partial = options.out / f".{name}.part"
         partial.write_text(text, encoding="utf-8")
-        os.replace(partial, folder / name)
+        os.replace(partial, options.out / name)
+    if not options.json:
+        print(table)
+        print(f"  written to {options.out}: {', '.join(files)}")
+    print(json.dumps(figures, allow_nan=False))

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from anytraverse.evaluation.arguments import setting
-from anytraverse.evaluation.asking import Asked, add_asked, write_files
+from anytraverse.evaluation.asking import Asked, add_asked, conclude
 from anytraverse.evaluation.evaluating import Evaluation
 from anytraverse.evaluation.exhibits import Exhibit, draw
 from anytraverse.evaluation.page import page
@@ -56,11 +56,7 @@ def run(options: argparse.Namespace) -> int:
         "frames.csv": summary.frames_csv(),
         "curve.csv": summary.curve_csv(),
     }
-    write_files(options.out, written)
-    if not options.json:
-        print(text_of(figures))
-        print(f"  written to {options.out}: {', '.join(written)}")
-    print(json.dumps(figures, allow_nan=False))
+    conclude(options, written, text_of(figures), figures)
     return 0
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from anytraverse.evaluation.arguments import shown
-from anytraverse.evaluation.asking import Asked, add_asked, write_files
+from anytraverse.evaluation.asking import Asked, add_asked, conclude
 from anytraverse.evaluation.evaluating import Evaluation
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.records import MOST_WORDS
@@ -75,11 +75,7 @@ def run(options: argparse.Namespace) -> int:
         "sweep.csv": as_csv([{key: row[key] for key in ("prompts", *dict(_COLUMNS))} for row in rows]),
         "sweep.json": json.dumps(figures, indent=1, allow_nan=False) + "\n",
     }
-    write_files(options.out, written)
-    if not options.json:
-        print(text_of(figures))
-        print(f"  written to {options.out}: {', '.join(written)}")
-    print(json.dumps(figures, allow_nan=False))
+    conclude(options, written, text_of(figures), figures)
     return 0
 
 

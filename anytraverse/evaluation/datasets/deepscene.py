@@ -16,9 +16,7 @@ from anytraverse.evaluation.datasets.dataset import Dataset, Selection
 from anytraverse.evaluation.datasets.splits import ALL, Origin, numbered, unpacked
 from anytraverse.evaluation.labels import DatasetError
 
-ORIGIN = Origin(
-    "DeepScene (Freiburg Forest)", "http://deepscene.cs.uni-freiburg.de", "for research; see the terms there"
-)
+ORIGIN = Origin("DeepScene (Freiburg Forest)", "http://deepscene.cs.uni-freiburg.de", "see the terms there")
 SPLITS = ("train", "test")
 _ARCHIVE = "freiburg_forest_annotated"
 _PICTURES, _LABELS = "rgb", "GT_color"

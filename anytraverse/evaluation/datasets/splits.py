@@ -29,15 +29,14 @@ class Origin:
     def folder(self, path: Path, archive: str) -> Path:
         """Return `path`. Raises DatasetError when it is no folder; archive: what holds it."""
         if not path.is_dir():
-            raise DatasetError(f"{path} is missing: {archive} holds it; {self.remedy}")
+            raise DatasetError(f"{path} is missing: it comes with {archive}; {self.remedy}")
         return path
 
-    def check_split(self, split: str, splits: Iterable[str]) -> str:
-        """Return `split`. Raises DatasetError when it is not `ALL` and not in `splits`."""
+    def check_split(self, split: str, splits: Iterable[str]) -> None:
+        """Raise DatasetError when `split` is not `ALL` and not in `splits`."""
         known = (ALL, *splits)
         if split not in known:
             raise DatasetError(f'{self.title} has no split "{split}": choose from {", ".join(known)}')
-        return split
 
 
 def unpacked(path: Path, name: str) -> Path:

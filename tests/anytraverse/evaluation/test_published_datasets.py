@@ -83,7 +83,7 @@ def test_a_missing_picture_is_named_with_where_to_get_it(tree: tuple[str, Path])
 
 def test_a_folder_that_is_missing_is_named_with_what_to_unpack(tmp_path: Path) -> None:
     for kind in PUBLISHED:
-        with pytest.raises(DatasetError, match=r"is missing: .* holds it; get .* from http"):
+        with pytest.raises(DatasetError, match=r"is missing: it comes with .*; get .* from http"):
             open_dataset(f"{kind}:{tmp_path / 'absent'}")
     (tmp_path / "empty").mkdir()
     for kind in PUBLISHED:

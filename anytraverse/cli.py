@@ -15,10 +15,17 @@ Commands = Mapping[str, tuple[str, Union[str, "Commands"]]]
 
 COMMANDS: Commands = {
     "look": ("judge one picture, and draw what was found", "anytraverse.look"),
-    "score": ("score drivable ground on a labelled drive", "anytraverse.evaluation.score_command"),
-    "score-unknown": (
-        "score how things without a word stand out on it",
-        "anytraverse.evaluation.unknown_command",
+    "score": (
+        "score drivable ground and words on labelled frames, at a glance",
+        "anytraverse.evaluation.score_command",
+    ),
+    "evaluate": (
+        "score a perceiver on a published data set, beside the paper's figures",
+        "anytraverse.evaluation.evaluate_command",
+    ),
+    "sweep": (
+        "compare sets of words on a data set",
+        "anytraverse.evaluation.sweep_command",
     ),
     "fit": ("fit the built-in network to labelled frames of your own", "anytraverse.training.command"),
     "export": ("make a bundle of a CLIPSeg checkpoint, for a rover to run", "anytraverse.export.command"),

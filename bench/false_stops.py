@@ -19,7 +19,7 @@ import cv2
 
 from anytraverse.assessment import Observation
 from anytraverse.engine import AnyTraverse
-from anytraverse.evaluation.datasets import LabelledFolder
+from anytraverse.evaluation.datasets import Dataset, open_folder
 from anytraverse.frame import Frame, Image
 from anytraverse.judging import Settings
 from anytraverse.look import DEFAULT_PROMPTS, read_picture
@@ -29,7 +29,7 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 
 
-def clean_frames(folder: LabelledFolder, drivable: list[str], count: int) -> list[Image]:
+def clean_frames(folder: Dataset, drivable: list[str], count: int) -> list[Image]:
     """Returns at most `count` pictures, spread by number, with only `drivable` in the region of interest."""
     classes = folder.classes.choose(drivable)
     region = Settings().region
@@ -67,7 +67,7 @@ def main() -> None:
     settings = Settings.of(perceiver.defaults)
     words = Preferences.parse(options.words)
     engine = AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, words))
-    sets = {"clean": clean_frames(LabelledFolder(options.folder), options.drivable.split(","), options.count)}
+    sets = {"clean": clean_frames(open_folder(options.folder), options.drivable.split(","), options.count)}
     if options.unlabelled:
         sets["unlabelled"] = [read_picture(str(path)) for path in sorted(options.unlabelled.glob("*.jpg"))]
     told = {}

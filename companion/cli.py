@@ -177,7 +177,7 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _init(options: argparse.Namespace) -> int:
-    from companion.system.resources import resource
+    from anytraverse.resources import resource
 
     folder = Path(options.folder)
     try:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-from anytraverse.evaluation.datasets import LabelledFolder, LabelledFrame, Selection
+from anytraverse.evaluation.datasets import ALL, KINDS, Dataset, LabelledFrame, Selection, open_dataset
 from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.seeing import PerceiverRun
 from anytraverse.perception import make_perceiver
@@ -16,12 +15,12 @@ from anytraverse.preferences import Preferences
 
 
 def add_shared(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments for the folder, the words, the perceiver and the choice of frames."""
+    """Add the arguments for the data set, the words, the perceiver and the choice of frames."""
     parser.add_argument(
         "folder",
         metavar="DIR",
-        type=Path,
-        help="pictures NNNN.jpg, label images NNNN.png of class ids, and classes.json",
+        help="pictures NNNN.jpg, label images NNNN.png of class ids, and classes.json; or a published data "
+        f"set: {', '.join(f'{kind}:DIR' for kind in KINDS)}",
     )
     parser.add_argument(
         "--prompts",
@@ -36,18 +35,25 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
         help='label classes that are drivable ground, e.g. "smooth_trail,grass"',
     )
     parser.add_argument("--perceiver", default="builtin", help="which perceiver, by default %(default)s")
+    add_choice(parser)
+    parser.add_argument("--json", action="store_true", help="print nothing but the last line, the JSON")
+
+
+def add_choice(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments for the cores and the choice of frames."""
+    parser.add_argument("--split", metavar="NAME", help='a part of a published data set, e.g. "test"')
     parser.add_argument("--threads", type=int, default=0, metavar="N", help="cores to use, by default all")
     parser.add_argument("--from", dest="first", type=int, metavar="N", help="the lowest number that counts")
     parser.add_argument("--to", dest="last", type=int, metavar="N", help="the highest number that counts")
     parser.add_argument(
         "--every", type=int, default=1, metavar="N", help="take every Nth of these frames, by default all"
     )
-    parser.add_argument("--json", action="store_true", help="print nothing but the last line, the JSON")
 
 
-def open_folder(options: argparse.Namespace) -> LabelledFolder:
-    """Open the folder with the chosen frames. Raises DatasetError, OSError."""
-    return LabelledFolder(options.folder, Selection(options.first, options.last, options.every))
+def open_chosen(options: argparse.Namespace, split: str = ALL) -> Dataset:
+    """Open the data set with the chosen frames. split: the default. Raises DatasetError, OSError."""
+    selection = Selection(options.first, options.last, options.every)
+    return open_dataset(options.folder, options.split or split, selection)
 
 
 def open_perceiver(options: argparse.Namespace) -> PerceiverRun:
@@ -57,12 +63,12 @@ def open_perceiver(options: argparse.Namespace) -> PerceiverRun:
 
 
 class Watched:
-    """Iterates over the frames of a folder and shows the progress on stderr.
+    """Iterates over the frames of a data set and shows the progress on stderr.
 
     torn: the number of frames that could not be read. As a context manager it clears the progress bar.
     """
 
-    def __init__(self, folder: LabelledFolder) -> None:
+    def __init__(self, folder: Dataset) -> None:
         self.torn = 0
         self._folder = folder
         self._progress = Progress(len(folder), "frames")
@@ -84,14 +90,13 @@ class Watched:
         self._progress.step()
 
 
-def setting(
-    options: argparse.Namespace, seeing: PerceiverRun, watched: Watched, images: int
-) -> dict[str, Any]:
+def setting(options: argparse.Namespace, seeing: PerceiverRun, torn: int, images: int) -> dict[str, Any]:
     """Return what was scored, for JSON."""
     return {
         "images": images,
-        "torn": watched.torn,
-        "folder": str(options.folder),
+        "torn": torn,
+        "folder": options.folder,
+        "split": options.split,
         "from": options.first,
         "to": options.last,
         "every": options.every,

@@ -31,7 +31,8 @@ class DatasetError(AnyTraverseError, ValueError):
 class Classes:
     """Holds the classes of a data set.
 
-    names: as written, at most 256; the index is the id, and classes of the same name count as one.
+    names: as written, at most 256; the index is the id, classes of the same name count as one, and an id with
+    an empty name is none.
     ignore: the id of pixels that are not labelled, 0 to 255.
     """
 
@@ -50,7 +51,7 @@ class Classes:
     @cached_property
     def _allowed(self) -> Mask:
         allowed = np.zeros(256, dtype=np.bool_)
-        allowed[: len(self.names)] = True
+        allowed[: len(self.names)] = [bool(fold(name)) for name in self.names]
         allowed[self.ignore] = True
         return allowed
 

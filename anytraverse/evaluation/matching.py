@@ -54,13 +54,17 @@ def match_words(words: Iterable[str], classes: Classes, meaning: Meaning, given:
 
 def refuse_asked(words: Iterable[str], unknown: Iterable[str], meaning: Meaning) -> None:
     """Raise PreferencesError when a word names a class that is to be unknown."""
-    names = tuple(unknown)
-    for word in words:
-        for name in _of_one_meaning(word, names, meaning):
-            raise PreferencesError(
-                f'"{word}" asks for "{name}", which shall be unknown: what is asked for is known. '
-                f'Leave the word out of the prompts, or "{name}" out of --unknown'
-            )
+    for name, word in asked_names(words, unknown, meaning).items():
+        raise PreferencesError(
+            f'"{word}" asks for "{name}", which shall be unknown: what is asked for is known. '
+            f'Leave the word out of the prompts, or "{name}" out of --unknown'
+        )
+
+
+def asked_names(words: Iterable[str], names: Iterable[str], meaning: Meaning) -> dict[str, str]:
+    """Return those of the names that a word asks for, by name or by meaning, with the word."""
+    every = tuple(names)
+    return {name: word for word in words for name in _of_one_meaning(word, every, meaning)}
 
 
 def _of_one_meaning(word: str, names: Iterable[str], meaning: Meaning) -> tuple[str, ...]:

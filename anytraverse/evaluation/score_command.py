@@ -12,7 +12,7 @@ from anytraverse.evaluation.arguments import (
     Watched,
     add_shared,
     heading,
-    open_folder,
+    open_chosen,
     open_perceiver,
     rounded,
     setting,
@@ -52,13 +52,13 @@ def run(options: argparse.Namespace) -> int:
     if options.degrade is not None:
         return _run_degraded(options)
     given = parse_matches(options.match)
-    folder = open_folder(options)
+    folder = open_chosen(options)
     drivable = folder.classes.choose(options.drivable.split(","))
     seeing = open_perceiver(options)
     matches = match_words(seeing.words, folder.classes, seeing.perceiver.meaning, given)
     with Watched(folder) as frames:
         score = score_drivable(frames, seeing, folder.classes, drivable, matches)
-    figures = figures_of(score) | setting(options, seeing, frames, score.images) | {"drivable": drivable}
+    figures = figures_of(score) | setting(options, seeing, frames.torn, score.images) | {"drivable": drivable}
     if not options.json:
         print(text_of(score, heading(options, figures)))
     print(json.dumps(figures, allow_nan=False))
@@ -67,14 +67,14 @@ def run(options: argparse.Namespace) -> int:
 
 def _run_degraded(options: argparse.Namespace) -> int:
     names = parse_degradations(options.degrade)
-    folder = open_folder(options)
+    folder = open_chosen(options)
     drivable = folder.classes.choose(options.drivable.split(","))
     seeing = open_perceiver(options)
     with Watched(folder) as frames:
         scores, times = score_degraded(frames, seeing, folder.classes, drivable, names)
     rows = {name: ground_figures(score) for name, score in scores.items()}
     figures = {"degraded": rows, "ms_per_frame": round(median(times), 2), "drivable": drivable}
-    figures |= setting(options, seeing, frames, len(times))
+    figures |= setting(options, seeing, frames.torn, len(times))
     if not options.json:
         print(degraded_text(rows, heading(options, figures)))
     print(json.dumps(figures, allow_nan=False))

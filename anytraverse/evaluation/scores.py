@@ -12,9 +12,62 @@ from numpy.typing import NDArray
 Mask = NDArray[np.bool_]
 Values = NDArray[np.floating[Any]]
 
-_DROPPED = 13  # low bits of a float32 that do not count: scores that differ only in these share a bin
-_HALF = int(np.float32(0.5).view(np.uint32)) >> _DROPPED
-_BINS = 2 * _HALF + 1
+Counts = NDArray[np.int64]
+
+_HALF = int(np.float32(0.5).view(np.uint32))
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Sorts scores in [0, 1] into bins whose order is that of the scores.
+
+    dropped: low bits of a float32 that do not count: scores that differ only in these share a bin, so that a
+    bin's width is 2 ** (dropped - 23) of its distance to the nearer of 0 and 1. Small attentions and
+    uncertainties near 1 thereby keep their order.
+    """
+
+    dropped: int
+
+    @property
+    def count(self) -> int:
+        """The number of bins."""
+        return 2 * self.half + 1
+
+    @property
+    def half(self) -> int:
+        """The last bin of scores that are not above 0.5."""
+        return _HALF >> self.dropped
+
+    def of(self, values: Values) -> Counts:
+        """Return the bin of each value, in the shape of `values`. ValueError outside [0, 1] and for NaN."""
+        scores = np.asarray(values, dtype=np.float32)
+        if scores.size and not (scores.min() >= 0.0 and scores.max() <= 1.0):
+            raise ValueError("scores must lie in 0 to 1")
+        # The bits of floats above 0, read as integers, have the order of the floats. Above 0.5 the bits of
+        # 1 - x are used, which float32 holds exactly.
+        upper = scores > 0.5
+        aside = np.where(upper, np.float32(1.0) - scores, scores) + np.float32(0.0)  # -0.0 becomes 0.0
+        bins = (aside.view(np.uint32) >> self.dropped).astype(np.int64)
+        return np.where(upper, self.count - 1 - bins, bins)
+
+
+FINE = Bins(13)
+"""A quarter of a million bins; one is a thousandth of its distance wide."""
+COARSE = Bins(19)
+"""4033 bins; one is a sixteenth of its distance wide."""
+
+
+def area(positive: Counts, negative: Counts) -> float | None:
+    """Return the area under the ROC curve of counts in bins of rising scores, [0, 1], 0.5 by chance.
+
+    It is the share of pairs (positive, negative) in which the positive scores higher; those of one bin count
+    half. None where one of the two kinds has no pixel.
+    """
+    pairs = int(positive.sum()) * int(negative.sum())
+    if not pairs:
+        return None
+    below = np.cumsum(negative) - negative
+    return float(np.dot(positive.astype(np.float64), below + 0.5 * negative) / pairs)
 
 
 @dataclass
@@ -55,20 +108,17 @@ class Overlap:
 class Ranking:
     """Calculates the area under the ROC curve of scores in [0, 1], for any number of pixels, in about 4 MB.
 
-    It is the share of pairs (positive, negative) in which the positive scores higher; equal scores count
-    half. Scores are counted in a quarter of a million bins, and those of one bin count as equal. A bin's
-    width is a thousandth of its distance to the nearer of 0 and 1, so that small attentions and uncertainties
-    near 1 keep their order.
+    Scores are counted in the bins of `FINE`, and those of one bin count as equal.
     """
 
     def __init__(self) -> None:
-        self._positive = np.zeros(_BINS, dtype=np.int64)
-        self._negative = np.zeros(_BINS, dtype=np.int64)
+        self._positive: Counts = np.zeros(FINE.count, dtype=np.int64)
+        self._negative: Counts = np.zeros(FINE.count, dtype=np.int64)
 
     def add(self, positive: Values, negative: Values) -> None:
         """Add scores of pixels that should, and that should not, be high. ValueError outside [0, 1]."""
-        self._positive += _counts(positive)
-        self._negative += _counts(negative)
+        self._positive += np.bincount(FINE.of(positive).ravel(), minlength=FINE.count)
+        self._negative += np.bincount(FINE.of(negative).ravel(), minlength=FINE.count)
 
     @property
     def positives(self) -> int:
@@ -82,34 +132,8 @@ class Ranking:
 
     @property
     def auroc(self) -> float | None:
-        """The area, in [0, 1], 0.5 by chance; None where one of the two kinds has no pixel."""
-        pairs = self.positives * self.negatives
-        if not pairs:
-            return None
-        below = np.cumsum(self._negative) - self._negative
-        won = np.dot(self._positive.astype(np.float64), below + 0.5 * self._negative)
-        return float(won / pairs)
-
-
-def _counts(values: Values) -> NDArray[np.int64]:
-    scores = np.asarray(values, dtype=np.float32).ravel()
-    if scores.size == 0:
-        return np.zeros(_BINS, dtype=np.int64)
-    if not (scores.min() >= 0.0 and scores.max() <= 1.0):
-        raise ValueError("scores must lie in 0 to 1")
-    return np.bincount(_bins(scores), minlength=_BINS)
-
-
-def _bins(scores: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Assign scores to bins in rising order, by the bits of a float32.
-
-    The bits of floats above 0, read as integers, have the order of the floats. Above 0.5 the bits of 1 - x
-    are used, which float32 holds exactly.
-    """
-    upper = scores > 0.5
-    aside = np.where(upper, np.float32(1.0) - scores, scores) + np.float32(0.0)  # -0.0 becomes 0.0
-    bins = (aside.view(np.uint32) >> _DROPPED).astype(np.int64)
-    return np.where(upper, _BINS - 1 - bins, bins)
+        """As `area` says."""
+        return area(self._positive, self._negative)
 
 
 @dataclass

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.assessment import Finding, Map, Maps
+from anytraverse.bundle.manifest import MANIFEST
 from anytraverse.errors import PerceiverError, PreferencesError
 from anytraverse.evaluation.datasets import LabelledFrame
 from anytraverse.findings import make_maps
 from anytraverse.judging import Settings
-from anytraverse.perception import Perceiver, Prompt
+from anytraverse.perception import Features, Perceiver, Prompt
 from anytraverse.preferences import Preferences
 from anytraverse.synonyms import refuse_contradictions
 
@@ -25,6 +28,19 @@ class Seen:
 
     maps: Maps
     milliseconds: float
+
+
+def maps_identity(name: str, perceiver: Perceiver) -> str:
+    """Name all that a perceiver's maps depend on besides frame and words.
+
+    name: that it was made by. Of a bundle its variant in use counts, and its manifest with the calibration,
+    which `model_id` does not name.
+    """
+    parts = [perceiver.model_id, str(getattr(perceiver, "precision", ""))]
+    manifest = Path(name.partition(":")[2]) / MANIFEST
+    if manifest.is_file():
+        parts.append(hashlib.sha256(manifest.read_bytes()).hexdigest()[:16])
+    return " ".join(filter(None, parts))
 
 
 class PerceiverRun:
@@ -44,10 +60,14 @@ class PerceiverRun:
         self._drivable = [prompt for prompt in self._prompts if prompt.drivable]
         self._settings = Settings()
 
-    def look(self, frame: LabelledFrame) -> Seen:
-        """Encode, attend and pool. Raises PerceiverError, also for maps that cannot be used."""
+    def look(self, frame: LabelledFrame, features: Features | None = None) -> Seen:
+        """Encode, attend and pool. features: of this frame, so that it is not encoded again.
+
+        Raises PerceiverError, also for maps that cannot be used.
+        """
         begin = time.perf_counter()
-        features = self.perceiver.encode(frame.image)
+        if features is None:
+            features = self.perceiver.encode(frame.image)
         attention, alone = (
             self.perceiver.attend(features, asked) for asked in (self._prompts, self._drivable)
         )

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.errors import TrainingError
-from anytraverse.evaluation.datasets import LabelledFolder, LabelledFrame
+from anytraverse.evaluation.datasets import LabelledFrame, open_folder
 from anytraverse.evaluation.labels import FILE as CLASSES_FILE
 from anytraverse.frame import Image
 from anytraverse.training.classes import CLASSES, UNLABELLED, translation
@@ -104,7 +104,7 @@ def read_folder(path: Path, width: int = WIDTH, torn: Callable[[str], None] = la
 
     Raises TrainingError when no label is known, DatasetError, OSError.
     """
-    stored = LabelledFolder(path)
+    stored = open_folder(path)
     table = translation(stored.classes.names)
     table[stored.classes.ignore] = UNLABELLED
     if (table == UNLABELLED).all():

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from anytraverse.errors import AnyTraverseError
-from anytraverse.evaluation.datasets import LabelledFolder, LabelledFrame
+from anytraverse.evaluation.datasets import LabelledFrame, open_folder
 from anytraverse.evaluation.labels import fold
 from anytraverse.frame import Image
 from anytraverse.judging import Settings
@@ -96,7 +96,7 @@ class Frames:
 
 def read_frames(data: Path, blocks: Sequence[int]) -> Frames:
     """Read the folder of frames that docs/builtin.md names. Raises AnyTraverseError, OSError."""
-    trail = LabelledFolder(data / "trail")
+    trail = open_folder(data / "trail")
     every = tuple(trail.frames(print))
     home = tuple(
         LabelledSet(f"block {block}", _of_block(every, block), trail.classes.names, trail.classes.ignore)
@@ -116,7 +116,7 @@ def _of_block(frames: Sequence[LabelledFrame], block: int) -> tuple[LabelledFram
 
 
 def _read_set(folder: Path) -> LabelledSet:
-    stored = LabelledFolder(folder)
+    stored = open_folder(folder)
     return LabelledSet(folder.name, tuple(stored.frames(print)), stored.classes.names, stored.classes.ignore)
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from anytraverse import decoding
 from anytraverse.decoding import MAX_PIXELS, PictureTooLargeError, decode, picture_size
-from anytraverse.evaluation.datasets import _decoded
+from anytraverse.evaluation.datasets.dataset import _decoded
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.look import PictureError, read_picture
 from companion.cameras import BadFrame, CameraError, CameraOptions, open_camera

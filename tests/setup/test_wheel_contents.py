@@ -66,7 +66,7 @@ def test_an_unpacked_wheel_finds_its_own_files_beside_foreign_ones(
     (tmp_path / "config").mkdir()
     (tmp_path / "config/companion.toml").write_text("somebody else's")
     found = subprocess.run(
-        [sys.executable, "-c", f"from companion.system.resources import resource; print(resource({name!r}))"],
+        [sys.executable, "-c", f"from anytraverse.resources import resource; print(resource({name!r}))"],
         cwd=tmp_path,
         env={"PYTHONPATH": str(tmp_path)},
         capture_output=True,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from anytraverse.resources import resource
 from companion.sim.field.modes import Mode
 from companion.sim.field.parameters import REAL32
 from companion.sim.field.scripting import Scripting
 from companion.sim.field.telemetry import RC_CHANNELS
-from companion.system.resources import resource
 
 if TYPE_CHECKING:
     from companion.sim.field.autopilot import Autopilot

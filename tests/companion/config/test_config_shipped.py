@@ -7,9 +7,9 @@ from dataclasses import MISSING, fields, replace
 from pathlib import Path
 
 from anytraverse.perception import make_perceiver
+from anytraverse.resources import resource
 from companion.config import format_config, load_config
 from companion.config.schema import SECTIONS
-from companion.system.resources import resource
 
 
 def _write(folder: Path, text: str, vehicle: str = "") -> Path:

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from anytraverse.resources import resource
 from companion.answers.answer import Answer
 from companion.cli import main
 from companion.link.inbound import ParameterRequest
 from companion.sim.loopback_link import LoopbackLink
-from companion.system.resources import resource
 from companion.wire.ids import Motion
 from companion.wire.parameters import build
 

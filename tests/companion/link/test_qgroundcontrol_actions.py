@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.resources import resource
 from companion.answers.answer import Answer
 from companion.cli import main
 from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
-from companion.system.resources import resource
 from companion.wire.answers import OtherPlace
 from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion, Policy
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.resources import resource
 from companion.sim.field.scripting import Scripting
-from companion.system.resources import resource
 from companion.wire.ids import Policy, State, heartbeat_mode
 
 SOURCE = resource("config/ardupilot/anytraverse.lua").read_text()

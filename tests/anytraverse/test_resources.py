@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from companion.system.resources import resource
+from anytraverse.resources import resource
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_a_checkout_finds_its_files_at_the_root() -> None:

@@ -2,7 +2,7 @@
 
 from pathlib import Path, PurePosixPath
 
-_PACKAGE = Path(__file__).resolve().parent.parent
+_PARENT = Path(__file__).resolve().parent.parent
 _FOLDERS = ("config", "systemd")
 
 
@@ -25,5 +25,4 @@ def resource(name: str) -> Path:
 def _root() -> Path:
     # The parent of an installed package is site-packages. A folder `config` there may belong to any other
     # package, so the parent counts only where a pyproject.toml shows that it is our checkout.
-    checkout = _PACKAGE.parent
-    return checkout if (checkout / "pyproject.toml").is_file() else _PACKAGE / "data"
+    return _PARENT if (_PARENT / "pyproject.toml").is_file() else _PARENT / "companion" / "data"

@@ -1,0 +1,219 @@
+"""Writes the page of an evaluation: one HTML file with its pictures inside, that opens anywhere. Pure."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from anytraverse.evaluation.exhibits import WIDTH, Exhibit
+from anytraverse.evaluation.report import HEADLINES, Figures, asked, comparison, scope
+
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1b1f24; --faint: #57606a; --paper: #fff; --line: #d5dae0;
+  --green: #009e73; --red: #d55e00; --violet: #7e2fbe; --blue: #0969da; --grey: #8a929b; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6e9ec; --faint: #9aa4ae; --paper: #14171a;
+  --line: #353b42; --violet: #b98ae6; --blue: #58a6ff; } }
+* { box-sizing: border-box; }
+body { font: 1rem/1.45 system-ui, sans-serif; max-width: 74rem; margin: 2rem auto; padding: 0 1rem;
+  color: var(--ink); background: var(--paper); }
+h1 { margin-bottom: .2rem; } h2 { margin-top: 2.4rem; border-top: 2px solid var(--line); padding-top: 1rem; }
+.faint, figcaption, th { color: var(--faint); font-weight: normal; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+td, th { text-align: left; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid var(--line);
+  vertical-align: top; }
+th { white-space: nowrap; }
+td.n, th.n { text-align: right; }
+tr.own td { font-weight: 600; }
+.beside { display: grid; gap: 1rem 2.5rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 27rem), 1fr)); }
+.beside > * { overflow-x: auto; }
+.bar { display: inline-block; height: .7em; border-radius: 2px; background: var(--green); }
+.bar.no { background: var(--red); }
+.track { min-width: 6rem; }
+svg { display: block; font-size: 12px; }
+svg text { fill: var(--faint); } svg .grid { stroke: var(--line); } svg .half { stroke: var(--grey);
+  stroke-dasharray: 3 3; }
+svg polyline { fill: none; stroke-width: 2; }
+.key { display: inline-block; width: .8em; height: .8em; border-radius: 2px; margin-right: .35em; }
+.legend { margin: .3rem 0; } .legend b { margin-right: 1rem; }
+.legend span { margin-right: 1.4rem; white-space: nowrap; }
+.frame { margin: 1.2rem 0; } .frame h3 { margin: 0 0 .4rem; font-size: 1rem; overflow-wrap: anywhere; }
+.shots { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: .6rem; }
+figure { margin: 0; } img { display: block; width: 100%; height: auto; }
+"""
+_CURVES = (
+    ("iou_mean", "mean IoU", "--green"),
+    ("iou_pooled", "pooled IoU", "--blue"),
+    ("precision", "precision", "--violet"),
+    ("recall", "recall", "--red"),
+)
+_CALLS = (
+    ("things", "holds a thing", "--green"),
+    ("clean", "all drivable", "--red"),
+)
+_LEGENDS = (
+    (
+        "judged",
+        (("--green", "drivable"), ("--red", "not drivable"), ("--violet", "stripes: unknown")),
+    ),
+    (
+        "right and wrong",
+        (
+            ("--green", "drivable, and found so"),
+            ("--red", "found drivable, and is not"),
+            ("--violet", "drivable, and not found"),
+            ("--grey", "not labelled"),
+        ),
+    ),
+)
+_CAPTIONS = ("picture", "judged", "right and wrong")
+
+
+def page(figures: Figures, exhibits: Mapping[int, Exhibit]) -> str:
+    """Return the page. exhibits: by the number of a frame, for those under "best" and "worst"."""
+    title = escape(f"{figures['title']}, {figures['model_id']}")
+    parts = [
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{title}</title><style>{_STYLE}</style></head><body>",
+        f"<h1>{escape(figures['title'])}</h1>",
+        f'<p class="faint">{escape(scope(figures))}. {escape(figures["model_id"])}, '
+        f"{figures['ms_per_frame']:.1f} ms a frame.<br>Words: {escape(asked(figures))}<br>"
+        f"Drivable: {escape(', '.join(figures['drivable']))}</p>",
+        f'<div class="beside"><div>{_compared(figures)}</div><div>{_headlines(figures)}</div></div>',
+        f'<div class="beside"><div><h2>Other thresholds</h2>'
+        f"{_curve(figures['curve'], _CURVES, 0.5, 'traversability above which a pixel counts as drivable')}"
+        f"{_calls(figures)}</div>",
+        f"<div><h2>Classes</h2>{_classes(figures['classes'])}</div></div>",
+        "<h2>The worst frames</h2>",
+        *(_legend(name, keys) for name, keys in _LEGENDS),
+        *_frames(figures["worst"], exhibits),
+        "<h2>The best frames</h2>",
+        *_frames(figures["best"], exhibits),
+        "</body></html>\n",
+    ]
+    return "\n".join(parts)
+
+
+def _number(value: float | None) -> str:
+    return "&ndash;" if value is None else f"{value:.3f}"
+
+
+def _compared(figures: Figures) -> str:
+    rows = comparison(figures)
+    cells = [
+        f"<tr{' class=own' if row is rows[-1] else ''}><td>{escape(method)}</td>"
+        f'<td class="n">{_number(iou)}</td><td class="faint">{escape(remark)}</td></tr>'
+        for row in rows
+        for method, iou, remark in (row,)
+    ]
+    head = '<tr><th>method</th><th class="n">mean IoU</th><th></th></tr>'
+    return f"<table>{head}{''.join(cells)}</table>"
+
+
+def _headlines(figures: Figures) -> str:
+    cells = [
+        f'<tr><td>{name}<br><span class="faint">{meaning}</span></td>'
+        f'<td class="n">{_number(figures[key])}</td></tr>'
+        for key, name, meaning in HEADLINES
+    ]
+    return f"<table>{''.join(cells)}</table>"
+
+
+def _classes(classes: Mapping[str, Mapping[str, Any]]) -> str:
+    total = sum(row["pixels"] for row in classes.values()) or 1
+    cells = [
+        f"<tr><td>{escape(name)}</td><td>{'yes' if row['drivable'] else 'no'}</td>"
+        f'<td class="n">{_number(row["recall"])}</td><td class="track">'
+        f'<i class="bar{"" if row["drivable"] else " no"}" style="width:{100 * row["recall"]:.1f}%"></i></td>'
+        f'<td class="n">{row["pixels"] / total:.1%}</td></tr>'
+        for name, row in sorted(
+            classes.items(), key=lambda item: (not item[1]["drivable"], -item[1]["pixels"])
+        )
+    ]
+    head = (
+        '<tr><th>class</th><th>drivable</th><th class="n">recall</th><th></th><th class="n">pixels</th></tr>'
+    )
+    return (
+        '<p class="faint">Recall is the share of a class that is judged as its label says, at 0.5.</p>'
+        f"<table>{head}{''.join(cells)}</table>"
+    )
+
+
+def _calls(figures: Figures) -> str:
+    calls, label = figures["calls"], "mean uncertainty of the region above which the rover calls"
+    return (
+        "<h2>Uncertain regions of interest</h2>"
+        f'<p class="faint">Share of frames above each threshold: of {calls["clean"]} whose region of '
+        f"interest is all drivable, and of {calls['things']} in which a thing without a word covers 1 % of "
+        "it. The perceiver's own threshold is marked.</p>"
+        f"{_curve(calls['curve'], _CALLS, figures['roi_threshold'], label)}"
+    )
+
+
+def _curve(
+    rows: Sequence[Mapping[str, float | None]],
+    curves: Sequence[tuple[str, str, str]],
+    mark: float,
+    label: str,
+) -> str:
+    """Draw curves (key, name, colour) over the threshold, 0 to 1 each. mark: the threshold in use."""
+    width, height, left, top = 440, 280, 34, 10
+
+    def at(x: float, y: float) -> str:
+        return f"{left + x * width:.1f},{top + (1 - y) * height:.1f}"
+
+    parts = [f'<svg viewBox="0 0 {width + left + 60} {height + 50}" width="{width + left + 60}" role="img">']
+    parts.append(f"<title>{', '.join(name for _, name, _ in curves)} over the {label}</title>")
+    for step in range(6):
+        value = step / 5
+        y = at(0, value).split(",")[1]
+        parts.append(f'<line class="grid" x1="{left}" y1="{y}" x2="{left + width}" y2="{y}"/>')
+        parts.append(f'<text x="{left - 8}" y="{float(y) + 4:.1f}" text-anchor="end">{value:.1f}</text>')
+        x = at(value, 0).split(",")[0]
+        parts.append(f'<text x="{x}" y="{top + height + 18}" text-anchor="middle">{value:.1f}</text>')
+    parts.append(
+        f'<text x="{left + width / 2}" y="{top + height + 36}" text-anchor="middle">{escape(label)}</text>'
+    )
+    half = at(mark, 0).split(",")[0]
+    parts.append(f'<line class="half" x1="{half}" y1="{top}" x2="{half}" y2="{top + height}"/>')
+    ends: list[tuple[float, str, str]] = []
+    for key, name, colour in curves:
+        points = [(row["threshold"] or 0.0, high) for row in rows if (high := row[key]) is not None]
+        if points:
+            line = " ".join(at(*point) for point in points)
+            parts.append(f'<polyline points="{line}" style="stroke:var({colour})"/>')
+            ends.append((top + (1 - points[-1][1]) * height, name, colour))
+    places: list[float] = []
+    for end, _, _ in sorted(ends):  # names that would overlap are moved apart, and up from the axis
+        places.append(max(end + 4, places[-1] + 14 if places else 0.0))
+    moved = max(0.0, places[-1] - top - height) if places else 0.0
+    for place, (_, name, colour) in zip(places, sorted(ends), strict=True):
+        x = f"{left + 0.96 * width:.1f}"
+        parts.append(f'<text x="{x}" y="{place - moved:.1f}" style="fill:var({colour})">{name}</text>')
+    return "".join(parts) + "</svg>"
+
+
+def _legend(name: str, keys: Sequence[tuple[str, str]]) -> str:
+    marks = (
+        f'<span><i class="key" style="background:var({colour})"></i>{text}</span>' for colour, text in keys
+    )
+    return f'<p class="legend faint"><b>{name}</b>{"".join(marks)}</p>'
+
+
+def _frames(rows: Sequence[Mapping[str, Any]], exhibits: Mapping[int, Exhibit]) -> list[str]:
+    parts = []
+    for row in rows:
+        shots = [
+            f'<figure><img alt="{caption}" width="{WIDTH}" src="data:image/jpeg;base64,'
+            f'{base64.b64encode(jpeg).decode()}"><figcaption>{caption}</figcaption></figure>'
+            for caption, jpeg in zip(_CAPTIONS, exhibits[row["frame"]], strict=True)
+        ]
+        parts.append(
+            f'<section class="frame"><h3>{escape(row["name"])} '
+            f'<span class="faint">frame {row["frame"]}, IoU {_number(row["iou"])}</span></h3>'
+            f'<div class="shots">{"".join(shots)}</div></section>'
+        )
+    return parts

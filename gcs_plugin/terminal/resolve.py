@@ -15,19 +15,18 @@ from companion.wire.answers import (
     TapBox,
 )
 from companion.wire.ids import Motion
-from gcs_plugin.client.rovers import Call, Rover
-from gcs_plugin.terminal.commands import (
+from companion.wire.typed_answers import (
     Change,
     CommandError,
     Elsewhere,
     Episode,
     Forget,
     ForgetAnswer,
-    Picture,
-    Reply,
     Tap,
     Word,
 )
+from gcs_plugin.client.rovers import Call, Rover
+from gcs_plugin.terminal.commands import Picture, Reply
 
 READ_S = 2.0
 """An answer without an id is refused for this long after a new current call is shown: the operator may mean

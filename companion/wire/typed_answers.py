@@ -10,8 +10,10 @@ import re
 from dataclasses import dataclass
 
 from anytraverse.preferences import check_weight, clean_word
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
 from companion.wire.ids import Motion
 from companion.wire.packing import Fractions
+from companion.wire.payloads import CallData
 
 MOTIONS = {
     "go": Motion.GO,
@@ -95,6 +97,35 @@ def read_typed(text: str) -> tuple[Motion, tuple[Change, ...]]:
     """Parse an answer. Without a motion it is words alone: Motion.NONE. Raises CommandError."""
     motion, rest = _trailing_motion(text)
     return motion, _changes(rest)
+
+
+def operation_of(change: Change, call: CallData | None) -> Operation:
+    """Return the operation that a change means. call: what it answers, None where that is not known.
+
+    Raises CommandError for a tap without a place.
+    """
+    match change:
+        case Word(word, weight):
+            return SetWord(word, weight)
+        case Tap(word, weight, box):
+            if call is None:
+                raise CommandError(
+                    f"no call is open, so there is no picture to tap; a word works: `{word}: -1`"
+                )
+            place = box or call.worst_tile_box
+            if place is None:
+                raise CommandError(
+                    f"call {call.id} points at no place: give the box, `tap {word} -1 0.4 0.5 0.6 0.8`"
+                )
+            return TapBox(call.frame_id, place, word, weight)
+        case Forget(word):
+            return ForgetWord(word)
+        case ForgetAnswer(call_id):
+            return ForgetCall(call_id)
+        case Episode():
+            return NewEpisode()
+        case Elsewhere(call_id):
+            return OtherPlace(call_id)
 
 
 def _trailing_motion(rest: str) -> tuple[Motion, str]:

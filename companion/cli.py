@@ -67,9 +67,6 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--seed", type=int, default=0, metavar="N", help="which trail, by default %(default)s")
     demo.add_argument("--out", metavar="FOLDER", help="where pictures and logs go, by default a new one")
     demo.add_argument("--camera", metavar="SOURCE", help="a camera of your own, e.g. video:drive.mp4")
-    demo.add_argument(
-        "--every", action="store_true", help="with --camera folder:PATH: judge each frame in turn, answer go"
-    )
     demo.set_defaults(run=_demo)
 
     init = commands.add_parser("init", help="write a configuration to edit")
@@ -95,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     status.set_defaults(run=_status)
 
     _add_memory(commands)
+    _add_rehearse(commands)
 
     config = commands.add_parser("config", help="check a configuration")
     actions = config.add_subparsers(dest="action", required=True, metavar="action")
@@ -127,6 +125,21 @@ def _add_memory(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )
     source.add_argument("file", metavar="FILE")
     memory.set_defaults(run=_memory)
+
+
+def _add_rehearse(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    rehearse = commands.add_parser("rehearse", help="say which calls a drive would raise, and answer them")
+    rehearse.add_argument("drive", metavar="DRIVE", help="a folder of pictures, or a video")
+    rehearse.add_argument(
+        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
+    )
+    rehearse.add_argument("--out", default="rehearsal", metavar="FOLDER", help="by default ./%(default)s")
+    rehearse.add_argument("--answers", metavar="FILE", help="answers, as an earlier rehearsal wrote them")
+    rehearse.add_argument(
+        "--memory", metavar="FILE", help="scenes to start with, of `companion memory export`"
+    )
+    rehearse.add_argument("--no-ask", action="store_true", help="ask nobody at the terminal")
+    rehearse.set_defaults(run=_rehearse)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -274,6 +287,30 @@ def _memory(options: argparse.Namespace) -> int:
     except ConfigError as error:
         raise UserError(_error_text(error)) from error
     except (JournalError, command.MemoryCommandError) as error:
+        raise UserError(str(error)) from error
+
+
+def _rehearse(options: argparse.Namespace) -> int:
+    _log_to_stderr(logging.ERROR)
+    from anytraverse.errors import AnyTraverseError
+    from companion.config import ConfigError
+    from companion.drives import command
+    from companion.drives.frames import DriveError
+    from companion.memory.command import MemoryCommandError
+    from companion.memory.scene_file import SceneFileError
+
+    try:
+        return command.run(
+            options.drive,
+            file=options.config,
+            out=options.out,
+            answers=options.answers,
+            memory=options.memory,
+            ask=not options.no_ask,
+        )
+    except ConfigError as error:
+        raise UserError(_error_text(error)) from error
+    except (AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError) as error:
         raise UserError(str(error)) from error
 
 

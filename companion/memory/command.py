@@ -125,7 +125,7 @@ def take_in(file: str, source: str) -> int:
     config = load_config(file)
     folder = state_folder(config)
     with _naming(source):
-        model_id, scenes = _checked(config, Path(source))
+        model_id, scenes = read_checked(config, Path(source))
     _become_owner(folder)
     with _stopped(folder, "then type this again") as journal:
         memory = journal.load_memory()
@@ -206,7 +206,7 @@ def _store_pictures(folder: Path, memory: Memory, added: Sequence[Scene]) -> int
     return sum(not store_picture(folder, scene.entry, scene.picture) for scene in added if scene.picture)
 
 
-def _checked(config: Config, source: Path) -> tuple[str, list[Scene]]:
+def read_checked(config: Config, source: Path) -> tuple[str, list[Scene]]:
     """Read an exported file, and try it on the perceiver. Returns the model's id, too. Takes seconds.
 
     Raises OSError, SceneFileError, MemoryCommandError.

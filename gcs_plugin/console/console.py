@@ -10,12 +10,12 @@ from companion.browser.requests import AnswerRequest, RequestError
 from companion.wire.answers import SetWord, TapBox
 from companion.wire.ids import Motion
 from companion.wire.packing import PayloadError
+from companion.wire.typed_answers import CommandError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.export import Exhibit, pack
 from gcs_plugin.console.requests import FileRequest, PolicyRequest, Request, UndoRequest
 from gcs_plugin.console.rover_desk import RoverDesk
-from gcs_plugin.terminal.commands import CommandError
 from gcs_plugin.terminal.output import Output
 from gcs_plugin.terminal.resolve import choose_rover, current_call
 

@@ -4,8 +4,7 @@
     [rover N] policy report | shadow | hold | off
     [rover N] picture [call id] [large | raw]
 
-Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
-`forget call 7`, `new episode`, `other place`, `other place 7`.
+Changes are those of `companion.wire.typed_answers`.
 """
 
 from __future__ import annotations
@@ -13,84 +12,14 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from anytraverse.preferences import check_weight, clean_word
 from companion.wire.ids import Motion, Policy
-from companion.wire.packing import Fractions
+from companion.wire.typed_answers import Change, CommandError, in_range, read_typed
 
 MAX_LINE = 1000
-MOTIONS = {
-    "go": Motion.GO,
-    "ok": Motion.GO,
-    "stay": Motion.STAY,
-    "look": Motion.LOOK_AGAIN,
-    "look again": Motion.LOOK_AGAIN,
-}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)\Z", re.ASCII)
 _ROVER = re.compile(r"rover\s+(\d{1,3})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
 _CALL = re.compile(r"[ch]?(\d{1,5})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
-_ENDS_WITH_MOTION = re.compile(
-    r"(.*[^\s,])[\s,]+(go|ok|stay|look(?:\s+again)?)\s*\Z", re.IGNORECASE | re.DOTALL
-)
-_TAP = re.compile(r"tap\s+(.*)", re.IGNORECASE)
-_FORGET_CALL = re.compile(r"forget\s+call\s+[ch]?(\d{1,5})\Z", re.ASCII | re.IGNORECASE)
-_FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
 _POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
 _PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(?:\s+(large|raw))?\Z", re.ASCII | re.IGNORECASE)
-_ORDER = re.compile(r"(go|ok|stay|look|forget|set|answer|policy|rover)\s+\S", re.IGNORECASE)
-_OTHER_PLACE = re.compile(
-    r"(?:other|not\s+(?:the|that)(?:\s+same)?)\s+place(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII | re.IGNORECASE
-)
-_NEW_EPISODE = re.compile(r"new\s+episode\Z", re.IGNORECASE)
-
-
-class CommandError(ValueError):
-    """Reports a line that is not a command; its text, one line, says why and gives an example."""
-
-
-@dataclass(frozen=True)
-class Word:
-    """Sets a word's weight: `bush: -1`."""
-
-    word: str
-    weight: float
-
-
-@dataclass(frozen=True)
-class Tap:
-    """Makes a tap: `tap drum -1`. box: left, top, right, bottom; None: the call's worst tile."""
-
-    word: str
-    weight: float
-    box: Fractions | None = None
-
-
-@dataclass(frozen=True)
-class Forget:
-    """Takes a word out of use: `forget bush`."""
-
-    word: str
-
-
-@dataclass(frozen=True)
-class ForgetAnswer:
-    """Forgets what a call's answer taught: `forget call 7`."""
-
-    call_id: int
-
-
-@dataclass(frozen=True)
-class Episode:
-    """Forgets all remembered scenes: `new episode`."""
-
-
-@dataclass(frozen=True)
-class Elsewhere:
-    """Refuses the newest match: `other place`, `other place 7`. call_id: whose place matched, 0: any."""
-
-    call_id: int = 0
-
-
-Change = Word | Tap | Forget | ForgetAnswer | Episode | Elsewhere
 
 
 @dataclass(frozen=True)
@@ -153,23 +82,22 @@ def parse(line: str) -> Command | None:
         raise CommandError(f"a line of {len(rest)} characters: {MAX_LINE} at most")
     rover, rest = _leading(_ROVER, rest)
     if rover is not None and not rest:
-        return Select(_in_range("rover", rover, 1, 255))
+        return Select(in_range("rover", rover, 1, 255))
     if rover is not None:
-        _in_range("rover", rover, 1, 255)
+        in_range("rover", rover, 1, 255)
     if rest.lower() in SHOWS:
         return Show(rest.lower(), rover)
     if found := _POLICY.match(rest):
         return SetPolicy(_policy(found[1]), rover)
     if found := _PICTURE.match(rest):
-        number = None if found[1] is None else _in_range("call", int(found[1]), 1, 0xFFFF)
+        number = None if found[1] is None else in_range("call", int(found[1]), 1, 0xFFFF)
         return Picture(number, (found[2] or "").lower(), rover)
     call_id, rest = _leading(_CALL, rest)
     if call_id is not None:
-        _in_range("call", call_id, 1, 0xFFFF)
+        in_range("call", call_id, 1, 0xFFFF)
     if not rest:
         raise CommandError(f"what about call {call_id}? Write it as `{call_id} go` or `{call_id} stay`")
-    motion, rest = _trailing_motion(rest)
-    return Reply(motion, _changes(rest), call_id, rover)
+    return Reply(*read_typed(rest), call_id, rover)
 
 
 def _leading(pattern: re.Pattern[str], rest: str) -> tuple[int | None, str]:
@@ -177,110 +105,8 @@ def _leading(pattern: re.Pattern[str], rest: str) -> tuple[int | None, str]:
     return (int(found[1]), rest[found.end() :]) if found else (None, rest)
 
 
-def _in_range(name: str, value: int, low: int, high: int) -> int:
-    if not low <= value <= high:
-        raise CommandError(f"{name} {value} cannot be: {low} to {high}")
-    return value
-
-
 def _policy(name: str | None) -> Policy:
     try:
         return Policy[(name or "").upper()]
     except KeyError:
         raise CommandError("which policy? Write it as `policy hold`; or report, shadow, off") from None
-
-
-def _trailing_motion(rest: str) -> tuple[Motion, str]:
-    alone = MOTIONS.get(" ".join(rest.lower().split()))
-    if alone is not None:
-        return alone, ""
-    found = _ENDS_WITH_MOTION.match(rest)
-    if found is None:
-        return Motion.NONE, rest
-    return MOTIONS[" ".join(found[2].lower().split())], found[1]
-
-
-def _changes(rest: str) -> tuple[Change, ...]:
-    segments = [segment.strip() for segment in rest.split(";")]
-    if not segments[-1]:
-        segments.pop()
-    changes = tuple(_change(segment) for segment in segments)
-    words = [change.word for change in changes if isinstance(change, Word | Tap | Forget)]
-    twice = next((word for word in words if words.count(word) > 1), None)
-    if twice is not None:
-        raise CommandError(f'"{twice}" stands twice: keep one')
-    return changes
-
-
-def _change(segment: str) -> Change:
-    if _NEW_EPISODE.match(segment):
-        return Episode()
-    if found := _OTHER_PLACE.match(segment):
-        return Elsewhere(0 if found[1] is None else _in_range("call", int(found[1]), 1, 0xFFFF))
-    if found := _FORGET_CALL.match(segment):
-        return ForgetAnswer(_in_range("call", int(found[1]), 1, 0xFFFF))
-    if segment.lower() == "forget call":
-        raise CommandError("which call? Write it as `forget call 7`")
-    name, colon, number = segment.rpartition(":")
-    if found := _TAP.match(segment):
-        return _tap(found[1])
-    if colon:
-        return Word(_new_word(name), _weight(name, number))
-    if found := _FORGET.match(segment):
-        return Forget(_word(found[1]))
-    if not segment:
-        raise CommandError("nothing between two `;`: write it as `bush: -1; grass: 1`")
-    raise CommandError(
-        f'"{segment[:40]}" is no command (type `help`), and a word needs its weight: write it as `bush: -1`'
-    )
-
-
-def _tap(rest: str) -> Tap:
-    name, colon, figures = rest.rpartition(":")
-    numbers = figures.split()
-    if not colon:
-        tokens = rest.split()
-        words = len(tokens)
-        while words and _NUMBER.match(tokens[words - 1]):
-            words -= 1
-        name, numbers = " ".join(tokens[:words]), tokens[words:]
-    if len(numbers) not in (1, 5) or not all(map(_NUMBER.match, numbers)):
-        raise CommandError(
-            f'"tap {rest[:40]}": write it as `tap drum -1` or `tap drum -1 0.40 0.55 0.60 0.80`'
-            " (left top right bottom)"
-        )
-    box = _box([float(number) for number in numbers[1:]]) if len(numbers) == 5 else None
-    return Tap(_word(name), _weight(name, numbers[0]), box)
-
-
-def _box(sides: list[float]) -> Fractions:
-    left, top, right, bottom = sides
-    if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
-        raise CommandError("a box is left top right bottom in fractions of the picture: 0.40 0.55 0.60 0.80")
-    return left, top, right, bottom
-
-
-def _new_word(raw: str) -> str:
-    """Check a word to set. Raises CommandError for "go bush", typed in haste as `go bush: -1`."""
-    if found := _ORDER.match(raw.strip()):
-        raise CommandError(
-            f'"{found[1]}" does not begin a word: write it as `bush: -1`, `bush: -1, go` or `forget bush`'
-        )
-    return _word(raw)
-
-
-def _word(raw: str) -> str:
-    try:
-        return clean_word(raw)
-    except ValueError as error:
-        raise CommandError(str(error)) from error
-
-
-def _weight(name: str, number: str) -> float:
-    number = number.strip()
-    if not _NUMBER.match(number):
-        raise CommandError(f'"{number[:20]}" is not a weight: write it as `{name.strip()[:20]}: -1`')
-    try:
-        return check_weight(name.strip(), float(number))
-    except ValueError as error:
-        raise CommandError(str(error)) from error

@@ -6,28 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from companion.wire.answers import (
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
     Operation,
     OtherPlace,
-    SetWord,
-    TapBox,
 )
 from companion.wire.ids import Motion
-from gcs_plugin.client.rovers import Call, Rover
-from gcs_plugin.terminal.commands import (
+from companion.wire.typed_answers import (
     Change,
     CommandError,
     Elsewhere,
-    Episode,
-    Forget,
-    ForgetAnswer,
-    Picture,
-    Reply,
     Tap,
-    Word,
+    operation_of,
 )
+from gcs_plugin.client.rovers import Call, Rover
+from gcs_plugin.terminal.commands import Picture, Reply
 
 READ_S = 2.0
 """An answer without an id is refused for this long after a new current call is shown: the operator may mean
@@ -102,29 +93,8 @@ def address(reply: Reply, rover: Rover, now: float) -> Addressed:
 
 
 def _operation(change: Change, target: int, call: Call | None) -> Operation:
-    match change:
-        case Word(word, weight):
-            return SetWord(word, weight)
-        case Tap():
-            return _tap(change, target, call)
-        case Forget(word):
-            return ForgetWord(word)
-        case ForgetAnswer(call_id):
-            return ForgetCall(call_id)
-        case Episode():
-            return NewEpisode()
-        case Elsewhere(call_id):
-            return OtherPlace(call_id)
-
-
-def _tap(tap: Tap, target: int, call: Call | None) -> TapBox:
-    if not target:
-        raise CommandError(f"no call is open, so there is no picture to tap; a word works: `{tap.word}: -1`")
-    if call is None:
-        raise CommandError(f"call {target} is not told in full yet: wait a moment, or use `{tap.word}: -1`")
-    box = tap.box or call.data.worst_tile_box
-    if box is None:
+    if isinstance(change, Tap) and target and call is None:
         raise CommandError(
-            f"call {target} points at no place: give the box, `tap {tap.word} -1 0.4 0.5 0.6 0.8`"
+            f"call {target} is not told in full yet: wait a moment, or use `{change.word}: -1`"
         )
-    return TapBox(call.data.frame_id, box, tap.word, tap.weight)
+    return operation_of(change, call.data if call is not None else None)

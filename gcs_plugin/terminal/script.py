@@ -21,8 +21,9 @@ from typing import Any
 
 from companion.wire.ids import Kind, Reasons, Stage
 from companion.wire.payloads import CallData
+from companion.wire.typed_answers import CommandError
 from gcs_plugin.client.rovers import Call
-from gcs_plugin.terminal.commands import CommandError, Reply, parse
+from gcs_plugin.terminal.commands import Reply, parse
 
 EXAMPLE = '[{"reasons": ["unknown_object"], "answer": "tap drum -1 go"}, {"when": "clear", "answer": "go"}]'
 MAX_RULES = 200

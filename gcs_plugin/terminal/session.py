@@ -10,12 +10,13 @@ from typing import Any
 from companion.wire.delivery import Status
 from companion.wire.ids import Result
 from companion.wire.packing import PayloadError
+from companion.wire.typed_answers import CommandError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal import wording
-from gcs_plugin.terminal.commands import CommandError, Picture, Reply, Select, SetPolicy, Show, parse
+from gcs_plugin.terminal.commands import Picture, Reply, Select, SetPolicy, Show, parse
 from gcs_plugin.terminal.output import Output, plain
 from gcs_plugin.terminal.resolve import address, choose_rover, picture_of
 from gcs_plugin.terminal.script import Script

@@ -23,7 +23,7 @@ from companion.sim.field.control import FieldControl, FieldError
 
 SPEED = 1.5
 """m/s that the simulated rover drives."""
-_OLD = ("state", "logs", "contact-sheet.png", "frames.jsonl")
+_OLD = ("state", "logs", "contact-sheet.png")
 
 
 def main(options: argparse.Namespace) -> int:
@@ -38,10 +38,6 @@ def main(options: argparse.Namespace) -> int:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _end)
     try:
-        if options.every:
-            from companion.sim.demo.every import judge_every
-
-            return judge_every(options.camera or "", out, story)
         if options.camera:
             from companion.sim.demo.rehearsal import run_camera_demo
 

@@ -8,22 +8,18 @@ from hypothesis import strategies as st
 
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, TapBox
 from companion.wire.ids import Motion, Policy
-from companion.wire.words_text import operation_text
-from gcs_plugin.terminal.commands import (
+from companion.wire.typed_answers import (
     Change,
     CommandError,
     Elsewhere,
     Episode,
     Forget,
     ForgetAnswer,
-    Reply,
-    Select,
-    SetPolicy,
-    Show,
     Tap,
     Word,
-    parse,
 )
+from companion.wire.words_text import operation_text
+from gcs_plugin.terminal.commands import Reply, Select, SetPolicy, Show, parse
 
 BOX = (0.4, 0.55, 0.6, 0.8)
 

@@ -18,10 +18,11 @@ from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_tree import Document, Documents, Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.payloads import CallData
+from companion.wire.typed_answers import CommandError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import LIFETIME_S, Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
-from gcs_plugin.terminal.commands import CommandError, Picture, parse
+from gcs_plugin.terminal.commands import Picture, parse
 from gcs_plugin.terminal.output import TextOutput
 from gcs_plugin.terminal.pictures import Pictures, jpeg_size
 from gcs_plugin.terminal.resolve import picture_of

@@ -1,0 +1,154 @@
+"""Implements `companion rehearse`: which calls a drive would raise, answered at the desk."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from anytraverse.memory import Memory, first_memory
+from companion.config import Config, load_config
+from companion.drives.desk import AnswerFile, answer_lines, terminal
+from companion.drives.frames import DriveError, open_drive
+from companion.drives.judge import DriveJudge
+from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
+from companion.drives.report import page
+from companion.memory.command import merged, read_checked
+from companion.memory.scene_file import Scene, write_scenes
+from companion.wire.ids import Reasons
+
+_TOLD_EVERY = 5.0
+_OURS = ("frames.jsonl", "calls", "calls.json", "answers.txt", "memory.jsonl", "index.html")
+
+
+def run(
+    where: str,
+    *,
+    file: str,
+    out: str,
+    answers: str | None = None,
+    memory: str | None = None,
+    ask: bool = True,
+) -> int:
+    """Rehearse a drive, and write what it led to into the folder `out`. Returns 0, 1 without any frame.
+
+    file: the configuration. answers: a file of answers. memory: an exported file of scenes that the rover
+    begins with. ask: whether somebody at the terminal is asked.
+    Raises DriveError, ConfigError, AnyTraverseError, MemoryCommandError, SceneFileError, OSError.
+    """
+    config = load_config(file)
+    drive = open_drive(where, config.camera.rate)
+    folder = _made(Path(out))
+    scripted = AnswerFile(Path(answers)) if answers else None
+    before = _remembered(config, memory)
+    judge = DriveJudge(config, before)
+    clock, person = judge.engine.memory.clock, terminal(folder) if ask else None
+
+    def operator(call: AskedCall, problem: str) -> str | None:
+        answer = scripted.ask(call, problem) if scripted is not None else None
+        return person.ask(call, problem) if answer is None and person is not None else answer
+
+    told = _Progress(drive.count)
+    found = rehearse(drive, judge, operator, folder, told.frame)
+    figures = {
+        **found.figures(),
+        "drive_s": round((found.frames + len(found.torn)) / config.camera.rate, 1),
+        "seconds": round(told.seconds, 1),
+        "model": judge.engine.perceiver.model_id,
+    }
+    kept = learnt(judge.engine.memory, clock, found.calls)
+    _write(folder, drive.title, found, figures, kept if any(call.by_person for call in found.calls) else None)
+    _report(folder, found, figures, scripted.left() if scripted is not None else [])
+    return 0 if found.frames else 1
+
+
+def _remembered(config: Config, source: str | None) -> Memory | None:
+    """Return the memory that the rover begins with, None for a new one."""
+    if source is None:
+        return None
+    model_id, scenes = read_checked(config, Path(source))
+    limit = config.journal.scenes
+    return merged(first_memory(model_id, config.preferences, limit), scenes, limit)[0]
+
+
+def _made(folder: Path) -> Path:
+    """Make the folder, and clear what an earlier rehearsal wrote. Raises DriveError where others wrote."""
+    folder.mkdir(parents=True, exist_ok=True)
+    foreign = sorted({path.name for path in folder.iterdir()} - set(_OURS))
+    if foreign:
+        raise DriveError(f"{folder} holds {foreign[0]}, which no rehearsal wrote: give another --out")
+    for path in (*(folder / "calls").glob("*.jpg"), *(folder / name for name in _OURS if name != "calls")):
+        path.unlink(missing_ok=True)
+    return folder
+
+
+def _write(
+    folder: Path, title: str, found: Rehearsal, figures: dict[str, Any], memory: Memory | None
+) -> None:
+    answers, listed = folder / "answers.txt", [_listed(call) for call in found.calls]
+    for path, content in (
+        (answers, answer_lines(found.calls)),
+        (folder / "calls.json", json.dumps({**figures, "each": listed}, indent=1) + "\n"),
+        (folder / "index.html", page(f"Rehearsal of {title}", found, figures, str(answers))),
+    ):
+        path.write_text(content, encoding="utf-8")
+    if memory is not None:
+        pictures = {call.id: call.judged for call in found.calls}
+        scenes = [Scene(entry, pictures.get(entry.call_id, b"")) for entry in memory.history]
+        write_scenes(folder / "memory.jsonl", memory.model_id, scenes)
+
+
+def _listed(call: AskedCall) -> dict[str, Any]:
+    return {
+        "id": call.id,
+        "frame": call.frame,
+        "at": round(call.at, 2),
+        "scene": call.group,
+        "reasons": [str(one.name).lower() for one in Reasons if one and one in call.data.reasons],
+        "answers": [{"answer": said.line, "text": said.text, "taken": said.taken} for said in call.said],
+    }
+
+
+def _report(folder: Path, found: Rehearsal, figures: dict[str, Any], unused: list[str]) -> None:
+    if found.torn:
+        print(f"{len(found.torn)} frames cannot be read, and are left out: {', '.join(found.torn[:5])}")
+    for call in found.calls:
+        for said in call.said:
+            if not said.taken:
+                print(f"{call.frame}: `{said.line}`: {said.text}")
+    for frame in unused:
+        print(f"{frame} raised no call: its answer was not used")
+    print(
+        f"{figures['calls']} calls in {figures['groups']} scenes, {figures['answered']} answered; "
+        f"{figures['frames']} frames in {figures['seconds']:g} s"
+    )
+    print(f"{folder / 'index.html'} shows them")
+    if (folder / "memory.jsonl").exists():
+        print(f"the rover starts with what was answered: companion memory import {folder / 'memory.jsonl'}")
+    elif found.calls:
+        print(f"write answers into {folder / 'answers.txt'}, and rehearse again with --answers")
+    print(json.dumps(figures))
+
+
+class _Progress:
+    """Prints how far it is, on stderr. seconds: since the start."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._began = self._told_at = time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._began
+
+    def frame(self, number: int, found: Rehearsal) -> None:
+        now = time.monotonic()
+        if now - self._told_at > _TOLD_EVERY:
+            self._told_at = now
+            left = (self._count - number) * (now - self._began) / number
+            print(
+                f"{number} of {self._count} frames, {len(found.calls)} calls, {left:.0f} s left",
+                file=sys.stderr,
+            )

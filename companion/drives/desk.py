@@ -1,0 +1,93 @@
+"""Asks somebody at the desk, in the terminal, or a file of answers."""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict, deque
+from pathlib import Path
+
+from companion.browser import wording
+from companion.drives.frames import DriveError
+from companion.drives.rehearsal import AskedCall
+from companion.wire.typed_answers import CommandError, read_typed
+
+_SEPARATOR = " = "
+_HELP = """\
+  tap drum -1, go                 what it points at is a drum, and never drivable
+  gravel: 1; dry grass: 0.3, go   words for the ground here
+  go                              all is well here: do not ask about this place again
+  (an empty line)                 skip: it is asked on the rover
+  quit                            end here, and keep what was answered"""
+
+
+class AnswerFile:
+    """Answers by the frame of a call: lines `FRAME = ANSWER`; those of one frame count in their order."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises DriveError for a line that is no answer, and OSError."""
+        self._answers: defaultdict[str, deque[str]] = defaultdict(deque)
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if not line.strip() or line.startswith("#"):
+                continue
+            frame, separator, answer = line.rpartition(_SEPARATOR)
+            try:
+                if not separator or not answer.strip():
+                    raise CommandError(f"write it as `0412.jpg{_SEPARATOR}gravel: 1, go`")
+                read_typed(answer.strip())
+            except CommandError as error:
+                raise DriveError(f"{path}, line {number}: {error}") from error
+            self._answers[frame.strip()].append(answer.strip())
+
+    def ask(self, call: AskedCall, _problem: str) -> str | None:
+        """Return the next answer to a call of this frame, None where there is none."""
+        waiting = self._answers.get(call.frame)
+        return waiting.popleft() if waiting else None
+
+    def left(self) -> list[str]:
+        """Return the frames whose answers were not asked for."""
+        return [frame for frame, waiting in self._answers.items() if waiting]
+
+
+class Terminal:
+    """Prints a call, and reads answers from the keyboard."""
+
+    def __init__(self, out: Path) -> None:
+        """out: where the pictures of calls are."""
+        self._out = out
+        self._asked = 0
+
+    def ask(self, call: AskedCall, problem: str) -> str | None:
+        """Ask. An empty line, or the end of input, is None. Raises KeyboardInterrupt for `quit`."""
+        if call.id != self._asked:
+            self._asked = call.id
+            print(f"\nC{call.id} at {call.at:.1f} s, {call.frame}: {wording.reason(call.data)}")
+            print(f"  {wording.figures(call.data)}")
+            print(f"  {self._out / 'calls' / f'{call.id}-large.jpg'}")
+        if problem:
+            print(f"  {problem}")
+        while True:
+            try:
+                line = input("answer (? for help): ").strip()
+            except EOFError:
+                return None
+            if line == "?":
+                print(_HELP)
+            elif line.lower() == "quit":
+                raise KeyboardInterrupt
+            else:
+                return line or None
+
+
+def terminal(out: Path) -> Terminal | None:
+    """Return the terminal, None where nobody sits at it."""
+    return Terminal(out) if sys.stdin.isatty() and sys.stdout.isatty() else None
+
+
+def answer_lines(calls: list[AskedCall]) -> str:
+    """Return what was answered, as a file of answers; what was not stands in it as a comment."""
+    lines = ["# Answers to the calls of a drive: `companion rehearse DRIVE --answers THIS` gives them again."]
+    for call in calls:
+        lines += [f"{call.frame}{_SEPARATOR}{said.line}" for said in call.said if said.taken]
+        if not call.by_person:
+            lines.append(f"# {call.frame}{_SEPARATOR}     C{call.id}: {wording.reason(call.data)}")
+    return "\n".join(lines) + "\n"

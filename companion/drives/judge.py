@@ -1,0 +1,76 @@
+"""Judges the frames of a drive by the engine and the rules of calls of a rover, in the drive's time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from anytraverse.assessment import Assessment
+from anytraverse.frame import Frame
+from anytraverse.memory import Memory
+from companion.answers.answer import changes_of
+from companion.answers.outcome import outcome_text
+from companion.calls.decisions import Call, CallOpened, WouldHold
+from companion.calls.machine import OperatorCalls
+from companion.calls.policy import PolicyState
+from companion.config import Config
+from companion.drives.frames import DriveFrame
+from companion.settings.mapping import call_numbers
+from companion.vision.warm_up import load_engine
+from companion.wire.answers import Operation
+from companion.wire.ids import Motion, Policy
+
+
+class Judgement(NamedTuple):
+    """A judged frame. opened: the call that it opened. would_hold: whether a rover would be held."""
+
+    seen: Assessment
+    opened: Call | None
+    would_hold: bool
+
+
+class DriveJudge:
+    """Judges as a rover in policy shadow does. There is no camera, so a frozen or dark one is no fault.
+
+    The frames of one drive and one memory give the same calls every time.
+    """
+
+    def __init__(self, config: Config, memory: Memory | None = None) -> None:
+        """memory: what the rover remembers at the start. Raises AnyTraverseError."""
+        self.engine, self.notices = load_engine(config, memory)
+        numbers = call_numbers(config, self.engine.settings)
+        self._calls = OperatorCalls(numbers, PolicyState(Policy.SHADOW), 0.0)
+        self._frames = 0
+
+    @property
+    def open_id(self) -> int:
+        """The id of the open call, 0 for none."""
+        return self._calls.current_id
+
+    def judge(self, frame: DriveFrame) -> Judgement | None:
+        """Judge a frame; None for a torn one, in which only time passes."""
+        self._frames += 1
+        if frame.image is None:
+            self._calls.tick(frame.at)
+            return None
+        seen = self.engine.step(Frame(self._frames, frame.at, frame.image), frame.at)
+        decisions = self._calls.assessed(seen, frame.at)
+        opened = next((one.call for one in decisions if isinstance(one, CallOpened)), None)
+        return Judgement(seen, opened, any(isinstance(one, WouldHold) for one in decisions))
+
+    def answer(self, operations: Sequence[Operation], motion: Motion, now: float) -> str:
+        """Answer the open call, and return what became of that. Raises AnyTraverseError."""
+        call = self._calls.call
+        if call is None:
+            return "no call is open"
+        changes = changes_of(operations)
+        observation = call.seen.observation if call.seen is not None else None
+        outcome = self.engine.answer(changes, now, call=observation, call_id=call.id, go=motion is Motion.GO)
+        result, decisions = self._calls.apply_answer(call.id, motion, bool(changes), outcome, now)
+        memory = self.engine.memory if changes else None
+        return outcome_text(self._calls, call.id, result, decisions, outcome.call, outcome.newest, memory)
+
+    def needs_answer(self, number: int) -> bool:
+        """Whether this call is open, and what was said does not cover it."""
+        call = self._calls.call
+        return call is not None and call.id == number and not call.answered

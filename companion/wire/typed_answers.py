@@ -1,0 +1,224 @@
+"""Parses an answer as an operator types it: changes, then a motion. Pure.
+
+Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
+`forget call 7`, `new episode`, `other place`, `other place 7`. The motion is `go`, `stay` or `look`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from anytraverse.preferences import check_weight, clean_word
+from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
+from companion.wire.ids import Motion
+from companion.wire.packing import Fractions
+from companion.wire.payloads import CallData
+
+MOTIONS = {
+    "go": Motion.GO,
+    "ok": Motion.GO,
+    "stay": Motion.STAY,
+    "look": Motion.LOOK_AGAIN,
+    "look again": Motion.LOOK_AGAIN,
+}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)\Z", re.ASCII)
+_ENDS_WITH_MOTION = re.compile(
+    r"(.*[^\s,])[\s,]+(go|ok|stay|look(?:\s+again)?)\s*\Z", re.IGNORECASE | re.DOTALL
+)
+_TAP = re.compile(r"tap\s+(.*)", re.IGNORECASE)
+_FORGET_CALL = re.compile(r"forget\s+call\s+[ch]?(\d{1,5})\Z", re.ASCII | re.IGNORECASE)
+_FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
+_ORDER = re.compile(r"(go|ok|stay|look|forget|set|answer|policy|rover)\s+\S", re.IGNORECASE)
+_OTHER_PLACE = re.compile(
+    r"(?:other|not\s+(?:the|that)(?:\s+same)?)\s+place(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII | re.IGNORECASE
+)
+_NEW_EPISODE = re.compile(r"new\s+episode\Z", re.IGNORECASE)
+
+
+class CommandError(ValueError):
+    """Reports a line that is not a command; its text, one line, says why and gives an example."""
+
+
+@dataclass(frozen=True)
+class Word:
+    """Sets a word's weight: `bush: -1`."""
+
+    word: str
+    weight: float
+
+
+@dataclass(frozen=True)
+class Tap:
+    """Makes a tap: `tap drum -1`. box: left, top, right, bottom; None: the call's worst tile."""
+
+    word: str
+    weight: float
+    box: Fractions | None = None
+
+
+@dataclass(frozen=True)
+class Forget:
+    """Takes a word out of use: `forget bush`."""
+
+    word: str
+
+
+@dataclass(frozen=True)
+class ForgetAnswer:
+    """Forgets what a call's answer taught: `forget call 7`."""
+
+    call_id: int
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Forgets all remembered scenes: `new episode`."""
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Refuses the newest match: `other place`, `other place 7`. call_id: whose place matched, 0: any."""
+
+    call_id: int = 0
+
+
+Change = Word | Tap | Forget | ForgetAnswer | Episode | Elsewhere
+
+
+def in_range(name: str, value: int, low: int, high: int) -> int:
+    """Return `value`. Raises CommandError where it is not in low..high."""
+    if not low <= value <= high:
+        raise CommandError(f"{name} {value} cannot be: {low} to {high}")
+    return value
+
+
+def read_typed(text: str) -> tuple[Motion, tuple[Change, ...]]:
+    """Parse an answer. Without a motion it is words alone: Motion.NONE. Raises CommandError."""
+    motion, rest = _trailing_motion(text)
+    return motion, _changes(rest)
+
+
+def operation_of(change: Change, call: CallData | None) -> Operation:
+    """Return the operation that a change means. call: what it answers, None where that is not known.
+
+    Raises CommandError for a tap without a place.
+    """
+    match change:
+        case Word(word, weight):
+            return SetWord(word, weight)
+        case Tap(word, weight, box):
+            if call is None:
+                raise CommandError(
+                    f"no call is open, so there is no picture to tap; a word works: `{word}: -1`"
+                )
+            place = box or call.worst_tile_box
+            if place is None:
+                raise CommandError(
+                    f"call {call.id} points at no place: give the box, `tap {word} -1 0.4 0.5 0.6 0.8`"
+                )
+            return TapBox(call.frame_id, place, word, weight)
+        case Forget(word):
+            return ForgetWord(word)
+        case ForgetAnswer(call_id):
+            return ForgetCall(call_id)
+        case Episode():
+            return NewEpisode()
+        case Elsewhere(call_id):
+            return OtherPlace(call_id)
+
+
+def _trailing_motion(rest: str) -> tuple[Motion, str]:
+    alone = MOTIONS.get(" ".join(rest.lower().split()))
+    if alone is not None:
+        return alone, ""
+    found = _ENDS_WITH_MOTION.match(rest)
+    if found is None:
+        return Motion.NONE, rest
+    return MOTIONS[" ".join(found[2].lower().split())], found[1]
+
+
+def _changes(rest: str) -> tuple[Change, ...]:
+    segments = [segment.strip() for segment in rest.split(";")]
+    if not segments[-1]:
+        segments.pop()
+    changes = tuple(_change(segment) for segment in segments)
+    words = [change.word for change in changes if isinstance(change, Word | Tap | Forget)]
+    twice = next((word for word in words if words.count(word) > 1), None)
+    if twice is not None:
+        raise CommandError(f'"{twice}" stands twice: keep one')
+    return changes
+
+
+def _change(segment: str) -> Change:
+    if _NEW_EPISODE.match(segment):
+        return Episode()
+    if found := _OTHER_PLACE.match(segment):
+        return Elsewhere(0 if found[1] is None else in_range("call", int(found[1]), 1, 0xFFFF))
+    if found := _FORGET_CALL.match(segment):
+        return ForgetAnswer(in_range("call", int(found[1]), 1, 0xFFFF))
+    if segment.lower() == "forget call":
+        raise CommandError("which call? Write it as `forget call 7`")
+    name, colon, number = segment.rpartition(":")
+    if found := _TAP.match(segment):
+        return _tap(found[1])
+    if colon:
+        return Word(_new_word(name), _weight(name, number))
+    if found := _FORGET.match(segment):
+        return Forget(_word(found[1]))
+    if not segment:
+        raise CommandError("nothing between two `;`: write it as `bush: -1; grass: 1`")
+    raise CommandError(
+        f'"{segment[:40]}" is no command (type `help`), and a word needs its weight: write it as `bush: -1`'
+    )
+
+
+def _tap(rest: str) -> Tap:
+    name, colon, figures = rest.rpartition(":")
+    numbers = figures.split()
+    if not colon:
+        tokens = rest.split()
+        words = len(tokens)
+        while words and _NUMBER.match(tokens[words - 1]):
+            words -= 1
+        name, numbers = " ".join(tokens[:words]), tokens[words:]
+    if len(numbers) not in (1, 5) or not all(map(_NUMBER.match, numbers)):
+        raise CommandError(
+            f'"tap {rest[:40]}": write it as `tap drum -1` or `tap drum -1 0.40 0.55 0.60 0.80`'
+            " (left top right bottom)"
+        )
+    box = _box([float(number) for number in numbers[1:]]) if len(numbers) == 5 else None
+    return Tap(_word(name), _weight(name, numbers[0]), box)
+
+
+def _box(sides: list[float]) -> Fractions:
+    left, top, right, bottom = sides
+    if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
+        raise CommandError("a box is left top right bottom in fractions of the picture: 0.40 0.55 0.60 0.80")
+    return left, top, right, bottom
+
+
+def _new_word(raw: str) -> str:
+    """Check a word to set. Raises CommandError for "go bush", typed in haste as `go bush: -1`."""
+    if found := _ORDER.match(raw.strip()):
+        raise CommandError(
+            f'"{found[1]}" does not begin a word: write it as `bush: -1`, `bush: -1, go` or `forget bush`'
+        )
+    return _word(raw)
+
+
+def _word(raw: str) -> str:
+    try:
+        return clean_word(raw)
+    except ValueError as error:
+        raise CommandError(str(error)) from error
+
+
+def _weight(name: str, number: str) -> float:
+    number = number.strip()
+    if not _NUMBER.match(number):
+        raise CommandError(f'"{number[:20]}" is not a weight: write it as `{name.strip()[:20]}: -1`')
+    try:
+        return check_weight(name.strip(), float(number))
+    except ValueError as error:
+        raise CommandError(str(error)) from error

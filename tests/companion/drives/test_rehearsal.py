@@ -1,0 +1,177 @@
+"""`companion rehearse` judges each frame of a drive, and remembers what is answered at the desk."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from companion.cli import main
+from companion.drives.desk import AnswerFile, Terminal
+from companion.drives.frames import DriveError, open_drive
+from companion.drives.rehearsal import AskedCall
+from companion.sim.field.render import Camera
+from companion.sim.field.things import World
+from tests.companion.link.payloads import CALL
+
+TORN = 10
+CONFIG = """
+[camera]
+source = "folder:pictures"
+[vehicle]
+file = ""
+[roi]
+left = 0.35
+top = 0.46
+right = 0.65
+bottom = 0.95
+[words]
+grass = 1.0
+"dirt path" = 1.0
+bush = -1.0
+tree = -1.0
+sky = -1.0
+"""
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The simulated trail from the meadow into the forest. File 10 is torn; companion.toml is beside it."""
+    folder = tmp_path_factory.mktemp("drive")
+    world = World(0)
+    camera = Camera(world)
+    for number, place in enumerate(np.arange(42.0, 56.0, 0.35)):
+        image, _ = camera.render(world.trail.pose(float(place)), 0.1 * number)
+        cv2.imwrite(str(folder / f"{number:03d}.jpg"), image[..., ::-1])
+    (folder / f"{TORN:03d}.jpg").write_bytes(b"torn")
+    (folder.parent / "companion.toml").write_text(CONFIG)
+    return folder
+
+
+def rehearsed(drive: Path, out: Path, *more: str) -> dict[str, Any]:
+    config = str(drive.parent / "companion.toml")
+    assert main(["rehearse", str(drive), "--config", config, "--out", str(out), "--no-ask", *more]) == 0
+    told: dict[str, Any] = json.loads((out / "calls.json").read_text())
+    told.pop("seconds")
+    return told
+
+
+@pytest.fixture(scope="module")
+def first(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """The drive rehearsed without an answer."""
+    out = tmp_path_factory.mktemp("out") / "first"
+    return out, rehearsed(drive, out)
+
+
+def test_no_frame_is_left_out_and_the_same_drive_raises_the_same_calls(
+    drive: Path, first: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    out, told = first
+    names = sorted(path.name for path in drive.iterdir())
+    lines = (out / "frames.jsonl").read_text()
+    rows = [json.loads(line) for line in lines.splitlines()]
+    assert [row["file"] for row in rows] == [name for name in names if name != f"{TORN:03d}.jpg"]
+    assert (told["frames"], told["torn"], told["drive_s"]) == (len(rows), 1, len(names) / 10)
+    assert told["calls"] == len(told["each"]) == sum(told["by_tenth"]) >= 1
+    assert told["each"][0]["frame"] == names[told["at_call"][0] - 1]
+    assert told["each"][0]["reasons"] == ["unknown_scene"]
+    assert told["not_ok"] == sum(not row["ok"] for row in rows)
+    for kind in ("raw", "large"):
+        assert cv2.imread(str(out / "calls" / f"1-{kind}.jpg")) is not None
+    page = (out / "index.html").read_text()
+    assert page.count("<img ") == 2 * told["calls"]
+    assert "http" not in page
+    assert not (out / "memory.jsonl").exists(), "nobody answered"
+    assert rehearsed(drive, tmp_path / "again") == told
+    assert (tmp_path / "again" / "frames.jsonl").read_text() == lines
+
+
+def test_a_place_that_was_answered_is_known_the_next_time(
+    drive: Path, first: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame = first[1]["each"][0]["frame"]
+    answers = tmp_path / "answers.txt"
+    lines = [f"{frame} = no such word: 1", f"{frame} = dirt path: 1; tree: -1, go", "999.jpg = go"]
+    answers.write_text("\n".join(["# the forest", *lines]))
+    told = rehearsed(drive, tmp_path / "out", "--answers", str(answers))
+    said = capsys.readouterr().out
+    assert "999.jpg raised no call" in said
+    assert f"{frame}: `no such word: 1`: nothing changed:" in said
+    assert [one["taken"] for one in told["each"][0]["answers"]] == [False, True]
+    assert told["answered"] == 1
+    memory = tmp_path / "out" / "memory.jsonl"
+    assert len(memory.read_text().splitlines()) == 2, "a header and one scene"
+    again = rehearsed(drive, tmp_path / "again", "--memory", str(memory))
+    assert again["calls"] < told["calls"]
+    assert again["matches"] > told["matches"]
+    assert AnswerFile(tmp_path / "out" / "answers.txt").left() == [frame], "they can be given again"
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [("0001.png go", "write it as"), ("0001.png = bush", "needs its weight"), ("0001.png = ", "write it as")],
+)
+def test_a_line_that_is_no_answer_is_named(tmp_path: Path, line: str, why: str) -> None:
+    path = tmp_path / "answers.txt"
+    path.write_text(f"# fine\n{line}\n")
+    with pytest.raises(DriveError, match=rf"answers\.txt, line 2: .*{why}"):
+        AnswerFile(path)
+
+
+def call(number: int = 1) -> AskedCall:
+    return AskedCall(number, "017.png", 1.7, CALL, np.zeros(4, np.float32), b"", b"")
+
+
+def test_somebody_at_the_terminal_sees_why_and_answers_skips_or_quits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = iter(["?", "tap drum -1, go", "", "quit"])
+    monkeypatch.setattr("builtins.input", lambda _prompt: next(lines))
+    desk = Terminal(tmp_path)
+    assert desk.ask(call(), "") == "tap drum -1, go"
+    said = capsys.readouterr().out
+    assert "C1 at 1.7 s, 017.png: " in said
+    assert f"{tmp_path}/calls/1-large.jpg" in said
+    assert "not ask about this place again" in said
+    assert desk.ask(call(), "C1 stays open: still unknown") is None
+    assert "stays open" in capsys.readouterr().out
+    with pytest.raises(KeyboardInterrupt):
+        desk.ask(call(2), "")
+
+
+def test_a_video_is_thinned_out_to_the_rate_of_the_rover(tmp_path: Path) -> None:
+    path = tmp_path / "drive.avi"
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (64, 48))  # type: ignore[attr-defined]
+    for number in range(60):
+        video.write(np.full((48, 64, 3), 4 * number, np.uint8))
+    video.release()
+    drive = open_drive(str(path), 10.0)
+    frames = list(drive.frames())
+    assert drive.count == len(frames) == 20
+    assert [frame.name for frame in frames[:3]] == ["0.00 s", "0.10 s", "0.20 s"]
+    assert np.diff([frame.at for frame in frames]) == pytest.approx(0.1)
+    assert frames[3].image is not None
+    assert abs(int(frames[3].image.mean()) - 36) < 4
+
+
+@pytest.mark.parametrize(
+    ("where", "why"),
+    [("nowhere", "no folder, and no video"), ("folder:nowhere", "cannot be read"), ("v4l2:0", "is no drive")],
+)
+def test_what_is_no_drive_is_refused_with_what_to_give(where: str, why: str) -> None:
+    with pytest.raises(DriveError, match=why):
+        open_drive(where, 10.0)
+
+
+def test_a_folder_with_other_files_is_left_as_it_is(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    config = str(drive.parent / "companion.toml")
+    assert main(["rehearse", str(drive), "--config", config, "--out", str(tmp_path)]) == 2
+    assert "which no rehearsal wrote" in capsys.readouterr().err
+    assert (tmp_path / "mine.txt").read_text() == "mine"

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
 from anytraverse.evaluation.exhibits import WIDTH, Exhibit
 from anytraverse.evaluation.report import HEADLINES, Figures, asked, comparison, scope
+from anytraverse.html_page import document, figure
 
 _STYLE = """
-:root { color-scheme: light dark; --ink: #1b1f24; --faint: #57606a; --paper: #fff; --line: #d5dae0;
-  --green: #009e73; --red: #d55e00; --violet: #7e2fbe; --blue: #0969da; --grey: #8a929b; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6e9ec; --faint: #9aa4ae; --paper: #14171a;
-  --line: #353b42; --violet: #b98ae6; --blue: #58a6ff; } }
-* { box-sizing: border-box; }
-body { font: 1rem/1.45 system-ui, sans-serif; max-width: 74rem; margin: 2rem auto; padding: 0 1rem;
-  color: var(--ink); background: var(--paper); }
-h1 { margin-bottom: .2rem; } h2 { margin-top: 2.4rem; border-top: 2px solid var(--line); padding-top: 1rem; }
-.faint, figcaption, th { color: var(--faint); font-weight: normal; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 td, th { text-align: left; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid var(--line);
   vertical-align: top; }
@@ -40,8 +31,6 @@ svg polyline { fill: none; stroke-width: 2; }
 .legend { margin: .3rem 0; } .legend b { margin-right: 1rem; }
 .legend span { margin-right: 1.4rem; white-space: nowrap; }
 .frame { margin: 1.2rem 0; } .frame h3 { margin: 0 0 .4rem; font-size: 1rem; overflow-wrap: anywhere; }
-.shots { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: .6rem; }
-figure { margin: 0; } img { display: block; width: 100%; height: auto; }
 """
 _CURVES = (
     ("iou_mean", "mean IoU", "--green"),
@@ -73,11 +62,7 @@ _CAPTIONS = ("picture", "judged", "right and wrong")
 
 def page(figures: Figures, exhibits: Mapping[int, Exhibit]) -> str:
     """Return the page. exhibits: by the number of a frame, for those under "best" and "worst"."""
-    title = escape(f"{figures['title']}, {figures['model_id']}")
     parts = [
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{title}</title><style>{_STYLE}</style></head><body>",
         f"<h1>{escape(figures['title'])}</h1>",
         f'<p class="faint">{escape(scope(figures))}. {escape(figures["model_id"])}, '
         f"{figures['ms_per_frame']:.1f} ms a frame.<br>Words: {escape(asked(figures))}<br>"
@@ -92,9 +77,8 @@ def page(figures: Figures, exhibits: Mapping[int, Exhibit]) -> str:
         *_frames(figures["worst"], exhibits),
         "<h2>The best frames</h2>",
         *_frames(figures["best"], exhibits),
-        "</body></html>\n",
     ]
-    return "\n".join(parts)
+    return document(f"{figures['title']}, {figures['model_id']}", _STYLE, parts)
 
 
 def _number(value: float | None) -> str:
@@ -207,8 +191,7 @@ def _frames(rows: Sequence[Mapping[str, Any]], exhibits: Mapping[int, Exhibit]) 
     parts = []
     for row in rows:
         shots = [
-            f'<figure><img alt="{caption}" width="{WIDTH}" src="data:image/jpeg;base64,'
-            f'{base64.b64encode(jpeg).decode()}"><figcaption>{caption}</figcaption></figure>'
+            figure(jpeg, caption, WIDTH)
             for caption, jpeg in zip(_CAPTIONS, exhibits[row["frame"]], strict=True)
         ]
         parts.append(

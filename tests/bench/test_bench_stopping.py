@@ -27,7 +27,7 @@ pytest.importorskip("lupa.lua53", reason="the script on the autopilot runs in Lu
 
 SEEDS = (1,)
 AT_ONCE = 3
-"""More would starve each other on two cores: a rover is then held before its fault, and the run begun anew."""
+"""More would starve each other on two cores: rovers are then held before their fault, and begin anew."""
 KINDS = {
     "frozen_camera": {"companion", "script"},
     "frozen_with_clock": {"companion", "script"},

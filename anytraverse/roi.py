@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -199,32 +200,60 @@ def corridor_open(drivable: Mask, region: Region, corridor: Corridor, gap: tuple
     height, width = drivable.shape
     rows, columns = region.bounds.slices(height, width)
     missing = ~drivable[rows, columns]
-    if missing.size == 0:
+    if missing.size == 0 or missing.all():
         return False
-    count, across = missing.shape
+    if not missing.any():
+        return True
+    strips = _strips(*missing.shape, width, corridor, gap[1])
+    gaps = _count_between(_gaps(missing, gap), strips.begin, strips.gaps_end)
+    lost = np.where(strips.inside & (gaps == 0), _count_between(missing, strips.begin, strips.end), np.inf)
+    # Dynamic programming: for each column where the strip may stand, the fewest cells that are not drivable
+    # in the part of a band that it has crossed so far.
+    edged = np.full(missing.shape[1] + 2, np.inf)
+    before, least, after = edged[:-2], edged[1:-1], edged[2:]
+    reachable = np.ones(missing.shape[1], dtype=np.bool_)
+    for band, allowed in strips.bands:
+        least[:] = np.where(reachable, 0.0, np.inf)
+        for lost_here in lost[band]:
+            nearby = np.minimum(before, after)
+            np.minimum(nearby, least, out=nearby)
+            np.add(nearby, lost_here, out=least)
+        reachable = least <= allowed
+    return bool(reachable.any())
+
+
+@dataclass(frozen=True)
+class _Strips:
+    """Holds where a strip of the vehicle's width may stand in an ROI of (h, w) pixels: all (h, w).
+
+    begin, end: its first column, and the one after its last, when its middle is in this column, in [0, w].
+    gaps_end: the column after the last in which a gap inside it begins, in [0, w]. inside: whether it fits.
+    bands: from near to far, the rows, and how many cells that are not drivable are allowed in them.
+    """
+
+    begin: NDArray[np.intp]
+    end: NDArray[np.intp]
+    gaps_end: NDArray[np.intp]
+    inside: Mask
+    bands: tuple[tuple[NDArray[np.intp], float], ...]
+
+
+@lru_cache(16)
+def _strips(count: int, across: int, width: int, corridor: Corridor, gap: int) -> _Strips:
+    """Place the strips in an ROI of (count, across) pixels. width: the map's. gap: columns of a gap."""
     rise = np.arange(count - 1, -1, -1) / max(1, count - 1)
     wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * width
     strip = np.clip(np.rint(wanted), 1, across).astype(np.intp)[:, np.newaxis]
     left = np.arange(across) - strip // 2
-    inside = (left >= 0) & (left + strip <= across)
-    gaps = _count_between(_gaps(missing, gap), left, left + strip - gap[1] + 1)
-    lost = np.where(inside & (gaps == 0), _count_between(missing, left, left + strip), np.inf)
-    reachable = np.ones(across, dtype=np.bool_)
-    for band in np.array_split(np.arange(count)[::-1], min(corridor.bands, count)):
-        # Dynamic programming: for each column where the strip may stand, the fewest cells that are not
-        # drivable in the part of this band that it has crossed so far.
-        least = np.where(reachable, 0.0, np.inf)
-        for row in band:
-            least = _least_nearby(least) + lost[row]
-        reachable = least <= (1.0 - corridor.share) * strip[band].sum() + _ROUNDING
-    return bool(reachable.any())
-
-
-def _least_nearby(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    least = values.copy()
-    np.minimum(least[1:], values[:-1], out=least[1:])
-    np.minimum(least[:-1], values[1:], out=least[:-1])
-    return least
+    bands = np.array_split(np.arange(count)[::-1], min(corridor.bands, count))
+    begin, end = np.clip(left, 0, across), np.clip(left + strip, 0, across)
+    return _Strips(
+        begin,
+        end,
+        np.maximum(begin, np.clip(left + strip - gap + 1, 0, across)),
+        (left >= 0) & (left + strip <= across),
+        tuple((band, float((1.0 - corridor.share) * strip[band].sum() + _ROUNDING)) for band in bands),
+    )
 
 
 def _gaps(missing: Mask, size: tuple[int, int]) -> Mask:
@@ -239,13 +268,12 @@ def _gaps(missing: Mask, size: tuple[int, int]) -> Mask:
 def _count_between(mask: Mask, begin: NDArray[np.intp], end: NDArray[np.intp]) -> NDArray[np.float64]:
     """Count the pixels of each row of `mask` from column `begin` up to, not including, `end`, (h, n).
 
-    mask: (h, w). begin, end: (h, n), cut at the row's ends.
+    mask: (h, w). begin, end: (h, n), in [0, w], begin <= end.
     """
     table = np.zeros((len(mask), mask.shape[1] + 1))
     table[:, 1:] = mask.cumsum(axis=1)
-    begin, end = np.clip(begin, 0, mask.shape[1]), np.clip(end, 0, mask.shape[1])
-    upto_end = np.take_along_axis(table, np.maximum(begin, end), axis=1)
-    counts: NDArray[np.float64] = upto_end - np.take_along_axis(table, begin, axis=1)
+    counts: NDArray[np.float64] = np.take_along_axis(table, end, axis=1)
+    counts -= np.take_along_axis(table, begin, axis=1)
     return counts
 
 

@@ -7,8 +7,7 @@ without: they are skipped where it is missing, but never in the gate (CI=true), 
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
+from collections.abc import Generator
 from importlib.util import find_spec
 
 import pytest
@@ -21,7 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's, which `pytest -n` woul
 
 LONGEST = (
     "test_bench_stopping.py",
-    "test_any_sequence.py",
+    "test_run_from_start_to_end.py",
     "test_network_cameras.py",
     "test_clipseg_on_the_field.py",
     "test_whole_thread.py",
@@ -34,17 +33,31 @@ EXPORT = ("torch", "transformers", "onnx", "PIL")
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "needs_export: compares with what the extra `export` brings")
-    if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
-        # Each process that a test starts would compile what it imports: 0.8 s of a daemon's first 1.1 s.
-        folder = os.environ["PYTHONPYCACHEPREFIX"] = tempfile.mkdtemp(prefix="bytecode-")
-        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+    # Else each worker and each process that a test starts would compile what it imports: 0.8 s of a daemon's
+    # first 1.1 s.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Each worker begins at another place, so that a file is compiled in one of them, not in all."""
+    report = yield
+    worker = getattr(collector.config, "workerinput", None)
+    if worker is not None and isinstance(collector, pytest.Dir):
+        begin = len(report.result) * int(worker["workerid"].removeprefix("gw")) // worker["workercount"]
+        report.result[:] = report.result[begin:] + report.result[:begin]
+    return report
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """All workers have the tests in one order, which xdist wants."""
     if not hasattr(config, "workerinput"):
         return
     order = {name: place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: order.get(item.path.name, len(order)))
+    items.sort(key=lambda item: (order.get(item.path.name, len(order)), item.path))
 
 
 @pytest.hookimpl(tryfirst=True)

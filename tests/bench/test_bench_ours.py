@@ -10,8 +10,7 @@ import pytest
 from bench.clipseg.frames import make_frame
 from bench.clipseg.lineup import BUNDLES, CONTESTANTS
 
-for _package in ("torch", "transformers", "onnx", "onnxruntime"):
-    pytest.importorskip(_package, reason="the extra `export` is not installed")
+pytestmark = pytest.mark.needs_export
 
 
 @pytest.mark.parametrize(("name", "part"), [("int8", "tail"), ("fp32_clip_b32", "scene")])

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from bench.clipseg.checkpoints import Checkpoints
     from bench.clipseg.reference import Reference
 
-for _package in ("torch", "transformers"):
-    pytest.importorskip(_package, reason="the extra `export` is not installed")
+pytestmark = pytest.mark.needs_export
 
 WORDS = {"grass": 1.0, "dirt path": 0.5, "tree": -1.0}
 

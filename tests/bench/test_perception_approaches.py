@@ -10,7 +10,7 @@ import pytest
 
 from anytraverse.assessment import Assessment, Finding, Reason
 from anytraverse.evaluation.datasets import LabelledFrame
-from anytraverse.frame import Frame
+from anytraverse.frame import Frame, Image
 from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
@@ -25,8 +25,6 @@ from companion.sim.field.render import Camera
 from companion.sim.field.things import World
 
 FRAME = Frame(1, 0.0, np.zeros((2, 2, 3), dtype=np.uint8))
-_WORLD = World(31, ())
-TRAIL = Camera(_WORLD, 320, 240).render(_WORLD.trail.pose(_WORLD.trail.start + 5.0), 0.0)[0]
 
 
 def judged(ok: bool) -> Assessment:
@@ -110,13 +108,22 @@ def test_a_region_is_the_largest_one_and_a_log_lies_across() -> None:
 
 
 @pytest.fixture(scope="module")
+def trail() -> Image:
+    """A picture of the trail, with nothing on it."""
+    world = World(31, ())
+    return Camera(world, 320, 240).render(world.trail.pose(world.trail.start + 5.0), 0.0)[0]
+
+
+@pytest.fixture(scope="module")
 def perceiver() -> Perceiver:
     return make_perceiver("builtin", Runtime(threads=1))
 
 
-def test_a_frame_judged_again_is_judged_the_same_without_the_picture(perceiver: Perceiver) -> None:
+def test_a_frame_judged_again_is_judged_the_same_without_the_picture(
+    perceiver: Perceiver, trail: Image
+) -> None:
     judge = Judge.of(perceiver)
-    seen = judge.see(TRAIL)
+    seen = judge.see(trail)
     assert seen.observation is not None
     assert seen.observation.features is None
     assert seen.observation.frame.image.strides == (0, 0, 0)
@@ -125,9 +132,9 @@ def test_a_frame_judged_again_is_judged_the_same_without_the_picture(perceiver: 
     assert again.roi == seen.roi
 
 
-def test_a_sweep_judges_frames_again_with_every_setting(perceiver: Perceiver) -> None:
-    labels = np.zeros(TRAIL.shape[:2], dtype=np.uint8)
-    home = LabelledSet("home", (LabelledFrame(1, "1", TRAIL, labels),), ("dirt",), 255)
+def test_a_sweep_judges_frames_again_with_every_setting(perceiver: Perceiver, trail: Image) -> None:
+    labels = np.zeros(trail.shape[:2], dtype=np.uint8)
+    home = LabelledSet("home", (LabelledFrame(1, "1", trail, labels),), ("dirt",), 255)
     judge = Judge.of(perceiver)
     lenient = judge.with_settings(changed(judge.settings, 0.25, 1.0))
     cutouts = {
@@ -138,7 +145,7 @@ def test_a_sweep_judges_frames_again_with_every_setting(perceiver: Perceiver) ->
     ways = list(approaches(lenient, Frames((home,), (), home), cutouts, 2, 1, whole=True))
     assert [one.kind for one in ways] == ["barrel"] * 2 + ["wall"] * 2
     assert all(len(one.frames) == len(one.covered) == len(DISTANCES) for one in ways)
-    clean = {"home": [judge.see(TRAIL)]}
+    clean = {"home": [judge.see(trail)]}
     points = sweep(judge, clean, ways)
     assert len(points) == len(table(points).splitlines()) - 2
     strict = [
@@ -148,9 +155,11 @@ def test_a_sweep_judges_frames_again_with_every_setting(perceiver: Perceiver) ->
     assert strict[0] > 0.5
 
 
-def test_a_tapped_thing_is_covered_on_the_way_and_another_one_still_calls(perceiver: Perceiver) -> None:
-    labels = np.zeros(TRAIL.shape[:2], dtype=np.uint8)
-    home = LabelledSet("home", (LabelledFrame(1, "1", TRAIL, labels),), ("dirt",), 255)
+def test_a_tapped_thing_is_covered_on_the_way_and_another_one_still_calls(
+    perceiver: Perceiver, trail: Image
+) -> None:
+    labels = np.zeros(trail.shape[:2], dtype=np.uint8)
+    home = LabelledSet("home", (LabelledFrame(1, "1", trail, labels),), ("dirt",), 255)
     pictures = gather(None, [], 1)
     cutouts = {kind: pictures[kind] if kind in {"barrel", "wall"} else [] for kind in KINDS}
     figures = measure_taps(Judge.of(perceiver), Frames((home,), (), home), cutouts, 1)

@@ -48,7 +48,6 @@ class Camera:
         labels = LABELS.index("sky"), LABELS.index("tree")
         self._backdrop = Backdrop(world.seed, *lens.directions(self._foot), labels)
         self._verge = Tufts(world)
-        self._sprites = sprites.paint_all(world.seed)
 
     def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Renders the frame at a pose and time t in s.
@@ -130,8 +129,7 @@ class Camera:
         pixels = self.lens.focal / depth
         at, size = (column, foot + 0.02 * pixels), (width * pixels, thing.height * pixels)
         light = self._ground.light_on(thing.x, thing.y)
-        looks = self._sprites[thing.kind]
-        drawn = looks[thing.look % len(looks)].draw(
+        drawn = sprites.paint(thing.kind, thing.look, self.world.seed).draw(
             picture, at, size, light, backdrop.HAZE, float(_clear(np.float32(distance)))
         )
         if drawn:

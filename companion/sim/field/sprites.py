@@ -1,4 +1,4 @@
-"""Paints the pictures of the things once by seed, stores them at every scale and draws them into frames."""
+"""Paints the pictures of things when they are first seen, keeps them at every scale and draws them."""
 
 from __future__ import annotations
 
@@ -323,9 +323,13 @@ def paint_all(seed: int) -> dict[str, tuple[Sprite, ...]]:
     }
 
 
-@lru_cache(maxsize=128)
 def paint(kind: str, look: int, seed: int) -> Sprite:
-    """Paints one kind of thing in one of its looks, counted from 0."""
+    """Paints one kind of thing, once for each of its looks. look: counted from 0, and on after the last."""
+    return _paint(kind, look % _PAINTERS[kind][0], seed)
+
+
+@lru_cache(maxsize=128)
+def _paint(kind: str, look: int, seed: int) -> Sprite:
     import cv2
 
     rng = np.random.default_rng([seed, 30, list(_PAINTERS).index(kind), look])

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 
 from anytraverse.answers import AnswerOutcome
-from anytraverse.assessment import Assessment, Finding, Observation, Reason
+from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
 from anytraverse.findings import find, make_maps, roi_figures
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
+from anytraverse.roi import RoiFigures
 from companion.calls.decisions import Call, CallClosed, CallOpened, Decision, HoldMoved, HoldStarted, SetMode
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.machine import OperatorCalls
@@ -92,38 +94,52 @@ class View:
         reference: float,
     ) -> Assessment:
         """Return the assessment that the engine would make of this view with `words`."""
-        names = list(words)
-        attention = np.zeros((len(names), HEIGHT, WIDTH), dtype=np.float32)
-        attention[names.index("trail")] = 1.0 - self.haze
-        for thing in self.things:
-            inside = thing.box.mask(HEIGHT, WIDTH)
-            attention[:, inside] = 0.0
-            if thing.name in words:
-                attention[names.index(thing.name), inside] = 0.95
-            else:
-                attention[names.index("trail"), inside] = 1.0 - thing.unsure
-            if GNOME in words:
-                attention[names.index(GNOME), inside] = thing.blur
-                left, width = thing.box.left, thing.box.right - thing.box.left
-                seen_as = Box(left, thing.box.top, left + max(1e-6, thing.mistaken * width), thing.box.bottom)
-                attention[names.index(GNOME), seen_as.mask(HEIGHT, WIDTH)] = 1.0
-        if self.broken:
-            attention[:] = np.nan
         frame = Frame(number, at - age, np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
         angle = math.radians(self.turned)
         embedding = np.array([math.cos(angle), math.sin(angle)], dtype=np.float32)
         seen = Assessment(
             frame, Preferences.of(words), (), age, observation=Observation(frame, None, embedding)
         )
-        maps = make_maps(attention, list(words.values()), judging)
-        if isinstance(maps, Finding):
-            return replace(seen, findings=(maps,))
-        roi = roi_figures(maps, WIDTH / HEIGHT, judging)
-        assert not isinstance(roi, Finding)
+        found = _judged(replace(self, turned=0.0, pending=False), tuple(words.items()), judging)
+        if isinstance(found, Finding):
+            return replace(seen, findings=(found,))
+        maps, roi = found
         similarity = math.cos(angle - math.radians(reference))
         findings = tuple(find(maps, roi, similarity, judging))
         seen = replace(seen, findings=findings, maps=maps, roi=roi, similarity=similarity)
         return replace(seen, undecided=self.pending and Reason.UNKNOWN_SCENE in seen.reasons)
+
+
+@lru_cache(256)
+def _judged(
+    view: View, words: tuple[tuple[str, float], ...], judging: Settings
+) -> tuple[Maps, RoiFigures] | Finding:
+    """Return the maps and the ROI's figures of a view; the same view is shown hundreds of times."""
+    names = [word for word, _ in words]
+    attention = np.zeros((len(names), HEIGHT, WIDTH), dtype=np.float32)
+    attention[names.index("trail")] = 1.0 - view.haze
+    for thing in view.things:
+        inside = thing.box.mask(HEIGHT, WIDTH)
+        attention[:, inside] = 0.0
+        if thing.name in names:
+            attention[names.index(thing.name), inside] = 0.95
+        else:
+            attention[names.index("trail"), inside] = 1.0 - thing.unsure
+        if GNOME in names:
+            attention[names.index(GNOME), inside] = thing.blur
+            left, width = thing.box.left, thing.box.right - thing.box.left
+            seen_as = Box(left, thing.box.top, left + max(1e-6, thing.mistaken * width), thing.box.bottom)
+            attention[names.index(GNOME), seen_as.mask(HEIGHT, WIDTH)] = 1.0
+    if view.broken:
+        attention[:] = np.nan
+    maps = make_maps(attention, [weight for _, weight in words], judging)
+    if isinstance(maps, Finding):
+        return maps
+    for one in vars(maps).values():
+        one.flags.writeable = False
+    roi = roi_figures(maps, WIDTH / HEIGHT, judging)
+    assert not isinstance(roi, Finding)
+    return maps, roi
 
 
 CLEAR = View()

@@ -28,6 +28,7 @@ from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.policy.hold_gate import require_checkable
 from companion.preflight.report import EVERY, CheckReport
+from companion.recording.recorder import Recorder
 from companion.settings.mapping import first_words, restored_policy
 from companion.storage import Journal
 from companion.storage.file_reader import Reader
@@ -89,14 +90,16 @@ def _main(
     first_frame = stored_u32(saved.get("frame_id")) + 1
     vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
-    page, video = Page(config), Video(config)
+    page, video, recorder = Page(config), Video(config), Recorder(config)
     closing.callback(page.close)
     closing.callback(video.close)
+    closing.callback(recorder.close)
     page.answer, link.answers.to_page = link.answers.receive_from_page, page.acknowledge
 
     def poll(now: float) -> None:
         page.poll(now, _starting)
         video.poll(now)
+        recorder.poll(now)
         link.camera.url = video.url
 
     ready = load(vision, link, stop, service, poll)
@@ -113,11 +116,13 @@ def _main(
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
     daemon.pointing.shown_for = video.shown_for
+    closing.enter_context(daemon.recording.log_lines())
     report = CheckReport(config)
     served.show_checks(report.document)
     service.ready(time.monotonic())
     try:
-        _run(daemon, link, stop, service, writer, report, closing.enter_context(BackgroundJob()), page, video)
+        job = closing.enter_context(BackgroundJob())
+        _run(daemon, link, stop, service, writer, report, job, page, video, recorder)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         report_death(link, daemon.calls)
@@ -170,6 +175,7 @@ def _run(
     background: BackgroundJob,
     page: Page,
     video: Video,
+    recorder: Recorder,
 ) -> None:
     status_at = checked_at = float("-inf")
     figures: dict[str, Any] = {}
@@ -191,12 +197,18 @@ def _run(
         if daemon.sees_or_reports_fault(now):
             service.alive(now)
         if now - status_at >= _STATUS_PERIOD:
-            status_at, figures = now, daemon.write_status(web=page.figures(), video=video.figures())
+            recording = {**recorder.figures(), "left_out": daemon.recording.left_out}
+            status_at, figures = (
+                now,
+                daemon.write_status(web=page.figures(), video=video.figures(), recording=recording),
+            )
             service.status(f"{figures['state']}, policy {figures['policy']}")
             if status_at - checked_at < EVERY:
                 background.run(daemon.computer.measure)
             elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
                 checked_at = status_at
+        recorder.poll(now, daemon.recording.take())
+        daemon.recording.on = recorder.wanted
         page.poll(now, news)
         if page.wanted():
             daemon.live_picture.want()

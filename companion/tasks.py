@@ -10,6 +10,7 @@ from companion.system.watchdog import Restarts
 VISION = Restarts(silent_for=3.0, loading=180.0, first=2.0, longest=60.0)
 PAGE = Restarts(silent_for=10.0, loading=60.0, first=2.0, longest=60.0)
 VIDEO = Restarts(silent_for=5.0, loading=60.0, first=2.0, longest=60.0)
+RECORDER = Restarts(silent_for=10.0, loading=60.0, first=2.0, longest=60.0)
 
 
 class Task(NamedTuple):
@@ -43,6 +44,8 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
         Task("checks",  "measures and checks the computer", "thread, once a second",  None, "figures age"),
         Task("page",    "shows all of it to a browser", "web process, once a s",    None,  "no page", PAGE),
         Task("video",   "serves the camera's video",   "video process, own rate",   None,  "no video", VIDEO),
+        Task("recorder", "writes recordings into a ring", "process, as told",       None,  "no recording",
+             RECORDER),
         Task("signing", "syncs signing's clock",          "thread, while signing",    None,  "reported"),
     )
     # fmt: on

@@ -34,6 +34,8 @@ from companion.config.web import Web
 from companion.vehicle import PX4_HOLDS
 
 LONGEST_FRESHNESS = 10.0
+SMALLEST_RING = 20
+"""MB of the recordings, at least: eight files, each of which takes some frames."""
 
 
 @dataclass(frozen=True)
@@ -277,6 +279,23 @@ class Pictures(Section):
     keep: int = setting(50, whole(0, 10_000), "pictures of calls that are stored")
 
 
+@dataclass(frozen=True)
+class Recording(Section):
+    """What is recorded, for later: frames, maps, assessments, calls, answers, vehicle, log."""
+
+    size: int = setting(1000, whole(0, 1_000_000), "MB of all recordings together, 0: nothing is recorded")
+    rate: float = setting(1.0, number(0.01, 60), "frames/s in the recordings; assessments are all recorded")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        if 0 < self.size < SMALLEST_RING:
+            yield ("size",), f"give 0, or at least {SMALLEST_RING}"
+
+    @property
+    def most(self) -> int:
+        """The size in bytes."""
+        return self.size * 1_000_000
+
+
 SECTIONS: Mapping[str, type[Section]] = {
     "camera": Camera,
     "perceiver": Perceiver,
@@ -290,6 +309,7 @@ SECTIONS: Mapping[str, type[Section]] = {
     "link": Link,
     "journal": Journal,
     "pictures": Pictures,
+    "recording": Recording,
     "web": Web,
     "video": Video,
 }
@@ -321,6 +341,7 @@ class Config:
     link: Link = field(default_factory=Link)
     journal: Journal = field(default_factory=Journal)
     pictures: Pictures = field(default_factory=Pictures)
+    recording: Recording = field(default_factory=Recording)
     web: Web = field(default_factory=Web)
     video: Video = field(default_factory=Video)
 

@@ -13,10 +13,11 @@ from anytraverse.pace import Pace
 from companion.answers.handler import AnswerHandler
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
-from companion.config import Config
+from companion.config import Config, format_config
 from companion.config.stopping import Stopping, describe_tile
 from companion.daemon.daemon import Daemon
 from companion.daemon.persistence import Persistence
+from companion.daemon.recording import Recording
 from companion.daemon.records import Records
 from companion.link.link import Link
 from companion.policy.hold_gate import HoldGate
@@ -118,6 +119,16 @@ def compose(
         position,
         model,
         view=round(config.camera.view),
+        recording=Recording(
+            vision,
+            calls,
+            link,
+            settings,
+            position,
+            model,
+            rate=config.recording.rate,
+            config=format_config(config),
+        ),
         video_rate=config.video.rate,
     )
     served.started(daemon.state_file, lambda: calls.reason_filter.newest)

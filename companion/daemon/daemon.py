@@ -19,6 +19,7 @@ from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
 from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
 from companion.daemon.pointing import Pointing
+from companion.daemon.recording import Recording
 from companion.daemon.records import Records
 from companion.daemon.startup import wait
 from companion.daemon.status import Status
@@ -45,7 +46,7 @@ from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.position import Odometer
 from companion.vehicle.state import Vehicle, VehiclePosition, is_moving
 from companion.vision.client import Applied, Judged, Result, VisionClient
-from companion.vision.messages import Drawn, Model
+from companion.vision.messages import Drawn, Encoded, Model
 from companion.wire import notices, texts
 from companion.wire.ids import ERROR, INFO, NOTICE, WARNING, Policy, State
 
@@ -79,6 +80,7 @@ class Daemon:
         model: Model,
         *,
         view: int,
+        recording: Recording,
         video_rate: float = 5.0,
     ) -> None:
         """model: names the perceiver. view: the camera's horizontal field of view, degrees, 0: unknown.
@@ -94,6 +96,7 @@ class Daemon:
         self.answer_handler = answer_handler
         self.settings = settings
         self.position = position
+        self.recording = recording
         self.live_picture = LivePicture(vision)
         self.pointing = Pointing(calls, link)
         self.video_pictures = VideoPictures(vision, self.pointing, self.told, video_rate)
@@ -113,6 +116,7 @@ class Daemon:
             self._error_guard,
             position,
             self._shadow,
+            recording,
         )
         self._test_call = TrialCall(records.folder, calls, link, vision, position)
         self._status = Status(link, vision, calls, settings, self._test_call, records, position, model)
@@ -156,6 +160,8 @@ class Daemon:
         self.video_pictures.tick(self.calls.state(now), now)
         self._link.stand_still(on=self.calls.holding.streams)
         self._report(now)
+        with self._error_guard.survived("recording", now):
+            self.recording.tick(self._reported_state, now)
         self._stall_detector.check(time.monotonic())
         self._link.tick(now)
 
@@ -183,7 +189,9 @@ class Daemon:
 
     def write_status(self, **more: Any) -> dict[str, Any]:
         """Queue the status file, and return its content. more: figures of parts that are not the daemon's."""
-        return self.records.write_status({**self.status(), **more})
+        figures = self.records.write_status({**self.status(), **more})
+        self.recording.status(figures, time.monotonic())
+        return figures
 
     def status(self) -> dict[str, Any]:
         """Return the figures of the status file."""
@@ -215,6 +223,7 @@ class Daemon:
         self._turned_at = time.monotonic()
 
     def _handle(self, event: InboundEvent, now: float) -> None:
+        self.recording.received(event, now)
         match event:
             case VehicleUpdate(vehicle):
                 self._handle_vehicle(vehicle, now)
@@ -253,6 +262,8 @@ class Daemon:
                 pass
             case Drawn():
                 self.records.drawn(result)
+            case Encoded():
+                self.recording.encoded(result)
 
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
@@ -295,6 +306,7 @@ class Daemon:
                 figures["AT_SIM"] = seen.similarity
             self._link.numbers({**figures, "AT_CALL": float(self.calls.current_id)}, now)
         self.records.frame_judged(judged)
+        self.recording.judged(judged, state, now)
 
     def _report_match(self, adoption: Adoption | None, seen: Assessment, now: float) -> str:
         """Report which scene matched, and with which words. Returns the first text."""
@@ -335,6 +347,7 @@ class Daemon:
             else:
                 ack = reply.acknowledgement
                 self._link.acknowledge(reply.answer, ack, now)
+                self.recording.acknowledged(ack, now)
                 self.pointing.answered(reply.answer, ack, now)
                 log.info("answer to %d: %s %s", ack.target, ack.result.name, ack.text)
 

@@ -22,6 +22,7 @@ from companion.calls.decisions import (
 from companion.calls.hold import HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.daemon.health import STALLED_AFTER
+from companion.daemon.recording import Recording
 from companion.daemon.records import Records
 from companion.link.link import Link
 from companion.policy.shadow_reporter import ShadowReporter
@@ -54,6 +55,7 @@ class DecisionExecutor:
         error_guard: ErrorGuard,
         position: VehiclePosition,
         shadow: ShadowReporter,
+        recording: Recording,
     ) -> None:
         self._link = link
         self._vision = vision
@@ -63,6 +65,7 @@ class DecisionExecutor:
         self._error_guard = error_guard
         self._position = position
         self._shadow = shadow
+        self._recording = recording
         self._hold_to_show: HoldShown | None = None
 
     def carry_out(self, decisions: Iterable[Decision], now: float, *, at_once: bool = False) -> None:
@@ -80,6 +83,8 @@ class DecisionExecutor:
         for decision in decisions:
             with self._error_guard.survived(type(decision).__name__, now):
                 self._do(decision, now)
+        with self._error_guard.survived("recording", now):
+            self._recording.decided(decisions, now)
         if at_once:
             with self._error_guard.survived(HoldShown.__name__, now):
                 self._show_hold(now)

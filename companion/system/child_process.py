@@ -73,6 +73,14 @@ class ChildProcess:
             return signal.Signals(-code).name
         return f"signal {-code}"
 
+    def ends_within(self, seconds: float) -> bool:
+        """Wait for the process to end by itself. Whether it did."""
+        try:
+            self._process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
     def close(self) -> None:
         """Kill the process in whatever state it is, and close the channel. May be called repeatedly."""
         if self._process.returncode is None:

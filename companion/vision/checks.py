@@ -20,10 +20,12 @@ from anytraverse.regions import Box
 from anytraverse.roi import Corridor, NamedTile, Passage, RoiFigures, Tile
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.vision.messages import (
+    LARGEST_JPEG,
     LONGEST_TEXT,
     Alive,
     Done,
     Drawn,
+    Encoded,
     Failed,
     FrameJudged,
     Logged,
@@ -101,6 +103,10 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             pictures = (message.panel, message.thumbnail, message.png, message.raw)
             right = all(isinstance(one, bytes) for one in pictures) and isinstance(message.stored, bool)
             _need(texts_fit and right, "pictures")
+        case Encoded(number, frame_id):
+            pictures = (message.picture, message.traversability, message.uncertainty)
+            fit = all(isinstance(one, bytes) and len(one) <= LARGEST_JPEG for one in pictures)
+            _need(_whole(number) and _whole(frame_id) and fit, "a frame for the recording")
         case Logged(level, name, text):
             _need(_whole(level) and _text(name) and _text(text), "a line of the log")
         case Failed(text):

@@ -34,6 +34,8 @@ from companion.vision.messages import (
     Done,
     Draw,
     Drawn,
+    Encode,
+    Encoded,
     Failed,
     FrameJudged,
     Logged,
@@ -93,7 +95,7 @@ class Applied:
     memory: Memory
 
 
-Result = Judged | Applied | Drawn
+Result = Judged | Applied | Drawn | Encoded
 
 
 class _Asked(NamedTuple):
@@ -134,6 +136,8 @@ class VisionClient:
         """Number of the request -> what was asked, the oldest first."""
         self._drawing: dict[int, int] = {}
         """Number of the request -> id of the frame that it stores, 0: none."""
+        self._encoding = 0
+        """Number of the request to encode a frame that has no report yet, 0: none."""
         self._suspects = set[int]()
         """Ids of frames that were being given back when the last process died. A frame over which two
         processes in a row died is dropped: it may be what kills them."""
@@ -265,6 +269,20 @@ class VisionClient:
         self._drawing[self._numbers] = frame_id if store else 0
         return True
 
+    def encode(self, frame_id: int) -> bool:
+        """Request that a recently judged frame be encoded for the recording; an `Encoded` follows.
+
+        False while another one is being encoded, or nothing is judged.
+        """
+        child = self.watchdog.child
+        if self._encoding or not self.watchdog.running or child is None or not child.idle:
+            return False
+        self._numbers += 1
+        if not self._send(Encode(self._numbers, frame_id)):
+            return False
+        self._encoding = self._numbers
+        return True
+
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
         """Send where the vehicle is, whether it moves, and the rate, at most five times a second."""
         child = self.watchdog.child
@@ -304,7 +322,7 @@ class VisionClient:
 
     def _take_report(self, report: object, now: float) -> list[Result]:
         self.watchdog.reported(now)
-        if isinstance(report, (FrameJudged, Done, Drawn)) and not self.watchdog.running:
+        if isinstance(report, (FrameJudged, Done, Drawn, Encoded)) and not self.watchdog.running:
             raise BadReportError(f"{type(report).__name__} before it was ready")
         match report:
             case Logged(level, name, text):
@@ -342,6 +360,11 @@ class VisionClient:
                 del self._drawing[report.number]
                 if report.stored:
                     self._remember_frame(report.frame_id, report.png)
+                return [report]
+            case Encoded():
+                if report.number != self._encoding:
+                    raise BadReportError(f"encoded frame {report.number}, which nobody asked for")
+                self._encoding = 0
                 return [report]
         return []
 
@@ -384,6 +407,7 @@ class VisionClient:
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=failure.cause)
         self.delivered_at = None
         self._drawing.clear()
+        self._encoding = 0
         restoring = {asked.frame_id for asked in self._unanswered.values() if asked.frame_id}
         dropped, self._suspects = restoring & self._suspects, restoring
         self._frames = OrderedDict(

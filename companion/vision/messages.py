@@ -49,6 +49,9 @@ LONGEST_TEXT = 4096
 LARGEST_PNG = 32 << 20
 """Bytes of a frame as PNG, at most: a larger one would not fit beside others in channel and journal."""
 
+LARGEST_JPEG = 4 << 20
+"""Bytes of a recorded frame, at most."""
+
 # Requests, to the vision process.
 
 
@@ -154,7 +157,18 @@ class Draw:
     roi: RoiFigures | None = None
 
 
-Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw
+@dataclass(frozen=True)
+class Encode:
+    """Encode a recently judged frame for the recording; an `Encoded` of the same number follows.
+
+    It is done beside judging, at a lower priority, one frame at a time.
+    """
+
+    number: int
+    frame_id: int
+
+
+Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw | Encode
 
 # Reports, from the vision process.
 
@@ -259,6 +273,21 @@ class Drawn:
 
 
 @dataclass(frozen=True)
+class Encoded:
+    """Carries a frame for the recording. picture is b"" for one that is left out, the maps where it has none.
+
+    picture: JPEG of the frame as captured, at most `LARGEST_JPEG` bytes. traversability, uncertainty: its
+    maps as grey PNG of 8 bits, at most 96 pixels wide: 0 is -1 in the signed map, 0 in the other, 255 is 1.
+    """
+
+    number: int
+    frame_id: int
+    picture: bytes = b""
+    traversability: bytes = b""
+    uncertainty: bytes = b""
+
+
+@dataclass(frozen=True)
 class Logged:
     """Carries a line for the supervisor's log. level: as in `logging`."""
 
@@ -267,7 +296,7 @@ class Logged:
     text: str
 
 
-Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Logged
+Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | Logged
 
 
 def error_text(error: BaseException) -> str:

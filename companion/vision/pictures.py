@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from anytraverse.assessment import Assessment
+from anytraverse.assessment import Assessment, Map
 from anytraverse.decoding import decode
 from anytraverse.frame import Image, is_image
 from anytraverse.regions import Box, Region
-from companion.vision.messages import LARGEST_PNG, Draw, Drawn
+from companion.vision.messages import LARGEST_JPEG, LARGEST_PNG, Draw, Drawn, Encode, Encoded
 from companion.vision.video_picture import video_picture
 from companion.wire.ids import State
 
@@ -88,7 +89,8 @@ def _encoded(picture: Image, quality: int, *, smallest: bool = False) -> bytes:
     import cv2
 
     options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, int(smallest)]
-    done, encoded = cv2.imencode(".jpg", picture[..., ::-1], options)
+    # This conversion, unlike a reversed view, lets other threads run.
+    done, encoded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)
     if not done:
         raise ValueError("the picture could not be encoded")
     return encoded.tobytes()
@@ -103,6 +105,10 @@ _COLOURS = {
     State.FAULT: (160, 30, 30),
     State.OFF: (110, 118, 129),
 }
+RECORDED_QUALITY = 85
+"""JPEG quality of recorded frames."""
+RECORDED_MAP = 96
+"""Pixels: the greatest width of a recorded map."""
 _QUALITY = 90
 _RAW_QUALITY = 85
 _VIDEO_QUALITY = 80
@@ -147,6 +153,39 @@ def unmarked(image: Image) -> bytes:
     from anytraverse.judged_picture import STATE_WIDTH
 
     return _encoded(fitted(image, min(STATE_WIDTH, image.shape[1])), _RAW_QUALITY, smallest=True)
+
+
+def encoded(request: Encode, seen: Assessment | None) -> Encoded:
+    """Encode a frame and its maps for the recording. seen: None for a frame that is gone."""
+    left_out = Encoded(request.number, request.frame_id)
+    if seen is None:
+        return left_out
+    try:
+        picture = _encoded(seen.frame.image, RECORDED_QUALITY)
+        if len(picture) > LARGEST_JPEG:
+            raise ValueError(f"{len(picture)} bytes, at most {LARGEST_JPEG} are recorded")
+        if seen.maps is None:
+            return replace(left_out, picture=picture)
+        maps = (seen.maps.signed + 1.0) / 2.0, seen.maps.uncertainty
+        traversability, uncertainty = map(_grey, maps)
+    except Exception as error:  # OpenCV may raise anything
+        log.warning("frame %d is not recorded: %r", request.frame_id, error)
+        return left_out
+    return replace(left_out, picture=picture, traversability=traversability, uncertainty=uncertainty)
+
+
+def _grey(values: Map) -> bytes:
+    """Encode a map of values in [0, 1] as a grey PNG of 8 bits. Raises ValueError."""
+    import cv2
+
+    height, width = values.shape
+    if width > RECORDED_MAP:
+        size = RECORDED_MAP, max(1, round(height * RECORDED_MAP / width))
+        values = np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+    done, png = cv2.imencode(".png", np.rint(values * 255.0).astype(np.uint8))
+    if not done:
+        raise ValueError("the map could not be encoded")
+    return png.tobytes()
 
 
 def to_png(image: Image) -> bytes:

@@ -19,10 +19,12 @@ from anytraverse.errors import AnyTraverseError
 from companion.cameras import open_camera
 from companion.cameras.newest import CameraThread, Patience
 from companion.system.child_process import end_with, step_back
+from companion.vision.beside import BesideJudging
 from companion.vision.codec import Splitter, decode_trusted, encode
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Alive,
+    Encode,
     Failed,
     Logged,
     Model,
@@ -167,15 +169,20 @@ def _receive_start(port: Port) -> Start:
 
 
 def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float) -> None:
-    period = 1.0 / rate
+    period, encoder = 1.0 / rate, BesideJudging()
     tuned, due, alive_at = False, time.monotonic(), float("-inf")
     while True:
         for request in port.requests(timeout=0.0):
             tuned = tuned or isinstance(request, Tune)
             if isinstance(request, Situation):
                 period = 1.0 / (request.rate or rate)
+            if isinstance(request, Encode):
+                encoder.start(request, worker.recent(request.frame_id))
+                continue
             for report in worker.handle(request):
                 port.send(report)
+        while port.has_room() and (encoded := encoder.take()) is not None:
+            port.send(encoded)
         frame = reader.take(timeout=_FRAME_TIMEOUT)
         if not reader.running:
             raise RuntimeError("the camera's thread has ended, or hangs in its driver")

@@ -27,6 +27,7 @@ from companion.vision.messages import (
     Done,
     Draw,
     Drawn,
+    Encode,
     FrameJudged,
     MemoryUpdate,
     Report,
@@ -78,7 +79,13 @@ class Worker:
                 return [self._restore(request)]
             case Draw():
                 return [self._draw(request)]
+            case Encode():
+                return [pictures.encoded(request, self.recent(request.frame_id))]
         return []
+
+    def recent(self, frame_id: int) -> Assessment | None:
+        """Return a frame that was judged recently or is stored, None for one that is gone."""
+        return self._stored.get(frame_id) or self._recent.get(frame_id)
 
     def judge(self, frame: Frame) -> FrameJudged:
         """Judge a new frame. An exception makes the frame's assessment a fault."""
@@ -163,7 +170,7 @@ class Worker:
         return Done(number, outcome, "", self._update())
 
     def _draw(self, request: Draw) -> Drawn:
-        seen = self._stored.get(request.frame_id) or self._recent.get(request.frame_id)
+        seen = self.recent(request.frame_id)
         if seen is None:
             log.warning("no picture of %s: frame %d is gone", request.title, request.frame_id)
             return Drawn(request.number, request.frame_id, request.title)

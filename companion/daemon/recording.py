@@ -1,0 +1,251 @@
+"""Makes what the recorder writes, of what the daemon sees and does; nothing while nobody records."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from anytraverse.assessment import Assessment
+from anytraverse.memory import Memory
+from anytraverse.release import own_version
+from companion.answers.answer import Answer
+from companion.calls.decisions import CallOpened, Decision
+from companion.calls.machine import OperatorCalls
+from companion.link.inbound import InboundEvent, ParameterRequest, PolicyRequest, ResetRequest
+from companion.link.link import Link
+from companion.recording import contents
+from companion.recording.foxglove import NS
+from companion.recording.messages import Message
+from companion.recording.topics import Topic
+from companion.settings.service import SettingsService
+from companion.vehicle.state import VehiclePosition
+from companion.vision.client import Judged, VisionClient
+from companion.vision.messages import Encoded, Model
+from companion.wire.answers import Acknowledgement
+from companion.wire.ids import State
+from companion.wire.texts import REASONS
+
+_LOOKED_EVERY = 0.2
+_CLOCK_SET = 0.5
+"""Seconds by which the clock must differ from what it said before to count as set anew."""
+_MOST_LINES = 200
+_MOST_WAITING = 500
+"""Messages that wait for the end of the turn."""
+_REQUESTS = (Answer, ParameterRequest, ResetRequest, PolicyRequest)
+
+
+class _Lines(logging.Handler):
+    """Keeps log lines of any thread with their monotonic time. A full list drops its oldest line."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: deque[tuple[float, int, str, str]] = deque(maxlen=_MOST_LINES)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            text = self.format(record)
+        except Exception:  # a wrong format in a log call must not end the daemon
+            self.handleError(record)
+            return
+        self.found.append((time.monotonic(), record.levelno, record.name, text))
+
+
+class Recording:
+    """Collects messages in each turn. All times that are given are monotonic seconds.
+
+    on: whether somebody records. left_out: frames that were not encoded, because it would have delayed
+    judging, or because they were gone.
+    """
+
+    def __init__(
+        self,
+        vision: VisionClient,
+        calls: OperatorCalls,
+        link: Link,
+        settings: SettingsService,
+        position: VehiclePosition,
+        model: Model,
+        *,
+        rate: float,
+        config: str,
+    ) -> None:
+        """rate: frames/s that are recorded. config: the configuration in force, without secrets."""
+        self.on = False
+        self.left_out = 0
+        self._vision = vision
+        self._calls = calls
+        self._link = link
+        self._settings = settings
+        self._position = position
+        self._period = 0.9 / rate
+        self._setup = {
+            "version": own_version(),
+            "python": platform.python_version(),
+            "computer": f"{platform.system()} {platform.release()} {platform.machine()}",
+            "model": str(model),
+            "config": config,
+        }
+        self._messages: deque[Message] = deque(maxlen=_MOST_WAITING)
+        self._lines = _Lines()
+        self._offset = position.clock.stamp() - time.monotonic()
+        """Seconds since 1970 at second 0 of the monotonic clock."""
+        self._encoded_at = self._looked_at = float("-inf")
+        self._position_at: float | None = None
+        self._encoding: tuple[Assessment, State] | None = None
+        self._owed: Assessment | None = None
+        """The frame of a call, which is recorded whatever the rate."""
+        self._memory: Memory | None = None
+        self._last: dict[Topic, Any] = {}
+        """The newest content of each topic that is recorded when it changes."""
+
+    @contextmanager
+    def log_lines(self) -> Iterator[None]:
+        """Record what is logged within the block."""
+        root = logging.getLogger()
+        root.addHandler(self._lines)
+        try:
+            yield
+        finally:
+            root.removeHandler(self._lines)
+
+    def judged(self, judged: Judged, state: State, now: float) -> None:
+        """Record an assessment, and have its frame encoded where one is due."""
+        if not self.on:
+            return
+        seen = judged.assessment
+        content = contents.assessment(seen, judged.at, judged.duration, judged.sectors)
+        self._add(Topic.ASSESSMENT, judged.at, content, seen.frame.id)
+        if now - self._encoded_at >= self._period and self._encode(seen, state):
+            self._encoded_at = now
+
+    def encoded(self, encoded: Encoded) -> None:
+        """Record an encoded frame with its maps."""
+        asked, self._encoding = self._encoding, None
+        if asked is None or asked[0].frame.id != encoded.frame_id:
+            return
+        if not encoded.picture:
+            self.left_out += 1
+            self._encoded_at = float("-inf")  # the next one, then
+            return
+        seen, state = asked
+        at, number = seen.frame.captured_at, seen.frame.id
+        self._add(Topic.CAMERA, at, contents.image(encoded.picture, "jpeg", self._ns(at)), number)
+        for topic, png in (
+            (Topic.TRAVERSABILITY, encoded.traversability),
+            (Topic.UNCERTAINTY, encoded.uncertainty),
+        ):
+            if png:
+                self._add(topic, at, contents.image(png, "png", self._ns(at)), number)
+        region = self._calls.numbers.judging.region.bounds
+        reasons = ", ".join(sorted(REASONS[reason.value] for reason in seen.reasons))
+        title = f"{number} {state.name}{': ' if reasons else ''}{reasons}"
+        self._add(Topic.ANNOTATIONS, at, contents.annotations(seen, region, title, self._ns(at)), number)
+
+    def decided(self, decisions: Iterable[Decision], now: float) -> None:
+        """Record what the state machine decided."""
+        if self.on:
+            for one in decisions:
+                event = isinstance(one, contents.EVENTS)
+                self._add(Topic.DECISIONS, now, contents.decision(one), event=event)
+                if isinstance(one, CallOpened):
+                    self._owed = one.call.seen
+
+    def received(self, event: InboundEvent, now: float) -> None:
+        """Record an answer, or a request to set something."""
+        if self.on and isinstance(event, _REQUESTS):
+            content = {"request": type(event).__name__, **contents.plain(event)}
+            self._add(Topic.REQUESTS, now, contents.as_json(content))
+
+    def acknowledged(self, acknowledgement: Acknowledgement, now: float) -> None:
+        """Record an acknowledgement."""
+        if self.on:
+            content = contents.as_json(contents.plain(acknowledgement))
+            self._add(Topic.ACKNOWLEDGEMENTS, now, content, event=bool(acknowledgement.target))
+
+    def status(self, figures: Mapping[str, Any], now: float) -> None:
+        """Record the figures of the status file."""
+        if self.on:
+            self._add(Topic.STATUS, now, contents.as_json(contents.plain(figures)))
+
+    def tick(self, state: State, now: float) -> None:
+        """Record what has changed: state, words, settings, vehicle, log."""
+        if not self.on:
+            self._lines.found.clear()
+            self._last.clear()
+            self._memory = None
+            return
+        if self._owed is not None and self._encode(self._owed, state):
+            self._owed = None
+        self._changed(Topic.STATE, self._state(state, now), now, event=state is State.FAULT)
+        if self._vision.memory is not self._memory:
+            self._memory = self._vision.memory
+            self._changed(Topic.WORDS, contents.words(self._memory), now)
+        if now - self._looked_at >= _LOOKED_EVERY:
+            self._looked_at = now
+            self._look(now)
+        while self._lines.found:
+            at, level, name, text = self._lines.found.popleft()
+            self._add(Topic.LOG, at, contents.log_line(level, name, text, self._ns(at)))
+
+    def take(self) -> list[Message]:
+        """Return the messages since the last call."""
+        found = list(self._messages)
+        self._messages.clear()
+        return found
+
+    def _encode(self, seen: Assessment, state: State) -> bool:
+        """Have a frame encoded. Whether it will be."""
+        if not self._vision.encode(seen.frame.id):
+            return False
+        self._encoding = seen, state
+        return True
+
+    def _state(self, state: State, now: float) -> dict[str, Any]:
+        calls = self._calls
+        open_id = calls.current_id
+        return {
+            "state": state,
+            "policy": calls.policy,
+            "reasons": calls.reasons(now),
+            "open": open_id,
+            "kind": calls.kind if open_id else "",
+            "stage": calls.stage() if open_id else "",
+            "holding": calls.hold is not None and calls.hold.standing,
+            "vision": self._vision.trouble,
+            "link": self._link.trouble or "",
+        }
+
+    def _look(self, now: float) -> None:
+        """Record what changes seldom, or too often."""
+        offset = self._position.clock.stamp() - now
+        if abs(offset - self._offset) > _CLOCK_SET:
+            self._offset = offset
+        self._changed(Topic.SETUP, self._setup, now)
+        judging = self._calls.numbers.judging
+        self._changed(Topic.SETTINGS, {"parameters": self._settings.settings, "judging": judging}, now)
+        vehicle = self._link.vehicle
+        if vehicle is None:
+            return
+        self._changed(Topic.VEHICLE, vehicle, now)
+        if vehicle.position is not None and vehicle.position_at != self._position_at:
+            self._position_at = vehicle.position_at
+            at = vehicle.position_at or now
+            self._add(Topic.LOCATION, at, contents.location(*vehicle.position[:2], self._ns(at)))
+
+    def _changed(self, topic: Topic, content: Any, now: float, *, event: bool = False) -> None:
+        if self._last.get(topic) != content:
+            self._last[topic] = content
+            data = content if isinstance(content, bytes) else contents.as_json(contents.plain(content))
+            self._add(topic, now, data, event=event)
+
+    def _add(self, topic: Topic, at: float, data: bytes, sequence: int = 0, *, event: bool = False) -> None:
+        self._messages.append(Message(topic, self._ns(at), data, sequence, event))
+
+    def _ns(self, at: float) -> int:
+        """Return ns since 1970."""
+        return max(0, round((self._offset + at) * NS))

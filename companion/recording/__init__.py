@@ -1,0 +1,1 @@
+"""The recorder: a process that writes what the companion sees and does into a ring of MCAP files."""

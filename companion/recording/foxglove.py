@@ -1,0 +1,183 @@
+"""Encodes Foxglove's messages as protobuf, and describes them, from one table and without a library.
+
+JSON would carry a picture as base64, a third longer.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+NS = 1_000_000_000
+"""Nanoseconds of a second."""
+
+Field = tuple[str, int, str]
+"""Name, number and type: of `_SCALARS`, or the name of a message or an enum below; "*" for a list of it."""
+
+MESSAGES: Mapping[str, tuple[Field, ...]] = {
+    "google.protobuf.Timestamp": (("seconds", 1, "int64"), ("nanos", 2, "int32")),
+    "foxglove.Color": (("r", 1, "double"), ("g", 2, "double"), ("b", 3, "double"), ("a", 4, "double")),
+    "foxglove.Point2": (("x", 1, "double"), ("y", 2, "double")),
+    "foxglove.CompressedImage": (
+        ("timestamp", 1, "google.protobuf.Timestamp"),
+        ("data", 2, "bytes"),
+        ("format", 3, "string"),
+        ("frame_id", 4, "string"),
+    ),
+    "foxglove.PointsAnnotation": (
+        ("timestamp", 1, "google.protobuf.Timestamp"),
+        ("type", 2, "foxglove.PointsAnnotation.Type"),
+        ("points", 3, "*foxglove.Point2"),
+        ("outline_color", 4, "foxglove.Color"),
+        ("thickness", 7, "double"),
+    ),
+    "foxglove.TextAnnotation": (
+        ("timestamp", 1, "google.protobuf.Timestamp"),
+        ("position", 2, "foxglove.Point2"),
+        ("text", 3, "string"),
+        ("font_size", 4, "double"),
+        ("text_color", 5, "foxglove.Color"),
+        ("background_color", 6, "foxglove.Color"),
+    ),
+    "foxglove.ImageAnnotations": (
+        ("points", 2, "*foxglove.PointsAnnotation"),
+        ("texts", 3, "*foxglove.TextAnnotation"),
+        ("timestamp", 5, "google.protobuf.Timestamp"),
+    ),
+    "foxglove.LocationFix": (
+        ("latitude", 1, "double"),
+        ("longitude", 2, "double"),
+        ("timestamp", 6, "google.protobuf.Timestamp"),
+        ("frame_id", 7, "string"),
+    ),
+    "foxglove.Log": (
+        ("timestamp", 1, "google.protobuf.Timestamp"),
+        ("level", 2, "foxglove.Log.Level"),
+        ("message", 3, "string"),
+        ("name", 4, "string"),
+    ),
+    # What describes them: protobuf's own messages, as far as they are needed.
+    "google.protobuf.FileDescriptorSet": (("file", 1, "*google.protobuf.FileDescriptorProto"),),
+    "google.protobuf.FileDescriptorProto": (
+        ("name", 1, "string"),
+        ("package", 2, "string"),
+        ("dependency", 3, "*string"),
+        ("message_type", 4, "*google.protobuf.DescriptorProto"),
+        ("syntax", 12, "string"),
+    ),
+    "google.protobuf.DescriptorProto": (
+        ("name", 1, "string"),
+        ("field", 2, "*google.protobuf.FieldDescriptorProto"),
+        ("enum_type", 4, "*google.protobuf.EnumDescriptorProto"),
+    ),
+    "google.protobuf.FieldDescriptorProto": (
+        ("name", 1, "string"),
+        ("number", 3, "int32"),
+        ("label", 4, "int32"),
+        ("type", 5, "int32"),
+        ("type_name", 6, "string"),
+    ),
+    "google.protobuf.EnumDescriptorProto": (
+        ("name", 1, "string"),
+        ("value", 2, "*google.protobuf.EnumValueDescriptorProto"),
+    ),
+    "google.protobuf.EnumValueDescriptorProto": (("name", 1, "string"), ("number", 2, "int32")),
+}
+ENUMS: Mapping[str, tuple[str, ...]] = {
+    "foxglove.PointsAnnotation.Type": ("UNKNOWN", "POINTS", "LINE_LOOP", "LINE_STRIP", "LINE_LIST"),
+    "foxglove.Log.Level": ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"),
+}
+_SCALARS = {"double": 1, "int64": 3, "int32": 5, "string": 9, "bytes": 12}
+"""Type -> its number in a descriptor."""
+_MESSAGE, _ENUM = 11, 14
+_ONE, _LIST = 1, 3
+
+
+def encode(name: str, content: Mapping[str, Any]) -> bytes:
+    """Encode a message of `MESSAGES`. content: field -> value; a message is a mapping, a time is in ns.
+
+    Fields that are not given are left out. Raises KeyError for one that there is not.
+    """
+    known = {field: (number, kind) for field, number, kind in MESSAGES[name]}
+    return b"".join(
+        _field(known[field][0], known[field][1].lstrip("*"), one)
+        for field, value in content.items()
+        for one in (value if known[field][1].startswith("*") else (value,))
+    )
+
+
+def descriptors(name: str) -> bytes:
+    """Describe a message, and all that it consists of, as an encoded FileDescriptorSet."""
+    files = [_file(one) for one in _needed(name)]
+    return encode("google.protobuf.FileDescriptorSet", {"file": files})
+
+
+def _field(number: int, kind: str, value: Any) -> bytes:
+    if kind == "double":
+        return _varint(number << 3 | 1) + struct.pack("<d", value)
+    if kind in ("int32", "int64") or kind in ENUMS:
+        return _varint(number << 3) + _varint(value)
+    if kind == "google.protobuf.Timestamp" and isinstance(value, int):
+        value = {"seconds": value // NS, "nanos": value % NS}
+    packed = value if kind == "bytes" else value.encode() if kind == "string" else encode(kind, value)
+    return b"".join((_varint(number << 3 | 2), _varint(len(packed)), packed))
+
+
+def _varint(value: int) -> bytes:
+    """Encode a number from 0."""
+    found = bytearray()
+    while value > 0x7F:
+        found.append(value & 0x7F | 0x80)
+        value >>= 7
+    found.append(value)
+    return bytes(found)
+
+
+def _inner(name: str) -> list[str]:
+    """List the messages that fields of this one hold, each once."""
+    kinds = (kind.lstrip("*") for _, _, kind in MESSAGES[name])
+    return list(dict.fromkeys(kind for kind in kinds if kind in MESSAGES))
+
+
+def _needed(name: str) -> list[str]:
+    """List a message and all that it consists of, each after those that it needs."""
+    found = dict.fromkeys(one for inner in _inner(name) for one in _needed(inner))
+    return [*found, name]
+
+
+def _file(name: str) -> dict[str, Any]:
+    package, _, short = name.rpartition(".")
+    enums = [kind for kind in ENUMS if kind.startswith(f"{name}.")]
+    return {
+        "name": _path(name),
+        "package": package,
+        "dependency": [_path(one) for one in _inner(name)],
+        "message_type": [
+            {
+                "name": short,
+                "field": list(_described(name)),
+                "enum_type": [{"name": kind.rpartition(".")[2], "value": _values(kind)} for kind in enums],
+            }
+        ],
+        "syntax": "proto3",
+    }
+
+
+def _path(name: str) -> str:
+    package, _, short = name.rpartition(".")
+    return f"{package.replace('.', '/')}/{short.lower() if package == 'google.protobuf' else short}.proto"
+
+
+def _described(name: str) -> Iterator[dict[str, Any]]:
+    for field, number, kind in MESSAGES[name]:
+        plain = kind.lstrip("*")
+        described = {"name": field, "number": number, "label": _LIST if kind.startswith("*") else _ONE}
+        if plain in _SCALARS:
+            yield {**described, "type": _SCALARS[plain]}
+        else:
+            yield {**described, "type": _ENUM if plain in ENUMS else _MESSAGE, "type_name": f".{plain}"}
+
+
+def _values(kind: str) -> list[dict[str, Any]]:
+    return [{"name": value, "number": number} for number, value in enumerate(ENUMS[kind])]

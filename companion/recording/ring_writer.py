@@ -1,0 +1,159 @@
+"""Writes messages into recordings of a minute each, within the ring's size. Time is an input."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from companion.recording.mcap_file import SMALLEST, McapFile
+from companion.recording.messages import Message, Report
+from companion.recording.reading import repair, whole
+from companion.recording.ring import make_room, name_of, recordings
+from companion.recording.topics import TOPICS, Topic
+
+LONGEST = 60.0
+"""Seconds of a recording."""
+_FILES = 8
+"""Recordings that a ring holds, at least."""
+FLUSHED_EVERY = 2.0
+"""Seconds after which a chunk is written: what kill -9 loses, at most."""
+SYNCED_EVERY = 10.0
+"""Seconds after which what is written is on the disk: what a power cut loses, at most."""
+LEAST_FREE = 200 << 20
+"""Bytes that stay free on the disk: for the journal and for everybody else."""
+_TRIED_AGAIN = 10.0
+_JUMP = 60 * 1_000_000_000
+"""Nanoseconds between two messages from which the clock was set: then a new recording begins."""
+
+
+class RingWriter:
+    """Writes messages. An error of the disk ends the recording in progress; it is tried again after 10 s."""
+
+    def __init__(self, folder: Path, most: int) -> None:
+        """most: bytes of all recordings together."""
+        self._folder = folder
+        self._most = most
+        self._longest = max(SMALLEST, most // _FILES)
+        self._file: McapFile | None = None
+        self._number = 0
+        self._event = False
+        self._began = self._flushed = self._synced = 0.0
+        self._newest = 0
+        self._standing: dict[Topic, Message] = {}
+        self._retry_at = float("-inf")
+        self._written = self._lost = 0
+        self._files = self._size = 0
+        """Of the finished recordings."""
+        self._trouble = ""
+
+    @property
+    def report(self) -> Report:
+        """How it goes. May be read by another thread."""
+        file = self._file
+        files, size = (self._files, self._size) if file is None else (self._files + 1, self._size + file.size)
+        return Report(files, size, self._written, self._lost, self._trouble)
+
+    def begin(self, now: float) -> None:
+        """Make the folder, and repair what a process that was killed has left. now: monotonic seconds."""
+        with self._survived(now):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            for torn in self._folder.glob(".*.part"):
+                torn.unlink(missing_ok=True)
+            make_room(self._folder, self._most - 2 * self._longest)
+            for one in recordings(self._folder):
+                if not whole(self._folder / one.name):
+                    repair(self._folder / one.name)
+            self._look()
+
+    def write(self, message: Message, now: float) -> None:
+        """Write a message, or lose it where the disk takes none."""
+        if TOPICS[message.topic].standing:
+            self._standing[message.topic] = message
+        if now < self._retry_at:
+            self._lost += 1
+            return
+        before = self._written
+        with self._survived(now):
+            file = self._file_for(message, now)
+            if file.fits(message):
+                file.add(message)
+                self._written += 1
+            if message.event and not self._event:
+                self._event = True
+                file.rename(name_of(self._number, event=True))
+        self._lost += self._written == before
+
+    def tick(self, now: float) -> None:
+        """Write and sync what is due."""
+        if self._file is None:
+            return
+        with self._survived(now):
+            if now - self._flushed >= FLUSHED_EVERY:
+                self._flushed = now
+                self._file.flush()
+            if now - self._synced >= SYNCED_EVERY:
+                self._synced = now
+                self._file.sync()
+                if self._lacking() > 0:
+                    self._finish()
+
+    def finish(self, now: float) -> None:
+        """Finish the recording in progress."""
+        with self._survived(now):
+            self._finish()
+
+    def _file_for(self, message: Message, now: float) -> McapFile:
+        """Return the recording for a message: a new one after a minute, or where the message does not fit."""
+        jumped = abs(message.at - self._newest) > _JUMP
+        self._newest = message.at
+        over = jumped or now - self._began >= LONGEST
+        if self._file is not None and (over or not self._file.fits(message)):
+            self._finish()
+        if self._file is None:
+            self._file = self._start(message.at, now)
+        return self._file
+
+    def _start(self, at: int, now: float) -> McapFile:
+        """Start a recording with what holds at `at`. Raises OSError, also where the disk is nearly full."""
+        self._look()
+        make_room(self._folder, min(self._most - self._longest, self._size - self._lacking()))
+        if self._lacking() > 0:
+            raise OSError(f"less than {LEAST_FREE >> 20} MiB are free on its disk")
+        self._look()
+        number = self._number + 1
+        file = McapFile(self._folder / name_of(number, event=False), self._longest)
+        self._number, self._event = number, False
+        self._began = self._flushed = self._synced = now
+        self._trouble = ""
+        for standing in self._standing.values():
+            file.add(standing._replace(at=at))
+        return file
+
+    def _finish(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            file.finish()
+            self._look()
+
+    def _look(self) -> None:
+        found = recordings(self._folder)
+        self._files, self._size = len(found), sum(one.size for one in found)
+        self._number = max((one.number for one in found), default=self._number)
+
+    def _lacking(self) -> int:
+        """Return how many bytes fewer are free on the disk than must be; 0 or less: enough are."""
+        return LEAST_FREE - shutil.disk_usage(self._folder).free
+
+    @contextlib.contextmanager
+    def _survived(self, now: float) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self._trouble = (error.strerror or str(error)).lower()
+            self._retry_at = now + _TRIED_AGAIN
+            file, self._file = self._file, None
+            if file is not None:
+                with contextlib.suppress(OSError):
+                    file.abandon()

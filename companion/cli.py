@@ -9,7 +9,7 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,7 @@ _SHIPPED = (
     "qgroundcontrol/anytraverse.json",
     *(f"cockpit/{name}.json" for name in ("go", "stay", "look-again", "other-place", "word", "view")),
     *(f"cockpit/{name}.json" for name in ("off", "report", "hold")),
+    "foxglove/anytraverse.json",
 )
 
 
@@ -93,6 +94,7 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_memory(commands)
     _add_rehearse(commands)
+    _add_recordings(commands)
 
     config = commands.add_parser("config", help="check a configuration")
     actions = config.add_subparsers(dest="action", required=True, metavar="action")
@@ -140,6 +142,27 @@ def _add_rehearse(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     )
     rehearse.add_argument("--no-ask", action="store_true", help="ask nobody at the terminal")
     rehearse.set_defaults(run=_rehearse)
+
+
+def _add_recordings(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    shared = argparse.ArgumentParser(add_help=False)
+    shared.add_argument(
+        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
+    )
+    record = commands.add_parser("record", help="list or repair what was recorded")
+    actions = record.add_subparsers(dest="action", required=True, metavar="action")
+    each = actions.add_parser("list", parents=[shared], help="one line for each recording")
+    each.add_argument("--json", action="store_true", help="the last line is one JSON object")
+    torn = actions.add_parser("repair", help="give a recording that was cut off its index again")
+    torn.add_argument("file", metavar="FILE", help="it is replaced once the new one is complete")
+    record.set_defaults(run=_record)
+    incident = commands.add_parser(
+        "incident", parents=[shared], help="put all about a call into one file to send to somebody"
+    )
+    incident.add_argument("call", nargs="?", metavar="CALL", help="C7, or H7 for a hold")
+    incident.add_argument("--last", metavar="TIME", help="the last 60s, 5m or 1h instead")
+    incident.add_argument("--out", metavar="FILE", help="by default incident-C7.zip here")
+    incident.set_defaults(run=_incident)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -312,6 +335,37 @@ def _rehearse(options: argparse.Namespace) -> int:
         raise UserError(_error_text(error)) from error
     except (AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError) as error:
         raise UserError(str(error)) from error
+
+
+def _record(options: argparse.Namespace) -> int:
+    from companion.recording import command
+
+    if options.action == "list":
+        return _of_recordings(lambda: command.show_list(options.config, as_json=options.json))
+    return _of_recordings(lambda: command.repair(options.file))
+
+
+def _incident(options: argparse.Namespace) -> int:
+    from companion.recording import command
+
+    return _of_recordings(lambda: command.pack(options.config, options.call, options.last, options.out))
+
+
+def _of_recordings(act: Callable[[], int]) -> int:
+    from companion.config import ConfigError
+    from companion.recording.command import RecordError
+
+    try:
+        return act()
+    except ConfigError as error:
+        raise UserError(_error_text(error)) from error
+    except RecordError as error:
+        raise UserError(str(error)) from error
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise UserError(
+            f"{error.filename or 'the disk'}: {why}: you may have to type this with sudo"
+        ) from error
 
 
 def _try_perceiver(config: Config) -> str:

@@ -144,7 +144,9 @@ class Recording:
         region = self._calls.numbers.judging.region.bounds
         reasons = ", ".join(sorted(REASONS[reason.value] for reason in seen.reasons))
         title = f"{number} {state.name}{': ' if reasons else ''}{reasons}"
-        self._add(Topic.ANNOTATIONS, at, contents.annotations(seen, region, title, self._ns(at)), number)
+        self._add(
+            Topic.ANNOTATIONS, at, contents.image_annotations(seen, region, title, self._ns(at)), number
+        )
 
     def decided(self, decisions: Iterable[Decision], now: float) -> None:
         """Record what the state machine decided."""

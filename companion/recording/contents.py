@@ -152,7 +152,7 @@ _YELLOW = {"r": 0.94, "g": 0.89, "b": 0.26, "a": 1.0}
 _INK = {"r": 0.05, "g": 0.07, "b": 0.09, "a": 0.8}
 
 
-def annotations(seen: Assessment, region: Box, title: str, at: int) -> bytes:
+def image_annotations(seen: Assessment, region: Box, title: str, at: int) -> bytes:
     """Make foxglove.ImageAnnotations: a title, the ROI in white, and in yellow the tile of a bad frame."""
     height, width = seen.frame.image.shape[:2]
     boxes = [(region, _WHITE, 1.5)]

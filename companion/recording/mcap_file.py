@@ -47,7 +47,8 @@ class McapFile:
         """Bytes that the file would have, at most, if it were finished now."""
         ending = _OF_THE_FILE + (self._chunks + 1) * _OF_A_CHUNK
         # What cannot be compressed grows by less than a hundredth.
-        return self._file.tell() + self._waiting + self._waiting // 100 + ending
+        written: int = self._file.tell()
+        return written + self._waiting + self._waiting // 100 + ending
 
     def fits(self, message: Message) -> bool:
         """Whether the file may hold this message, too."""

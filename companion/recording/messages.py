@@ -98,4 +98,5 @@ class Report(NamedTuple):
         trouble = packed[_REPORT.size :].decode(errors="replace")
         if trouble and not trouble.isprintable():
             raise ValueError("a trouble that cannot be printed")
-        return cls(*_REPORT.unpack_from(packed), trouble)
+        files, size, written, lost = _REPORT.unpack_from(packed)
+        return cls(files, size, written, lost, trouble)

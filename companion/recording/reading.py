@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Iterator
+import struct
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.records import Message as Written
 from mcap.stream_reader import StreamReader
@@ -53,6 +58,69 @@ def whole(path: Path) -> bool:
             return False
         file.seek(-len(_MAGIC), os.SEEK_END)
         return file.read() == _MAGIC
+
+
+def messages(
+    path: Path, topics: Collection[str] | None = None, begin: int | None = None, end: int | None = None
+) -> Iterator[Read]:
+    """Yield a recording's messages, as far as it can be read; a finished one is read by its index.
+
+    topics: their names, None: all. begin, end: ns since 1970, end not included. None for a recording that the
+    ring has deleted meanwhile. Raises OSError.
+    """
+    try:
+        indexed = whole(path)
+        with path.open("rb") as file:
+            found = _by_index(file, topics, begin, end) if indexed else read(file)
+            for one in found:
+                at = one.message.log_time
+                right = topics is None or one.channel.topic in topics
+                if right and (begin is None or at >= begin) and (end is None or at < end):
+                    yield one
+    except FileNotFoundError:
+        return
+
+
+def _by_index(
+    file: IO[bytes], topics: Collection[str] | None, begin: int | None, end: int | None
+) -> Iterator[Read]:
+    named = None if topics is None else list(topics)
+    found = iter(make_reader(file).iter_messages(named, begin, end, log_time_order=False))
+    while True:
+        try:
+            schema, channel, message = next(found)
+        except OSError:
+            raise
+        except Exception:  # damaged after it was finished: the end, or what the reader raises
+            return
+        yield Read(schema, channel, message)
+
+
+class Summary(NamedTuple):
+    """What a recording holds. begin, end: ns since 1970, 0 without a message. counts: topic -> messages."""
+
+    begin: int
+    end: int
+    counts: Mapping[str, int]
+    finished: bool
+
+
+def summary(path: Path) -> Summary:
+    """Summarize a recording, of a finished one by its index. Raises OSError."""
+    if finished := whole(path):
+        with path.open("rb") as file, contextlib.suppress(McapError, ValueError, struct.error):
+            found = make_reader(file).get_summary()
+            if found is not None and (told := found.statistics) is not None:
+                names = {number: channel.topic for number, channel in found.channels.items()}
+                counts = {names[number]: count for number, count in told.channel_message_counts.items()}
+                return Summary(told.message_start_time, told.message_end_time, counts, finished)
+    counted = Counter[str]()
+    times = [0]
+    for one in messages(path):
+        counted[one.channel.topic] += 1
+        at = one.message.log_time
+        times = [at, at] if times == [0] else [min(times[0], at), max(times[1], at)]
+    return Summary(times[0], times[-1], counted, finished)
 
 
 class Copy:

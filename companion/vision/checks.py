@@ -104,8 +104,8 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             right = all(isinstance(one, bytes) for one in pictures) and isinstance(message.stored, bool)
             _need(texts_fit and right, "pictures")
         case Encoded(number, frame_id):
-            pictures = (message.picture, message.traversability, message.uncertainty)
-            fit = all(isinstance(one, bytes) and len(one) <= LARGEST_JPEG for one in pictures)
+            encoded = (message.picture, message.traversability, message.uncertainty)
+            fit = all(isinstance(one, bytes) and len(one) <= LARGEST_JPEG for one in encoded)
             _need(_whole(number) and _whole(frame_id) and fit, "a frame for the recording")
         case Logged(level, name, text):
             _need(_whole(level) and _text(name) and _text(text), "a line of the log")

@@ -1,0 +1,198 @@
+"""Puts what was recorded around a call, and what belongs to it, into one zip to send to somebody."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import tempfile
+import zipfile
+from collections.abc import Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import IO, NamedTuple
+
+from anytraverse.release import own_version
+from companion.recording.foxglove import NS
+from companion.recording.ring import FOLDER, Recording, recordings
+from companion.recording.topics import TOPICS, Topic
+from companion.storage.log_file import FOLDER as LOGS
+from companion.storage.log_file import NAME as LOG
+
+BEFORE, AFTER = 30.0, 30.0
+"""Seconds that are taken before and after each thing that happened to a call or hold."""
+_PACKAGES = ("numpy", "onnxruntime", "opencv-python-headless", "pymavlink", "mcap")
+_LARGEST = 4 << 20
+"""Bytes of a file beside the recording, at most."""
+_STANDING = frozenset(row.name for row in TOPICS.values() if row.standing)
+_ABOUT = {TOPICS[Topic.DECISIONS].name: "id", TOPICS[Topic.ACKNOWLEDGEMENTS].name: "target"}
+"""Topics that tell what happened to a call or hold -> the key with its id."""
+
+Window = tuple[int, int]
+"""Begin and end in ns since 1970."""
+
+README = """What a rover's AnyTraverse companion recorded around {what}.
+
+recording.mcap   frames, maps, assessments, calls, answers, vehicle, log: open it in Foxglove or Lichtblick
+                 (the layout: anytraverse.json of `companion init`, folder foxglove)
+config.toml      the configuration, without its secrets
+status.json      what the companion said of itself last
+calls/           records and pictures of the calls
+logs/            its log
+versions.json    what was installed
+
+Position, pictures and log are in it. Look through it before you give it to others.
+"""
+
+
+class IncidentError(Exception):
+    """There is nothing to put together. The text says what to do."""
+
+
+class Incident(NamedTuple):
+    """What the zip holds. messages: of the recording. calls: whose files are in it. left_out: what is not."""
+
+    messages: int
+    calls: tuple[int, ...]
+    left_out: tuple[str, ...]
+
+
+def around_call(folder: Path, number: int) -> list[Window]:
+    """Find when something happened to a call or hold. folder: the companion's state. Raises OSError."""
+    found = []
+    for path in _paths(folder, event=True):
+        for name, at, said in _told(path):
+            if said.get(_ABOUT[name]) == number:
+                found.append((at - round(BEFORE * NS), at + round(AFTER * NS)))
+    return _merged(found)
+
+
+def last(folder: Path, seconds: float) -> list[Window]:
+    """Return the last `seconds` of what is recorded. Raises OSError."""
+    from companion.recording.reading import messages
+
+    for path in reversed(_paths(folder)):
+        newest = max((one.message.log_time for one in messages(path)), default=0)
+        if newest:
+            return [(newest - round(seconds * NS), newest + 1)]
+    return []
+
+
+def write_incident(
+    out: Path, folder: Path, config: str, windows: Sequence[Window], calls: Sequence[int], what: str
+) -> Incident:
+    """Write the zip. It works beside a companion that runs, and with recordings that end anywhere.
+
+    folder: the companion's state. config: without secrets, as `format_config` makes it. windows: what is
+    taken of the recordings. calls: whose files are taken, beside those of the windows. what: for the reader.
+    Raises OSError, FileExistsError where `out` is there already.
+    """
+    left_out: list[str] = []
+    with out.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed:
+        count, told = 0, set(calls)
+        if windows:
+            with tempfile.TemporaryFile(dir=out.parent) as copied:
+                count = _copy(folder, windows, copied, told)
+                copied.seek(0)
+                with packed.open("recording.mcap", "w", force_zip64=True) as member:
+                    while chunk := copied.read(1 << 20):
+                        member.write(chunk)
+        packed.writestr("README.txt", README.format(what=what))
+        packed.writestr("config.toml", config)
+        packed.writestr("versions.json", json.dumps(versions(), indent=1))
+        for path in _beside(folder, sorted(told)):
+            try:
+                packed.writestr(str(path.relative_to(folder)), _read(path))
+            except OSError as error:
+                left_out.append(f"{path}: {(error.strerror or str(error)).lower()}")
+    return Incident(count, tuple(sorted(told)), tuple(left_out))
+
+
+def versions() -> dict[str, str]:
+    """Return what is installed on this computer."""
+    found = {"companion": own_version(), "python": platform.python_version(), "computer": platform.platform()}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _copy(folder: Path, windows: Sequence[Window], out: IO[bytes], calls: set[int]) -> int:
+    """Copy the messages of the windows, and before each what held at its beginning. Adds ids to `calls`."""
+    from companion.recording.reading import Copy, Read, messages
+
+    copy = Copy(out)
+    begin, end = windows[0][0], windows[-1][1]
+    standing: dict[str, Read] = {}
+    begun = set[int]()
+    for path in _paths(folder):
+        for one in messages(path, end=end):
+            topic, at = one.channel.topic, one.message.log_time
+            if topic in _STANDING:
+                standing[topic] = one
+            inside = next((n for n, (first, after) in enumerate(windows) if first <= at < after), None)
+            if at < begin or inside is None:
+                continue
+            if inside not in begun:
+                begun.add(inside)
+                for earlier in standing.values():
+                    if earlier is not one:
+                        copy.add(earlier, at)
+            copy.add(one)
+            if topic in _ABOUT:
+                number = content(one.message.data).get(_ABOUT[topic])
+                calls |= {number} if isinstance(number, int) and number else set()
+    copy.finish()
+    return copy.messages
+
+
+def _told(path: Path) -> Iterator[tuple[str, int, dict[str, object]]]:
+    from companion.recording.reading import messages
+
+    for one in messages(path, _ABOUT):
+        yield one.channel.topic, one.message.log_time, content(one.message.data)
+
+
+def content(data: bytes) -> dict[str, object]:
+    """Read a JSON message; {} for anything else."""
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _merged(found: Sequence[Window]) -> list[Window]:
+    """Join windows that overlap."""
+    merged: list[Window] = []
+    for begin, end in sorted(found):
+        if merged and begin <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(end, merged[-1][1])
+        else:
+            merged.append((begin, end))
+    return merged
+
+
+def _paths(folder: Path, *, event: bool = False) -> list[Path]:
+    """List the recordings, oldest first. event: only those with an event."""
+    found: list[Recording] = recordings(folder / FOLDER)
+    return [folder / FOLDER / one.name for one in found if one.event or not event]
+
+
+def _beside(folder: Path, calls: Sequence[int]) -> Iterator[Path]:
+    """Yield the files to add that are there."""
+    names = ["status.json", f"{LOGS}/{LOG}.1", f"{LOGS}/{LOG}"]
+    for number in calls:
+        names += [f"calls/{number}{rest}" for rest in (".json", ".jpg", "-large.jpg", "-raw.jpg")]
+    for name in names:
+        if (folder / name).is_file():
+            yield folder / name
+
+
+def _read(path: Path) -> bytes:
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        file.seek(max(0, size - _LARGEST))
+        return file.read(_LARGEST)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -45,10 +46,6 @@ Position, pictures and log are in it. Look through it before you give it to othe
 """
 
 
-class IncidentError(Exception):
-    """There is nothing to put together. The text says what to do."""
-
-
 class Incident(NamedTuple):
     """What the zip holds. messages: of the recording. calls: whose files are in it. left_out: what is not."""
 
@@ -87,36 +84,60 @@ def write_incident(
     taken of the recordings. calls: whose files are taken, beside those of the windows. what: for the reader.
     Raises OSError, FileExistsError where `out` is there already.
     """
-    left_out: list[str] = []
-    with out.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed:
-        count, told = 0, set(calls)
-        if windows:
-            with tempfile.TemporaryFile(dir=out.parent) as copied:
-                count = _copy(folder, windows, copied, told)
-                copied.seek(0)
-                with packed.open("recording.mcap", "w", force_zip64=True) as member:
-                    while chunk := copied.read(1 << 20):
-                        member.write(chunk)
-        packed.writestr("README.txt", README.format(what=what))
-        packed.writestr("config.toml", config)
-        packed.writestr("versions.json", json.dumps(versions(), indent=1))
-        for path in _beside(folder, sorted(told)):
-            try:
-                packed.writestr(str(path.relative_to(folder)), _read(path))
-            except OSError as error:
-                left_out.append(f"{path}: {(error.strerror or str(error)).lower()}")
+    try:
+        with out.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed:
+            return _write(packed, out.parent, folder, config, windows, calls, what)
+    except FileExistsError:
+        raise
+    except BaseException:
+        out.unlink(missing_ok=True)
+        raise
+
+
+def _write(
+    packed: zipfile.ZipFile,
+    scratch: Path,
+    folder: Path,
+    config: str,
+    windows: Sequence[Window],
+    calls: Sequence[int],
+    what: str,
+) -> Incident:
+    count, told = 0, set(calls)
+    if windows:
+        with tempfile.TemporaryFile(dir=scratch) as copied:
+            count = _copy(folder, windows, copied, told)
+            copied.seek(0)
+            with packed.open("recording.mcap", "w", force_zip64=True) as member:
+                shutil.copyfileobj(copied, member)
+    packed.writestr("README.txt", README.format(what=what))
+    packed.writestr("config.toml", config)
+    packed.writestr("versions.json", json.dumps(versions(), indent=1))
+    left_out = [left for path in _beside(folder, sorted(told)) if (left := _added(packed, folder, path))]
     return Incident(count, tuple(sorted(told)), tuple(left_out))
+
+
+def _added(packed: zipfile.ZipFile, folder: Path, path: Path) -> str:
+    """Add a file. Return why it is left out, "" where it is not."""
+    try:
+        content = _read(path)
+    except OSError as error:
+        return f"{path}: {(error.strerror or str(error)).lower()}"
+    packed.writestr(str(path.relative_to(folder)), content)
+    return ""
 
 
 def versions() -> dict[str, str]:
     """Return what is installed on this computer."""
     found = {"companion": own_version(), "python": platform.python_version(), "computer": platform.platform()}
-    for name in _PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    return found | {name: told for name in _PACKAGES if (told := _version(name))}
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
 
 
 def _copy(folder: Path, windows: Sequence[Window], out: IO[bytes], calls: set[int]) -> int:

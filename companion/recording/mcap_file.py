@@ -47,8 +47,7 @@ class McapFile:
         """Bytes that the file would have, at most, if it were finished now."""
         ending = _OF_THE_FILE + (self._chunks + 1) * _OF_A_CHUNK
         # What cannot be compressed grows by less than a hundredth.
-        written: int = self._file.tell()
-        return written + self._waiting + self._waiting // 100 + ending
+        return self._file.tell() + self._waiting + self._waiting // 100 + ending
 
     def fits(self, message: Message) -> bool:
         """Whether the file may hold this message, too."""
@@ -96,7 +95,8 @@ class McapFile:
     def _register(self, topic: Topic) -> int:
         row = TOPICS[topic]
         schema = self._writer.register_schema(row.schema, row.schema_encoding, row.schema_data)
-        return self._writer.register_channel(row.name, row.encoding, schema)
+        channel: int = self._writer.register_channel(row.name, row.encoding, schema)
+        return channel
 
 
 def _bound(message: Message) -> int:

@@ -14,6 +14,7 @@ from companion.config import ConfigError, Problem, load_config, state_folder
 from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
 from companion.preflight.computer import check_space
 from companion.preflight.here import RUNNING, is_alive, read_status, status
+from companion.preflight.recording import told_recordings
 
 WELL, FAULTY, NOT_RUNNING = 0, 1, 2
 _WIDTH = 10
@@ -102,6 +103,8 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "computer", _computer(_table(said, "computer"))
     yield "words", str(said.get("words") or "none")
     yield "disk", f"{'not written now; ' if written.get('failing') else ''}{check_space(folder).text}"
+    recording = _table(said, "recording")
+    yield "recording", str(recording.get("trouble") or told_recordings(recording))
     since = _started(said.get("pid"))
     if since is not None:
         at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(since))

@@ -19,6 +19,7 @@ from companion.preflight.here import check_journal
 from companion.preflight.link import check_autopilot, check_forwarding, check_link, check_signing
 from companion.preflight.page import check_page
 from companion.preflight.perceiver import check_perceiver
+from companion.preflight.recording import check_recording
 from companion.preflight.rights import check_rights
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed
@@ -65,6 +66,7 @@ CHECKS = (
     Check("tile",       check_tile,       "how large a tile is: the smallest area that can cause a call"),
     Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),
     Check("video",      check_video,      "whether the MAVLink camera's video is served, and where"),
+    Check("recording",  check_recording,  "whether recordings are written, and how many there are"),
 )
 # fmt: on
 WIDTH = 24

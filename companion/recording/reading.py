@@ -85,7 +85,8 @@ def _by_index(
     file: IO[bytes], topics: Collection[str] | None, begin: int | None, end: int | None
 ) -> Iterator[Read]:
     named = None if topics is None else list(topics)
-    found = iter(make_reader(file).iter_messages(named, begin, end, log_time_order=False))
+    reader = make_reader(file)
+    found = iter(reader.iter_messages(named, log_time_order=False, starting_at=begin, ending_before=end))
     while True:
         try:
             schema, channel, message = next(found)

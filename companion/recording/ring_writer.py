@@ -69,12 +69,14 @@ class RingWriter:
 
     def write(self, message: Message, now: float) -> None:
         """Write a message, or lose it where the disk takes none."""
+        before = self._written
+        if now >= self._retry_at:
+            self._try(message, now)
+        self._lost += self._written == before
         if TOPICS[message.topic].standing:
             self._standing[message.topic] = message
-        if now < self._retry_at:
-            self._lost += 1
-            return
-        before = self._written
+
+    def _try(self, message: Message, now: float) -> None:
         with self._survived(now):
             file = self._file_for(message, now)
             if file.fits(message):
@@ -83,7 +85,6 @@ class RingWriter:
             if message.event and not self._event:
                 self._event = True
                 file.rename(name_of(self._number, event=True))
-        self._lost += self._written == before
 
     def tick(self, now: float) -> None:
         """Write and sync what is due."""

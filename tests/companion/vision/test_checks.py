@@ -24,10 +24,12 @@ from companion.cameras.newest import CameraStatus
 from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, check_report
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
+    LARGEST_JPEG,
     LONGEST_TEXT,
     Alive,
     Done,
     Drawn,
+    Encoded,
     Failed,
     FrameJudged,
     Logged,
@@ -302,6 +304,9 @@ WRONG: dict[str, Any] = {
     "dropped words that are none": Done(1, AnswerOutcome(None, None, dropped=(1,)), "", None),  # type: ignore[arg-type]
     "a picture of text": Drawn(1, 2, "t", panel="jpeg"),  # type: ignore[arg-type]
     "a title too long": Drawn(1, 2, LONG),
+    "an encoded frame of text": Encoded(1, 2, "jpeg"),  # type: ignore[arg-type]
+    "an encoded frame that is too large": Encoded(1, 2, bytes(LARGEST_JPEG + 1)),
+    "an encoded frame without a number": Encoded(-1, 2),
     "a line of no level": Logged("error", "name", "text"),  # type: ignore[arg-type]
     "a line too long": Logged(40, "name", LONG),
     "a failure of bytes": Failed(b"text"),  # type: ignore[arg-type]

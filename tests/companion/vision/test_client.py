@@ -36,6 +36,7 @@ from companion.vision.messages import (
     Alive,
     Done,
     Drawn,
+    Encoded,
     Failed,
     Model,
     Restore,
@@ -461,6 +462,8 @@ def nonsense(stage: Stage, case: str) -> None:
             child.report(Done(77, None, "why not", None))
         case "a picture nobody asked for":
             child.report(Drawn(77, 1, "title"))
+        case "an encoded frame nobody asked for":
+            child.report(Encoded(77, 1, b"jpeg"))
 
 
 @pytest.mark.parametrize(
@@ -476,6 +479,7 @@ def nonsense(stage: Stage, case: str) -> None:
         "from the future",
         "an outcome nobody asked for",
         "a picture nobody asked for",
+        "an encoded frame nobody asked for",
     ],
 )
 def test_one_that_sends_nonsense_is_killed_and_who_waits_is_told(stage: Stage, case: str) -> None:

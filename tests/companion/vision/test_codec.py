@@ -43,6 +43,8 @@ from companion.vision.messages import (
     Apply,
     Draw,
     Drawn,
+    Encode,
+    Encoded,
     Failed,
     FrameJudged,
     Logged,
@@ -196,19 +198,21 @@ MESSAGES = [
     Alive(CameraStatus(CameraState.FAILED, "why", 1, 2, 3, 4), 1.0),
     Alive(CameraStatus(), None),
     Drawn(1, 2, "title", b"panel", b"small", b"png", b"raw"),
+    Encoded(1, 2, b"jpeg", b"png", b"png"),
     Logged(30, "a.name", "a text"),
     Start(Config(), None, 0, 1),
     Start(Config(), engine(None).memory, 3, 9),
     Apply(1, Changes({"drum": 1.0}), 2, 3, True, None),  # noqa: FBT003
     Restore(1, 2, b"png"),
     Draw(1, 2, "title", State.CALLING, store=True),
+    Encode(1, 2),
 ]
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda message: type(message).__name__)
 def test_a_message_comes_out_as_it_went_in(message: Any) -> None:
     packed = unframed(message)
-    read = decode_trusted if isinstance(message, (Start, Apply, Restore, Draw)) else decode
+    read = decode_trusted if isinstance(message, (Start, Apply, Restore, Draw, Encode)) else decode
     assert plain(read(packed)) == plain(message)
     assert type(read(packed)) is type(message)
 

@@ -1,0 +1,214 @@
+"""Measures what recording costs: CPU of each process, bytes, judging rate, latency, acknowledgements.
+
+The whole companion runs with `builtin` on a folder of frames, at each rate of recorded frames in turn; 0 is
+without a recorder. A word is set every two seconds, so that acknowledgements wait for the disk.
+Run: python -m bench.recording --frames DIR [--seconds 60] [--rates 0,1,10] [--camera 10] [--rounds 1]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+from statistics import median
+from typing import Any
+
+from bench.commit import commit_of
+from bench.link.drive import at
+from companion.wire.answers import SetWord
+from companion.wire.ids import Motion
+from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.delivery import Pending
+from gcs_plugin.terminal.connection import open_connection
+from gcs_plugin.terminal.runner import Runner
+
+ROOT = Path(__file__).resolve().parents[1]
+_READY_WITHIN, _SETTLED = 60.0, 5.0
+_EVERY = 2.0
+_SYSTEM = 1
+_CONFIG = """
+[camera]
+source = "folder:{frames}"
+loop = true
+rate = {camera}
+playback = {camera}
+[web]
+listen = ""
+[vehicle]
+file = ""
+[link]
+url = "udpout:127.0.0.1:{port}"
+[journal]
+folder = "{state}"
+[recording]
+size = {size}
+rate = {rate}
+[words]
+grass = 1.0
+trail = 1.0
+bush = -1.0
+"""
+_NAMES = {"companion.vision": "vision", "companion.recording": "recorder"}
+
+
+class Processes:
+    """Reads the CPU time, the memory and the written bytes of a companion and its processes."""
+
+    def __init__(self, main: int) -> None:
+        self._main = main
+
+    def each(self) -> dict[str, int]:
+        """Returns the process ids by name."""
+        found = {"supervisor": self._main}
+        children = Path(f"/proc/{self._main}/task/{self._main}/children").read_text().split()
+        for child in children:
+            with suppress(OSError):
+                command = Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0")
+                found |= {name: int(child) for part, name in _NAMES.items() if part in command}
+        return found
+
+    def cpu(self) -> dict[str, float]:
+        """Returns seconds of CPU by name."""
+        tick = os.sysconf("SC_CLK_TCK")
+        found = {}
+        for name, pid in self.each().items():
+            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+            found[name] = (int(fields[11]) + int(fields[12])) / tick
+        return found
+
+    def of(self, name: str, file: str, key: str) -> int:
+        """Returns a number of /proc/PID/`file`, 0 without such a process."""
+        pid = self.each().get(name)
+        if pid is None:
+            return 0
+        lines = (line.split() for line in Path(f"/proc/{pid}/{file}").read_text().splitlines())
+        return next((int(line[1]) for line in lines if line[0] == key), 0)
+
+
+class Operator:
+    """Sets a word again and again, and takes the times until it is acknowledged."""
+
+    def __init__(self, port: int) -> None:
+        random = Random(1)
+        self._client = OperatorClient(lambda: random.randrange(1, 1 << 32))
+        self._runner = Runner(open_connection(f"udpin:127.0.0.1:{port}"), self._client)
+        self._pending: Pending | None = None
+        self._asked_at = 0.0
+        self._count = 0
+        self.times: list[float] = []
+
+    def step(self, now: float) -> None:
+        """Sends what is due, and takes what came."""
+        self._runner.step(now)
+        for _ in self._client.events():
+            pass
+        pending = self._pending
+        if pending is not None and pending.acknowledgement is not None and pending.settled:
+            self.times.append(now - self._asked_at)
+            self._pending = None
+        if self._pending is None and _SYSTEM in self._client.rovers and now - self._asked_at >= _EVERY:
+            self._count += 1
+            word = SetWord("grass", 1.0 - 0.01 * (self._count % 2))
+            self._pending = self._client.answer(_SYSTEM, 0, Motion.NONE, (word,), now)
+            self._asked_at = now
+
+    def close(self) -> None:
+        """Closes the link."""
+        self._runner.close()
+
+
+def measure(frames: Path, camera: float, rate: float, seconds: float, folder: Path) -> dict[str, Any]:
+    """Measures one run. rate: recorded frames/s, 0: no recorder."""
+    port = 20_000 + os.getpid() % 20_000
+    state = folder / "state"
+    values = {"frames": frames, "camera": camera, "port": port, "state": state}
+    config = folder / "companion.toml"
+    config.write_text(_CONFIG.format(**values, size=1000 if rate else 0, rate=rate or 1.0))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "companion", "run", "--config", str(config)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.DEVNULL,
+    )
+    operator = Operator(port)
+    try:
+        processes = Processes(process.pid)
+        _step(operator, lambda: bool(_status(state).get("frames")), _READY_WITHIN)
+        _step(operator, lambda: False, _SETTLED)
+        operator.times.clear()
+        before, cpu, began = _status(state), processes.cpu(), time.monotonic()
+        wrote = processes.of("recorder", "io", "write_bytes:")
+        _step(operator, lambda: False, seconds)
+        after, took = _status(state), time.monotonic() - began
+        used = {name: round(100 * (spent - cpu[name]) / took, 2) for name, spent in processes.cpu().items()}
+        wrote = processes.of("recorder", "io", "write_bytes:") - wrote
+        memory = processes.of("recorder", "smaps_rollup", "Pss:")
+        process.send_signal(signal.SIGTERM)
+        process.wait(20.0)
+    finally:
+        operator.close()
+        process.kill()
+        process.wait()
+    recent = [(judged - captured) * 1e3 for _, captured, judged in _status(state)["recent"]]
+    recorded = after["recording"]
+    return {
+        "rate": rate,
+        "judged_per_s": round((after["frames"] - before["frames"]) / took, 2),
+        "latency_ms": {"p50": at(recent, 0.5), "p99": at(recent, 0.99)},
+        "acknowledged_ms": {
+            "n": len(operator.times),
+            "p50": round(1e3 * median(operator.times), 1),
+            "max": round(1e3 * max(operator.times), 1),
+        },
+        "cpu_percent": used,
+        "kB_per_s": round((recorded["bytes"] - before["recording"]["bytes"]) / took / 1e3, 1),
+        "written_to_disk_MB_per_h": round(wrote / took * 3600 / 1e6),
+        "recorder_MB": round(memory / 1e3, 1),
+        "lost": recorded["lost"],
+        "left_out": recorded["left_out"],
+    }
+
+
+def _status(state: Path) -> Mapping[str, Any]:
+    with suppress(OSError, ValueError):
+        return dict(json.loads((state / "status.json").read_text()))
+    return {}
+
+
+def _step(operator: Operator, ends: Any, within: float) -> None:
+    until = time.monotonic() + within
+    while time.monotonic() < until and not ends():
+        operator.step(time.monotonic())
+        time.sleep(0.005)
+
+
+def main() -> int:
+    """Measures, and prints one line a run; the last line is one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=Path, required=True)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--rates", default="0,1,10")
+    parser.add_argument("--camera", type=float, default=10.0)
+    parser.add_argument("--rounds", type=int, default=1)
+    given = parser.parse_args()
+    runs = []
+    for _ in range(given.rounds):
+        for rate in map(float, given.rates.split(",")):
+            with tempfile.TemporaryDirectory(prefix="recording-", dir=ROOT) as folder:
+                runs.append(measure(given.frames.resolve(), given.camera, rate, given.seconds, Path(folder)))
+                print(json.dumps(runs[-1]), flush=True)
+    print(json.dumps({"commit": commit_of(ROOT), "runs": runs}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

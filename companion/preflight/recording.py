@@ -1,0 +1,47 @@
+"""Checks the recorder."""
+
+from __future__ import annotations
+
+import shutil
+
+from companion.preflight.rover import Rover
+from companion.preflight.rules import Finding, passed, skipped, warned
+from companion.recording.recorder import EXTRA, missing
+from companion.system.computer import existing
+
+RECORDING = "recording"
+
+
+def check_recording(rover: Rover) -> list[Finding]:
+    """Check that recordings can be written, and say how many there are."""
+    size = rover.config.recording.size
+    if not size:
+        return [passed(RECORDING, "off: [recording] size is 0")]
+    if packages := missing():
+        what = f"{', '.join(packages)} not installed: {EXTRA}, or set [recording] size = 0"
+        return [warned(RECORDING, what)]
+    if rover.running is None:
+        free = shutil.disk_usage(existing(rover.folder)).free // 1_000_000
+        if free < size:
+            what = f"{free} MB are free, and [recording] size is {size}: it stops before the disk is full"
+            return [warned(RECORDING, what)]
+        return [passed(RECORDING, f"{size} MB at most will be recorded; {free} MB are free")]
+    told = rover.told("recording")
+    trouble, lost = told.get("trouble"), told.get("lost")
+    if trouble == "starting" or not told:
+        return [skipped(RECORDING, "not known yet: it is starting")]
+    if trouble:
+        return [warned(RECORDING, f"{trouble}: nothing is recorded until that is mended")]
+    what = told_recordings(told)
+    if lost:
+        return [warned(RECORDING, f"{what}; lower [recording] rate, or take a better card")]
+    return [passed(RECORDING, what)]
+
+
+def told_recordings(told: object) -> str:
+    """Say in a few words what a companion tells of its recordings, whatever that is."""
+    figures = told if isinstance(told, dict) else {}
+    files, size, lost = (figures.get(name) for name in ("files", "bytes", "lost"))
+    if not isinstance(files, int) or not isinstance(size, int):
+        return "not known"
+    return f"{files} files, {size / 1e6:.0f} MB{f', {lost} messages lost' if lost else ''}"

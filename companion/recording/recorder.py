@@ -91,8 +91,8 @@ class Recorder:
 
     @property
     def wanted(self) -> bool:
-        """Whether messages should be made: the process takes them."""
-        return self._process.running
+        """Whether messages should be made: there is a process. What it is sent while it starts waits."""
+        return self._process.child is not None
 
     def poll(self, now: float, messages: Iterable[Message] = ()) -> None:
         """Keep the process running, take what it says, and send it messages. now: monotonic seconds."""

@@ -59,7 +59,7 @@ def test_a_process_that_dies_or_hangs_is_started_again_and_nobody_waits(
     stage.until(lambda: stage.files and stage.files[0].stat().st_size > 20_000)  # it was flushed
     os.kill(first, deed)
     deadline = time.monotonic() + 20.0
-    while stage.pid() in (0, first) or not stage.recorder.wanted:
+    while stage.pid() in (0, first) or not stage.recorder._process.running:
         assert time.monotonic() < deadline
         count += 1
         slowest = max(slowest, stage.turn([frame(count, count / 100)]))

@@ -86,9 +86,9 @@ def test_each_recording_lasts_a_minute_and_begins_with_what_holds(tmp_path: Path
     ring = RingWriter(tmp_path, 8 * 1_000_000)
     ring.begin(0.0)
     ring.write(words(0.5), 0.0)
-    for second in range(150):
-        ring.write(status(second, second), float(second))
-        ring.tick(float(second))
+    for seconds in range(150):
+        ring.write(status(seconds, seconds), float(seconds))
+        ring.tick(float(seconds))
     ring.finish(150.0)
     first, second, third = sorted(tmp_path.iterdir())
     assert topics(first).count("/status") == LONGEST
@@ -159,7 +159,7 @@ def test_a_disk_that_is_nearly_full_gets_room_first_from_the_recordings(
     def usage(_: object) -> Usage:
         return Usage(ring_writer.LEAST_FREE + 3 * SMALLEST - others[0] - on_disk(tmp_path))
 
-    monkeypatch.setattr(ring_writer.shutil, "disk_usage", usage)
+    monkeypatch.setattr("companion.recording.ring_writer.shutil.disk_usage", usage)
     ring, now = RingWriter(tmp_path, RING), 0.0
     ring.begin(now)
     for minute in range(6):

@@ -50,7 +50,8 @@ def test_a_frame_is_encoded_as_captured_with_its_maps() -> None:
         (report.uncertainty, seen.maps.uncertainty),
     ):
         grey = opened(content)
-        assert (grey.dtype, grey.shape) == (np.uint8, values.shape)
+        assert grey.dtype == np.uint8
+        assert grey.shape == values.shape
         assert abs(grey / 255.0 - values).max() <= 0.5 / 255 + 1e-6
 
 

@@ -27,6 +27,7 @@ from companion.recording.incident import AFTER, BEFORE, README, Window
 from companion.recording.mcap_file import McapFile
 from companion.recording.messages import Message
 from companion.recording.ring_writer import RingWriter
+from companion.recording.topics import TOPICS
 from tests.companion.recording.made import BEGAN, NS, frame, opened, status, words
 
 SECRETS = ("sesame-open-sesame", "hunter2", "s3cretkey")
@@ -247,3 +248,21 @@ def test_a_list_of_a_hundred_recordings_is_quick(rover: Rover) -> None:
     began = time.process_time()
     assert rover.type("record", "list")[1].startswith("100 recordings")
     assert time.process_time() - began < 2.0
+
+
+def test_the_page_lists_every_topic() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "recording.md").read_text()
+    for row in TOPICS.values():
+        assert f"| `{row.name}` | {row.schema} | {row.does}" in page
+
+
+def test_the_shipped_layout_names_topics_and_fields_that_there_are() -> None:
+    layout = (Path(__file__).parents[3] / "config" / "foxglove" / "anytraverse.json").read_text()
+    assert set(re.findall(r'"(\w+![a-z]+)": \{', layout)) == set(re.findall(r'": "(\w+![a-z]+)"', layout))
+    named = {row.name: row for row in TOPICS.values()}
+    paths = set(re.findall(r'"(/[a-z/]+(?:\.\w+)?)"', layout))
+    assert {"/camera", "/maps/traversability", "/assessment.uncertainty", "/state.open"} <= paths
+    for path in paths:
+        topic, _, field = path.partition(".")
+        assert not field or field in named[topic].fields, path
+        assert topic in named

@@ -36,6 +36,7 @@ _CLOCK_SET = 0.5
 _MOST_LINES = 200
 _MOST_WAITING = 500
 """Messages that wait for the end of the turn."""
+_REMEMBERED = 8
 _REQUESTS = (Answer, ParameterRequest, ResetRequest, PolicyRequest)
 
 
@@ -99,6 +100,8 @@ class Recording:
         self._encoding: tuple[Assessment, State] | None = None
         self._owed: Assessment | None = None
         """The frame of a call, which is recorded whatever the rate."""
+        self._encoded: deque[int] = deque(maxlen=_REMEMBERED)
+        """Ids of the frames that were encoded last."""
         self._memory: Memory | None = None
         self._last: dict[Topic, Any] = {}
         """The newest content of each topic that is recorded when it changes."""
@@ -181,7 +184,9 @@ class Recording:
             self._last.clear()
             self._memory = None
             return
-        if self._owed is not None and self._encode(self._owed, state):
+        if self._owed is not None and (
+            self._owed.frame.id in self._encoded or self._encode(self._owed, state)
+        ):
             self._owed = None
         self._changed(Topic.STATE, self._state(state, now), now, event=state is State.FAULT)
         if self._vision.memory is not self._memory:
@@ -205,6 +210,7 @@ class Recording:
         if not self._vision.encode(seen.frame.id):
             return False
         self._encoding = seen, state
+        self._encoded.append(seen.frame.id)
         return True
 
     def _state(self, state: State, now: float) -> dict[str, Any]:

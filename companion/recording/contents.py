@@ -7,7 +7,7 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from enum import Enum
+from enum import Enum, Flag
 from typing import Any
 
 from anytraverse.assessment import Assessment, Reason
@@ -35,10 +35,12 @@ EVENTS = (CallOpened, CallClosed, HoldStarted, HoldMoved, WouldHold, WouldResume
 
 
 def plain(value: Any) -> Any:
-    """Convert a value to JSON: a data class to an object, an enum to its name, NaN to null."""
+    """Convert a value to JSON: a data class to an object, flags and enums to names, NaN to null."""
     match value:
         case None | bool() | str():
             return value
+        case Flag():
+            return [one.name.lower() for one in type(value) if one and one in value and one.name]
         case Enum():
             return value.name.lower()
         case int():

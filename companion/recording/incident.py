@@ -34,8 +34,8 @@ Window = tuple[int, int]
 
 README = """What a rover's AnyTraverse companion recorded around {what}.
 
-recording.mcap   frames, maps, assessments, calls, answers, vehicle, log: open it in Foxglove or Lichtblick
-                 (the layout: anytraverse.json of `companion init`, folder foxglove)
+recording.mcap   where anything was recorded: frames, maps, assessments, calls, answers, vehicle, log
+                 Open it in Foxglove or Lichtblick; `companion init` writes a layout, foxglove/anytraverse.json
 config.toml      the configuration, without its secrets
 status.json      what the companion said of itself last
 calls/           records and pictures of the calls

@@ -35,7 +35,7 @@ Window = tuple[int, int]
 README = """What a rover's AnyTraverse companion recorded around {what}.
 
 recording.mcap   where anything was recorded: frames, maps, assessments, calls, answers, vehicle, log
-                 Open it in Foxglove or Lichtblick; `companion init` writes a layout, foxglove/anytraverse.json
+                 Open it in Foxglove or Lichtblick (layout: foxglove/anytraverse.json of `companion init`)
 config.toml      the configuration, without its secrets
 status.json      what the companion said of itself last
 calls/           records and pictures of the calls

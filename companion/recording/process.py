@@ -55,8 +55,8 @@ class Writing(threading.Thread):
     def report(self, now: float) -> Report:
         """Say how it goes. Waits for no disk."""
         found, since = self._ring.report, self._at_disk_since
-        hangs = f"the disk has not answered for {now - since:.0f} s" if since is not None else ""
-        trouble = hangs if since is not None and now - since > HANGS_AFTER else found.trouble
+        hangs = since is not None and now - since > HANGS_AFTER
+        trouble = "the disk does not answer" if hangs else found.trouble
         return found._replace(lost=found.lost + self._lost, trouble=trouble)
 
     def finish(self) -> None:

@@ -25,9 +25,9 @@ from typing import Any
 from bench.commit import commit_of
 from bench.link.drive import at
 from companion.wire.answers import SetWord
+from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
 from gcs_plugin.client.client import OperatorClient
-from companion.wire.delivery import Pending
 from gcs_plugin.terminal.connection import open_connection
 from gcs_plugin.terminal.runner import Runner
 

@@ -160,8 +160,7 @@ class Daemon:
         self.video_pictures.tick(self.calls.state(now), now)
         self._link.stand_still(on=self.calls.holding.streams)
         self._report(now)
-        with self._error_guard.survived("recording", now):
-            self.recording.tick(self._reported_state, now)
+        self.recording.tick(self._reported_state, now)
         self._stall_detector.check(time.monotonic())
         self._link.tick(now)
 

@@ -83,8 +83,7 @@ class DecisionExecutor:
         for decision in decisions:
             with self._error_guard.survived(type(decision).__name__, now):
                 self._do(decision, now)
-        with self._error_guard.survived("recording", now):
-            self._recording.decided(decisions, now)
+        self._recording.decided(decisions, now)
         if at_once:
             with self._error_guard.survived(HoldShown.__name__, now):
                 self._show_hold(now)

@@ -6,15 +6,16 @@ import logging
 import platform
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec
 
 from anytraverse.assessment import Assessment
 from anytraverse.memory import Memory
 from anytraverse.release import own_version
 from companion.answers.answer import Answer
-from companion.calls.decisions import CallOpened, Decision
+from companion.calls.decisions import CallOpened, Decision, HoldShown
 from companion.calls.machine import OperatorCalls
 from companion.link.inbound import InboundEvent, ParameterRequest, PolicyRequest, ResetRequest
 from companion.link.link import Link
@@ -23,6 +24,7 @@ from companion.recording.foxglove import NS
 from companion.recording.messages import Message
 from companion.recording.topics import Topic
 from companion.settings.service import SettingsService
+from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import Judged, VisionClient
 from companion.vision.messages import Encoded, Model
@@ -30,10 +32,12 @@ from companion.wire.answers import Acknowledgement
 from companion.wire.ids import State
 from companion.wire.texts import REASONS
 
+_P = ParamSpec("_P")
 _LOOKED_EVERY = 0.2
 _CLOCK_SET = 0.5
 """Seconds by which the clock must differ from what it said before to count as set anew."""
-_MOST_LINES = 200
+_MOST_LINES, _OLDEST_LINE = 200, 30.0
+"""Log lines that wait, and the seconds after which one that nobody recorded is left out."""
 _MOST_WAITING = 500
 """Messages that wait for the end of the turn."""
 _REMEMBERED = 8
@@ -56,11 +60,24 @@ class _Lines(logging.Handler):
         self.found.append((time.monotonic(), record.levelno, record.name, text))
 
 
+def _if_recorded(
+    method: Callable[Concatenate[Recording, _P], None],
+) -> Callable[Concatenate[Recording, _P], None]:
+    """Call a method only while somebody records. An error costs what is recorded, and nothing else."""
+
+    @wraps(method)
+    def guarded(self: Recording, /, *given: _P.args, **named: _P.kwargs) -> None:
+        if self.on:
+            with self.guard.survived("recording", time.monotonic()):
+                method(self, *given, **named)
+
+    return guarded
+
+
 class Recording:
     """Collects messages in each turn. All times that are given are monotonic seconds.
 
-    on: whether somebody records. left_out: frames that were not encoded, because it would have delayed
-    judging, or because they were gone.
+    left_out: frames that were not encoded, because it would have delayed judging, or because they were gone.
     """
 
     def __init__(
@@ -76,8 +93,9 @@ class Recording:
         config: str,
     ) -> None:
         """rate: frames/s that are recorded. config: the configuration in force, without secrets."""
-        self.on = False
         self.left_out = 0
+        self.guard = ErrorGuard(lambda _now: None)
+        self._on = False
         self._vision = vision
         self._calls = calls
         self._link = link
@@ -106,6 +124,18 @@ class Recording:
         self._last: dict[Topic, Any] = {}
         """The newest content of each topic that is recorded when it changes."""
 
+    @property
+    def on(self) -> bool:
+        """Whether somebody records. Each time that it begins, what holds is told again."""
+        return self._on
+
+    @on.setter
+    def on(self, on: bool) -> None:
+        if self._on and not on:
+            self._last.clear()
+            self._memory = None
+        self._on = on
+
     @contextmanager
     def log_lines(self) -> Iterator[None]:
         """Record what is logged within the block."""
@@ -116,16 +146,16 @@ class Recording:
         finally:
             root.removeHandler(self._lines)
 
+    @_if_recorded
     def judged(self, judged: Judged, state: State, now: float) -> None:
         """Record an assessment, and have its frame encoded where one is due."""
-        if not self.on:
-            return
         seen = judged.assessment
         content = contents.assessment(seen, judged.at, judged.duration, judged.sectors)
         self._add(Topic.ASSESSMENT, judged.at, content, seen.frame.id)
         if now - self._encoded_at >= self._period and self._encode(seen, state):
             self._encoded_at = now
 
+    @_if_recorded
     def encoded(self, encoded: Encoded) -> None:
         """Record an encoded frame with its maps."""
         asked, self._encoding = self._encoding, None
@@ -151,39 +181,39 @@ class Recording:
             Topic.ANNOTATIONS, at, contents.image_annotations(seen, region, title, self._ns(at)), number
         )
 
+    @_if_recorded
     def decided(self, decisions: Iterable[Decision], now: float) -> None:
         """Record what the state machine decided."""
-        if self.on:
-            for one in decisions:
-                event = isinstance(one, contents.EVENTS)
-                self._add(Topic.DECISIONS, now, contents.decision(one), event=event)
-                if isinstance(one, CallOpened):
-                    self._owed = one.call.seen
+        for one in decisions:
+            event = isinstance(one, contents.EVENTS)
+            self._add(Topic.DECISIONS, now, contents.decision(one), event=event)
+            match one:
+                case CallOpened(call):
+                    self._owed = call.seen
+                case HoldShown(_, seen):
+                    self._owed = seen
 
+    @_if_recorded
     def received(self, event: InboundEvent, now: float) -> None:
         """Record an answer, or a request to set something."""
-        if self.on and isinstance(event, _REQUESTS):
+        if isinstance(event, _REQUESTS):
             content = {"request": type(event).__name__, **contents.plain(event)}
             self._add(Topic.REQUESTS, now, contents.as_json(content))
 
+    @_if_recorded
     def acknowledged(self, acknowledgement: Acknowledgement, now: float) -> None:
         """Record an acknowledgement."""
-        if self.on:
-            content = contents.as_json(contents.plain(acknowledgement))
-            self._add(Topic.ACKNOWLEDGEMENTS, now, content, event=bool(acknowledgement.target))
+        content = contents.as_json(contents.plain(acknowledgement))
+        self._add(Topic.ACKNOWLEDGEMENTS, now, content, event=bool(acknowledgement.target))
 
+    @_if_recorded
     def status(self, figures: Mapping[str, Any], now: float) -> None:
         """Record the figures of the status file."""
-        if self.on:
-            self._add(Topic.STATUS, now, contents.as_json(contents.plain(figures)))
+        self._add(Topic.STATUS, now, contents.as_json(contents.plain(figures)))
 
+    @_if_recorded
     def tick(self, state: State, now: float) -> None:
         """Record what has changed: state, words, settings, vehicle, log."""
-        if not self.on:
-            self._lines.found.clear()
-            self._last.clear()
-            self._memory = None
-            return
         if self._owed is not None and (
             self._owed.frame.id in self._encoded or self._encode(self._owed, state)
         ):
@@ -197,7 +227,8 @@ class Recording:
             self._look(now)
         while self._lines.found:
             at, level, name, text = self._lines.found.popleft()
-            self._add(Topic.LOG, at, contents.log_line(level, name, text, self._ns(at)))
+            if now - at < _OLDEST_LINE:
+                self._add(Topic.LOG, at, contents.log_line(level, name, text, self._ns(at)))
 
     def take(self) -> list[Message]:
         """Return the messages since the last call."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from companion.recording import contents
 from companion.recording.messages import Message
 from companion.recording.topics import Topic
 from companion.vision import pictures
@@ -156,3 +157,22 @@ def test_what_waits_for_the_end_of_a_turn_is_bounded(rig: Rig) -> None:
     for number in range(1000):
         rig.daemon.recording.status({"number": number}, rig.clock.now)
     assert [one["number"] for one in of(recorded(rig), Topic.STATUS)] == list(range(500, 1000))
+
+
+def test_an_error_in_what_is_recorded_costs_that_and_nothing_else(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    for name in ("plain", "assessment", "decision", "words", "image"):
+        monkeypatch.setattr(contents, name, broken)
+    on(rig).see(1.0, "drum")
+    rig.daemon.write_status()
+    assert rig.calls.call is not None
+    rig.word(rig.calls.call.id, "drum", -1.0, Motion.GO)
+    rig.see(1.0, "drum")
+    assert rig.acks[-1].result.name == "APPLIED"
+    assert "recording failed" in caplog.text
+    assert len([one for one in caplog.records if "recording failed" in one.getMessage()]) == 1
+    monkeypatch.undo()

@@ -45,6 +45,8 @@ name = "builtin:lexicon"
 threads = 1
 [web]
 listen = ""
+[recording]
+size = 0
 [vehicle]
 file = ""
 [link]

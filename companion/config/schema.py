@@ -283,7 +283,7 @@ class Pictures(Section):
 class Recording(Section):
     """What is recorded, for later: frames, maps, assessments, calls, answers, vehicle, log."""
 
-    size: int = setting(0, whole(0, 1_000_000), "MB of all recordings together, 0: nothing is recorded")
+    size: int = setting(1000, whole(0, 1_000_000), "MB of all recordings together, 0: nothing is recorded")
     rate: float = setting(1.0, number(0.01, 60), "frames/s in the recordings; assessments are all recorded")
 
     def conflicts(self) -> Iterator[Conflict]:

@@ -19,6 +19,8 @@ rate = 10
 {view}
 [web]
 listen = ""
+[recording]
+size = 0
 [vehicle]
 file = ""
 {stopping}

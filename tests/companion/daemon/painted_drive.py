@@ -16,6 +16,9 @@ loop = true
 name = "painted"
 [web]
 listen = "{listen}"
+[recording]
+size = {recorded}
+rate = 5
 token = "{token}"
 [vehicle]
 file = ""

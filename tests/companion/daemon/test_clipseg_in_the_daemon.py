@@ -66,6 +66,8 @@ class Site:
             {perceiver}
             [web]
             listen = ""
+            [recording]
+            size = 0
             [vehicle]
             file = ""
             [link]

@@ -45,6 +45,8 @@ rate = {rate}
 name = "clipseg:bundle"
 [web]
 listen = ""
+[recording]
+size = 0
 [vehicle]
 file = ""
 [link]

@@ -186,6 +186,8 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
         name = "painted"
         [web]
         listen = ""
+        [recording]
+        size = 0
         [vehicle]
         file = ""
         [link]

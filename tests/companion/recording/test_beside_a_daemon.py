@@ -37,9 +37,7 @@ class Companion:
 
     def __init__(self, folder: Path, port: int) -> None:
         self.state = folder / "state"
-        self.config = to_a_drum(folder, port)
-        with self.config.open("a") as file:
-            file.write("[recording]\nsize = 20\nrate = 5\n")
+        self.config = to_a_drum(folder, port, recorded=20)
         self.start()
 
     def start(self) -> None:

@@ -139,7 +139,8 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
     cv2.imwrite(str(frames / "0.png"), picture(0)[..., ::-1])
     path = folder / "companion.toml"
     path.write_text(
-        f'[camera]\nsource = "folder:{frames}"\nloop = true\n[web]\nlisten = ""\n[recording]\nsize = 0\n[vehicle]\nfile = ""\n'
+        f'[camera]\nsource = "folder:{frames}"\nloop = true\n[web]\nlisten = ""\n'
+        f'[recording]\nsize = 0\n[vehicle]\nfile = ""\n'
         f'[link]\nurl = "udpout:127.0.0.1:{operator.port}"\nbudget = 0\nasked_budget = 0\n'
         f'[journal]\nfolder = "{folder / "state"}"\n[perceiver]\nname = "synthetic"\n[words]\ngrass = 1.0\n'
     )

@@ -16,10 +16,10 @@ loop = true
 name = "painted"
 [web]
 listen = "{listen}"
+token = "{token}"
 [recording]
 size = {recorded}
 rate = 5
-token = "{token}"
 [vehicle]
 file = ""
 [link]
@@ -32,10 +32,12 @@ grass = 1.0
 """
 
 
-def to_a_drum(folder: Path, port: int, link: str = "", listen: str = "", token: str = "") -> Path:
+def to_a_drum(
+    folder: Path, port: int, link: str = "", listen: str = "", token: str = "", recorded: int = 0
+) -> Path:
     """Writes a frame of grass and 29 of a drum without a word; returns the configuration.
 
-    port: of the ground on 127.0.0.1. link: more lines of [link]. listen, token: of [web].
+    port: of the ground on 127.0.0.1. link: more lines of [link]. listen, token: of [web]. recorded: MB.
     """
     frames = folder / "frames"
     frames.mkdir()
@@ -43,5 +45,5 @@ def to_a_drum(folder: Path, port: int, link: str = "", listen: str = "", token: 
         cv2.imwrite(str(frames / f"{number}.png"), picture("drum" if number else "")[..., ::-1])
     config = folder / "companion.toml"
     values = {"frames": frames, "port": port, "link": link, "state": folder / "state"}
-    config.write_text(CONFIG.format(**values, listen=listen, token=token))
+    config.write_text(CONFIG.format(**values, listen=listen, token=token, recorded=recorded))
     return config

@@ -46,7 +46,8 @@ class Companion:
         config.write_text(
             f'[camera]\nsource = "folder:{frames}"\nloop = true\n'
             f'[perceiver]\nname = "painted:{self.orders}"\n'
-            f'[web]\nlisten = ""\n[recording]\nsize = 0\n[vehicle]\nfile = ""\n[link]\nurl = "udpout:127.0.0.1:{port}"\n'
+            f'[web]\nlisten = ""\n[recording]\nsize = 0\n'
+            f'[vehicle]\nfile = ""\n[link]\nurl = "udpout:127.0.0.1:{port}"\n'
             f'[journal]\nfolder = "{folder / "state"}"\n[words]\ngrass = 1.0\n'
         )
         self.process = subprocess.Popen(

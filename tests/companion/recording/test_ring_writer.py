@@ -39,7 +39,7 @@ STEPS = st.lists(
 )
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(STEPS)
 def test_all_recordings_together_are_never_above_the_rings_size(
     tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[str, int]]

@@ -146,11 +146,12 @@ def measure(frames: Path, camera: float, rate: float, seconds: float, folder: Pa
         _step(operator, lambda: False, _SETTLED)
         operator.times.clear()
         before, cpu, began = _status(state), processes.cpu(), time.monotonic()
-        wrote = processes.of("recorder", "io", "write_bytes:")
+        wrote, waited = processes.of("recorder", "io", "write_bytes:"), _pressure()
         _step(operator, lambda: False, seconds)
         after, took = _status(state), time.monotonic() - began
         used = {name: round(100 * (spent - cpu[name]) / took, 2) for name, spent in processes.cpu().items()}
         wrote = processes.of("recorder", "io", "write_bytes:") - wrote
+        waited = {name: round(100 * (now - waited[name]) / took, 1) for name, now in _pressure().items()}
         memory = processes.of("recorder", "smaps_rollup", "Pss:")
         process.send_signal(signal.SIGTERM)
         process.wait(20.0)
@@ -175,7 +176,32 @@ def measure(frames: Path, camera: float, rate: float, seconds: float, folder: Pa
         "recorder_MB": round(memory / 1e3, 1),
         "lost": recorded["lost"],
         "left_out": recorded["left_out"],
+        "pressure_percent": waited,
     }
+
+
+def _pressure() -> dict[str, float]:
+    """Returns the seconds for which anything on this computer waited for CPU or disk, whoever uses them."""
+    found = {}
+    for name in ("cpu", "io"):
+        text = Path(f"/proc/pressure/{name}").read_text(encoding="utf-8")
+        found[name] = int(text.split("total=")[1].split()[0]) / 1e6
+    return found
+
+
+def medians(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Returns the median of each figure over the runs of a rate: other programs disturb single ones."""
+    found = []
+    for rate in dict.fromkeys(run["rate"] for run in runs):
+        own = [run for run in runs if run["rate"] == rate]
+        found.append({key: _median([run[key] for run in own]) for key in own[0]} | {"runs": len(own)})
+    return found
+
+
+def _median(values: list[Any]) -> Any:
+    if isinstance(values[0], dict):
+        return {key: _median([one[key] for one in values]) for key in values[0]}
+    return round(median(values), 2)
 
 
 def _status(state: Path) -> Mapping[str, Any]:
@@ -192,7 +218,7 @@ def _step(operator: Operator, ends: Any, within: float) -> None:
 
 
 def main() -> int:
-    """Measures, and prints one line a run; the last line is one JSON object."""
+    """Measures, and prints one line a run; the last line is one JSON object, with the medians."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=Path, required=True)
     parser.add_argument("--seconds", type=float, default=60.0)
@@ -206,7 +232,7 @@ def main() -> int:
             with tempfile.TemporaryDirectory(prefix="recording-", dir=ROOT) as folder:
                 runs.append(measure(given.frames.resolve(), given.camera, rate, given.seconds, Path(folder)))
                 print(json.dumps(runs[-1]), flush=True)
-    print(json.dumps({"commit": commit_of(ROOT), "runs": runs}))
+    print(json.dumps({"commit": commit_of(ROOT), "medians": medians(runs)}))
     return 0
 
 

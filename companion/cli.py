@@ -94,6 +94,7 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_memory(commands)
     _add_rehearse(commands)
+    _add_replay(commands)
     _add_recordings(commands)
 
     config = commands.add_parser("config", help="check a configuration")
@@ -131,7 +132,7 @@ def _add_memory(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
 
 def _add_rehearse(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     rehearse = commands.add_parser("rehearse", help="say which calls a drive would raise, and answer them")
-    rehearse.add_argument("drive", metavar="DRIVE", help="a folder of pictures, or a video")
+    rehearse.add_argument("drive", metavar="DRIVE", help="a folder of pictures, a video, or a recording")
     rehearse.add_argument(
         "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
     )
@@ -142,6 +143,15 @@ def _add_rehearse(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     )
     rehearse.add_argument("--no-ask", action="store_true", help="ask nobody at the terminal")
     rehearse.set_defaults(run=_rehearse)
+
+
+def _add_replay(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    replay = commands.add_parser("replay", help="judge a drive again, and say what differs from before")
+    replay.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
+    replay.add_argument("--config", metavar="FILE", help="by default the recording's, or ./companion.toml")
+    replay.add_argument("--refs", metavar="FILE", help="references, by default DRIVE.refs.jsonl")
+    replay.add_argument("--update-refs", action="store_true", help="write the references anew")
+    replay.set_defaults(run=_replay)
 
 
 def _add_recordings(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -314,16 +324,10 @@ def _memory(options: argparse.Namespace) -> int:
 
 
 def _rehearse(options: argparse.Namespace) -> int:
-    _log_to_stderr(logging.ERROR)
-    from anytraverse.errors import AnyTraverseError
-    from companion.config import ConfigError
-    from companion.drives import command
-    from companion.drives.frames import DriveError
-    from companion.memory.command import MemoryCommandError
-    from companion.memory.scene_file import SceneFileError
+    from companion.drives import rehearsing
 
-    try:
-        return command.run(
+    return _of_drives(
+        lambda: rehearsing.run(
             options.drive,
             file=options.config,
             out=options.out,
@@ -331,6 +335,32 @@ def _rehearse(options: argparse.Namespace) -> int:
             memory=options.memory,
             ask=not options.no_ask,
         )
+    )
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from companion.drives import replaying
+
+    return _of_drives(
+        lambda: replaying.run(
+            options.drive,
+            file=options.config,
+            refs=options.refs,
+            update=options.update_refs,
+        )
+    )
+
+
+def _of_drives(act: Callable[[], int]) -> int:
+    _log_to_stderr(logging.ERROR)
+    from anytraverse.errors import AnyTraverseError
+    from companion.config import ConfigError
+    from companion.drives.drive import DriveError
+    from companion.memory.command import MemoryCommandError
+    from companion.memory.scene_file import SceneFileError
+
+    try:
+        return act()
     except ConfigError as error:
         raise UserError(_error_text(error)) from error
     except (AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError) as error:

@@ -7,7 +7,7 @@ from collections import defaultdict, deque
 from pathlib import Path
 
 from companion.browser import wording
-from companion.drives.frames import DriveError
+from companion.drives.drive import DriveError
 from companion.drives.rehearsal import AskedCall
 from companion.wire.typed_answers import CommandError, read_typed
 

@@ -1,58 +1,36 @@
-"""Reads the frames of a drive, none left out, with their times: from a folder of pictures or a video."""
+"""Opens a drive: a folder of pictures, a video, or a recording."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
 
 from anytraverse.errors import AnyTraverseError
-from anytraverse.frame import Image
 from anytraverse.look import read_picture
 from companion.cameras import CameraError, split_source
 from companion.cameras.folder import pictures
+from companion.drives.drive import Drive, DriveError, DriveFrame
+from companion.drives.recorded import Recording
 
 _USUAL_RATE = 30.0
 _HIGHEST_RATE = 240.0
 
 
-class DriveError(Exception):
-    """Reports a drive that cannot be read. The text says what to do."""
-
-
-class DriveFrame(NamedTuple):
-    """A frame. name: of its file, or its time in a video. at: seconds of the drive.
-
-    image: RGB (height, width, 3) uint8; None where it is torn.
-    """
-
-    name: str
-    at: float
-    image: Image | None
-
-
-class Drive(Protocol):
-    """A drive. title: for a person. count: how many frames it has, about."""
-
-    title: str
-    count: int
-
-    def frames(self) -> Iterator[DriveFrame]:
-        """Read all frames in their order."""
-        ...
-
-
 def open_drive(where: str, rate: float) -> Drive:
-    """Open a drive: a folder of pictures, or a video; "folder:PATH" and "video:PATH" name the kind.
+    """Open a drive: a folder of pictures, a video, or a recording (a file or a folder of files *.mcap).
+
+    "folder:PATH" and "video:PATH" name the kind.
 
     rate: frames per second of a folder, and those that are taken of a video, as a camera would deliver them.
     Raises DriveError.
     """
     path = Path(where).expanduser()
+    if is_recording(path):
+        return Recording(path)
     kind = "folder" if path.is_dir() else "video"
     if not path.exists() and ":" in where:
         kind, place = split_source(where)
@@ -64,7 +42,12 @@ def open_drive(where: str, rate: float) -> Drive:
             return _Video(path, rate)
     except CameraError as error:
         raise DriveError(str(error).removesuffix(": check [camera] source")) from error
-    raise DriveError(f"{where} is no drive: give a folder of pictures, or a video file")
+    raise DriveError(f"{where} is no drive: give a folder of pictures, a video file, or a recording")
+
+
+def is_recording(path: Path) -> bool:
+    """Whether this is a companion's recording: a file *.mcap, or a folder with some."""
+    return path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap")))
 
 
 class _Folder:

@@ -14,7 +14,7 @@ from companion.calls.decisions import Call, CallOpened, WouldHold
 from companion.calls.machine import OperatorCalls
 from companion.calls.policy import PolicyState
 from companion.config import Config
-from companion.drives.frames import DriveFrame
+from companion.drives.drive import DriveFrame
 from companion.settings.mapping import call_numbers
 from companion.vision.warm_up import load_engine
 from companion.wire.answers import Operation

@@ -13,7 +13,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.history import Embedding, History, cosine
 from anytraverse.memory import Memory
 from companion.calls.decisions import Call
-from companion.drives.frames import Drive, DriveFrame
+from companion.drives.drive import Drive, DriveFrame
 from companion.drives.judge import DriveJudge, Judgement
 from companion.telemetry.summary import call_data
 from companion.vision.pictures import panel, unmarked

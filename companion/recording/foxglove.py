@@ -107,6 +107,23 @@ def encode(name: str, content: Mapping[str, Any]) -> bytes:
     )
 
 
+def jpeg_of(message: bytes) -> bytes:
+    """Return the picture in a foxglove.CompressedImage. Raises ValueError for any other bytes."""
+    wanted = next(number for field, number, _ in MESSAGES["foxglove.CompressedImage"] if field == "data")
+    at = 0
+    while at < len(message):
+        key, at = _read_varint(message, at)
+        if key & 7 != 2:
+            raise ValueError("no CompressedImage")
+        length, at = _read_varint(message, at)
+        if at + length > len(message):
+            raise ValueError("a CompressedImage that is cut off")
+        if key >> 3 == wanted:
+            return message[at : at + length]
+        at += length
+    raise ValueError("a CompressedImage without a picture")
+
+
 def descriptors(name: str) -> bytes:
     """Describe a message, and all that it consists of, as an encoded FileDescriptorSet."""
     files = [_file(one) for one in _needed(name)]
@@ -132,6 +149,17 @@ def _varint(value: int) -> bytes:
         value >>= 7
     found.append(value)
     return bytes(found)
+
+
+def _read_varint(packed: bytes, at: int) -> tuple[int, int]:
+    """Return the number at `at`, and where it ends."""
+    found = shift = 0
+    while at < len(packed) and shift < 64:
+        found |= (packed[at] & 0x7F) << shift
+        shift, at = shift + 7, at + 1
+        if packed[at - 1] < 0x80:
+            return found, at
+    raise ValueError("a number that does not end")
 
 
 def _inner(name: str) -> list[str]:

@@ -12,7 +12,8 @@ import pytest
 
 from companion.cli import main
 from companion.drives.desk import AnswerFile, Terminal
-from companion.drives.frames import DriveError, open_drive
+from companion.drives.drive import DriveError
+from companion.drives.frames import open_drive
 from companion.drives.rehearsal import AskedCall
 from companion.sim.field.render import Camera
 from companion.sim.field.things import World

@@ -11,7 +11,8 @@ from typing import Any
 from anytraverse.memory import Memory, first_memory
 from companion.config import Config, load_config
 from companion.drives.desk import AnswerFile, answer_lines, terminal
-from companion.drives.frames import DriveError, open_drive
+from companion.drives.drive import DriveError
+from companion.drives.frames import open_drive
 from companion.drives.judge import DriveJudge
 from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
 from companion.drives.report import page

@@ -1,0 +1,34 @@
+"""What a drive is: frames with their times, none left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+from anytraverse.frame import Image
+
+
+class DriveError(Exception):
+    """Reports a drive that cannot be read. The text says what to do."""
+
+
+class DriveFrame(NamedTuple):
+    """A frame. name: of its file, or its time in a video. at: seconds of the drive.
+
+    image: RGB (height, width, 3) uint8; None where it is torn.
+    """
+
+    name: str
+    at: float
+    image: Image | None
+
+
+class Drive(Protocol):
+    """A drive. title: for a person. count: how many frames it has, about."""
+
+    title: str
+    count: int
+
+    def frames(self) -> Iterator[DriveFrame]:
+        """Read all frames in their order."""
+        ...

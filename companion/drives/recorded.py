@@ -1,0 +1,143 @@
+"""Reads a drive that a rover has recorded: frames, how they were judged, and by which words and settings."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from anytraverse.decoding import decode
+from anytraverse.errors import AnyTraverseError
+from anytraverse.frame import Image
+from anytraverse.judging import Settings
+from anytraverse.regions import Box
+from companion.drives.drive import DriveError, DriveFrame
+from companion.recording.foxglove import jpeg_of
+from companion.recording.reading import messages
+from companion.recording.topics import TOPICS, Topic
+
+_NS = 1_000_000_000
+_NEEDED = (Topic.CAMERA, Topic.ASSESSMENT, Topic.WORDS, Topic.SETTINGS, Topic.SETUP)
+
+
+class RecordedFrame(NamedTuple):
+    """A frame, and how it was judged. seen: content of its /assessment, {} where it has none.
+
+    words: weight by word, of those in use. tapped: whether one of them was made by taps, which are not
+    recorded. judging: of /settings, by what it was judged.
+    """
+
+    frame: DriveFrame
+    seen: Mapping[str, Any]
+    words: Mapping[str, float]
+    tapped: bool
+    judging: Mapping[str, Any]
+
+
+@dataclass
+class _Standing:
+    """What holds from a time on. at: ns since 1970, rising."""
+
+    at: list[int] = field(default_factory=list)
+    content: list[Mapping[str, Any]] = field(default_factory=list)
+
+    def add(self, at: int, content: Mapping[str, Any]) -> None:
+        self.at.append(at)
+        self.content.append(content)
+
+    def then(self, at: int) -> Mapping[str, Any]:
+        found = bisect_right(self.at, at)
+        return self.content[max(0, found - 1)] if self.content else {}
+
+
+class Recording:
+    """Recordings of one drive, in their order: a file, or all of a folder.
+
+    model: the perceiver's id. config: the rover's configuration, TOML without secrets.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Raises DriveError for what is no recording with frames, and OSError."""
+        self._paths = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+        self.title = path.name
+        names = [TOPICS[Topic.CAMERA].name, TOPICS[Topic.SETUP].name]
+        setup: Mapping[str, Any] = {}
+        self.count, self._begin = 0, 0
+        for file in self._paths:
+            for one in messages(file, names):
+                if one.channel.topic == names[0]:
+                    self.count += 1
+                    self._begin = self._begin or one.message.log_time
+                elif not setup:
+                    setup = _object(one.message.data)
+        if not self.count:
+            raise DriveError(f"{path} holds no frames of a recording: give one of the .mcap files")
+        self.model, self.config = str(setup.get("model", "")), str(setup.get("config", ""))
+
+    def frames(self) -> Iterator[DriveFrame]:
+        """Read all frames in their order."""
+        return (one.frame for one in self.recorded())
+
+    def recorded(self) -> Iterator[RecordedFrame]:
+        """Read all frames with what was recorded of them. At most one file is held in memory."""
+        for path in self._paths:
+            yield from self._of_file(path)
+
+    def _of_file(self, path: Path) -> Iterator[RecordedFrame]:
+        pictures: dict[int, tuple[int, bytes]] = {}
+        seen: dict[int, tuple[int, Mapping[str, Any]]] = {}
+        standing = {topic: _Standing() for topic in (Topic.WORDS, Topic.SETTINGS)}
+        numbers = {TOPICS[topic].name: topic for topic in _NEEDED}
+        for one in messages(path, list(numbers)):
+            topic, message = numbers[one.channel.topic], one.message
+            if topic is Topic.CAMERA:
+                pictures[message.sequence] = message.log_time, message.data
+            elif topic is Topic.ASSESSMENT:
+                seen[message.sequence] = message.log_time, _object(message.data)
+            elif topic in standing:
+                standing[topic].add(message.log_time, _object(message.data))
+        for number, (captured, data) in sorted(pictures.items(), key=lambda one: one[1][0]):
+            judged, content = seen.get(number, (captured, {}))
+            words = standing[Topic.WORDS].then(judged)
+            settings = standing[Topic.SETTINGS].then(judged)
+            frame = DriveFrame(f"frame {number}", (captured - self._begin) / _NS + 0.1, _picture(data))
+            weights = _mapping(words.get("words"))
+            tapped = bool(_mapping(words.get("taps")).keys() & weights.keys())
+            yield RecordedFrame(frame, content, weights, tapped, _mapping(settings.get("judging")))
+
+
+def settings_of(told: Mapping[str, Any], base: Settings) -> Settings:
+    """Return the recorded settings, with `base` for what was not recorded. Raises DriveError."""
+    limits = _mapping(told.get("thresholds"))
+    try:
+        given = {name: limits[name] for name in ("roi", "scene", "tile", "trav") if name in limits}
+        thresholds = replace(base.thresholds, **given)
+        tiles = {name: told[name] for name in ("tile_share", "tile_width") if name in told}
+        region = Box(**told["region"]) if "region" in told else base.region
+        return replace(base, region=region, thresholds=thresholds, **tiles)
+    except (AnyTraverseError, TypeError) as error:
+        raise DriveError(f"the recorded settings cannot be used: {error}") from error
+
+
+def _picture(data: bytes) -> Image | None:
+    try:
+        found = decode(jpeg_of(data))
+    except (AnyTraverseError, ValueError):
+        return None
+    return None if found is None else np.ascontiguousarray(found[..., ::-1], np.uint8)
+
+
+def _object(data: bytes) -> Mapping[str, Any]:
+    try:
+        return _mapping(json.loads(data))
+    except (ValueError, RecursionError):
+        return {}
+
+
+def _mapping(raw: Any) -> Mapping[str, Any]:
+    return raw if isinstance(raw, dict) else {}

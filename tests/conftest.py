@@ -20,7 +20,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's, which `pytest -n` woul
 
 LONGEST = (
     "test_bench_stopping.py",
-    "test_run_from_start_to_end.py",
     "test_network_cameras.py",
     "test_clipseg_on_the_field.py",
     "test_whole_thread.py",

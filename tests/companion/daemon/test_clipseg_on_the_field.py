@@ -75,7 +75,8 @@ class Drive:
         needed = SLACK * Pace(step, 1.0 / self.rate, 0.0).worst_age
         self.freshness = round(min(LONGEST_FRESHNESS, max(SHORTEST_FRESHNESS, needed)), 2)
         self.events: list[tuple[float, dict[str, Any]]] = []
-        self.memory: list[tuple[float, float]] = []
+        self.memory: list[tuple[float, float, float]] = []
+        """Seconds, MB that daemon and vision take, MB of it that are not of files, which others map, too."""
         size = ["--width", "640", "--height", "480"]
         self.field = Child("field", ["companion.sim.field", "--fps", "6", *size], folder / "field.log")
         ports = json.loads(self.field.first_line(20.0))
@@ -99,8 +100,9 @@ class Drive:
         time.sleep(0.5)
         assert self.daemon.running, self.daemon.error("died")
         self.events += [(at, json.loads(line)) for at, line in self.operator.lines()]
-        kilobytes = sum(map(_pss, _family(self.daemon.process.pid)))
-        self.memory.append((time.monotonic(), kilobytes / 1e3))
+        family = _family(self.daemon.process.pid)
+        taken, owned = (sum(_kilobytes(pid, kind) for pid in family) / 1e3 for kind in ("Pss", "Anonymous"))
+        self.memory.append((time.monotonic(), taken, owned))
 
     def wait_until_it_sees(self) -> None:
         """Loaded, warmed up, and the first frame judged."""
@@ -132,11 +134,11 @@ def _family(pid: int) -> list[int]:
     return found
 
 
-def _pss(pid: int) -> int:
-    """Kilobytes that a process takes, what it shares in shares; 0 once it is gone."""
+def _kilobytes(pid: int, kind: str) -> int:
+    """Kilobytes of a process. kind: Pss counts what it shares in shares. 0 once it is gone."""
     with contextlib.suppress(OSError, StopIteration):
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
-        return next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+        return next(int(line.split()[1]) for line in lines if line.startswith(f"{kind}:"))
     return 0
 
 
@@ -201,8 +203,8 @@ def test_a_drive_on_the_field_with_clipseg(drive: Drive) -> None:
     frames = [row for row in drive.status()["recent"] if row[2] > began]
     ages = [judged - taken for _, taken, judged in frames]
     gaps = [later[2] - sooner[2] for sooner, later in itertools.pairwise(frames)]
-    half = [size for at, size in drive.memory if at > began + SECONDS / 2]
-    peak = max(size for _, size in drive.memory)
+    half = [owned for at, _, owned in drive.memory if at > began + SECONDS / 2]
+    peak = max(taken for _, taken, _ in drive.memory)
     step, growth = status["perceiver"]["step_ms"], max(half) - half[0]
     print(
         f"\nT {drive.freshness:g} s, {drive.rate:.2g} frames/s aimed at: "

@@ -41,14 +41,6 @@ class CommandError(ValueError):
 
 
 @dataclass(frozen=True)
-class Word:
-    """Sets a word's weight: `bush: -1`."""
-
-    word: str
-    weight: float
-
-
-@dataclass(frozen=True)
 class Tap:
     """Makes a tap: `tap drum -1`. box: left, top, right, bottom; None: the call's worst tile."""
 
@@ -57,33 +49,8 @@ class Tap:
     box: Fractions | None = None
 
 
-@dataclass(frozen=True)
-class Forget:
-    """Takes a word out of use: `forget bush`."""
-
-    word: str
-
-
-@dataclass(frozen=True)
-class ForgetAnswer:
-    """Forgets what a call's answer taught: `forget call 7`."""
-
-    call_id: int
-
-
-@dataclass(frozen=True)
-class Episode:
-    """Forgets all remembered scenes: `new episode`."""
-
-
-@dataclass(frozen=True)
-class Elsewhere:
-    """Refuses the newest match: `other place`, `other place 7`. call_id: whose place matched, 0: any."""
-
-    call_id: int = 0
-
-
-Change = Word | Tap | Forget | ForgetAnswer | Episode | Elsewhere
+Change = SetWord | Tap | ForgetWord | ForgetCall | NewEpisode | OtherPlace
+"""An operation of an answer, or a tap, whose place may have to be found."""
 
 
 def in_range(name: str, value: int, low: int, high: int) -> int:
@@ -104,28 +71,18 @@ def operation_of(change: Change, call: CallData | None) -> Operation:
 
     Raises CommandError for a tap without a place.
     """
-    match change:
-        case Word(word, weight):
-            return SetWord(word, weight)
-        case Tap(word, weight, box):
-            if call is None:
-                raise CommandError(
-                    f"no call is open, so there is no picture to tap; a word works: `{word}: -1`"
-                )
-            place = box or call.worst_tile_box
-            if place is None:
-                raise CommandError(
-                    f"call {call.id} points at no place: give the box, `tap {word} -1 0.4 0.5 0.6 0.8`"
-                )
-            return TapBox(call.frame_id, place, word, weight)
-        case Forget(word):
-            return ForgetWord(word)
-        case ForgetAnswer(call_id):
-            return ForgetCall(call_id)
-        case Episode():
-            return NewEpisode()
-        case Elsewhere(call_id):
-            return OtherPlace(call_id)
+    if not isinstance(change, Tap):
+        return change
+    if call is None:
+        raise CommandError(
+            f"no call is open, so there is no picture to tap; a word works: `{change.word}: -1`"
+        )
+    box = change.box or call.worst_tile_box
+    if box is None:
+        raise CommandError(
+            f"call {call.id} points at no place: give the box, `tap {change.word} -1 0.4 0.5 0.6 0.8`"
+        )
+    return TapBox(call.frame_id, box, change.word, change.weight)
 
 
 def _trailing_motion(rest: str) -> tuple[Motion, str]:
@@ -143,7 +100,7 @@ def _changes(rest: str) -> tuple[Change, ...]:
     if not segments[-1]:
         segments.pop()
     changes = tuple(_change(segment) for segment in segments)
-    words = [change.word for change in changes if isinstance(change, Word | Tap | Forget)]
+    words = [change.word for change in changes if isinstance(change, SetWord | Tap | ForgetWord)]
     twice = next((word for word in words if words.count(word) > 1), None)
     if twice is not None:
         raise CommandError(f'"{twice}" stands twice: keep one')
@@ -152,20 +109,20 @@ def _changes(rest: str) -> tuple[Change, ...]:
 
 def _change(segment: str) -> Change:
     if _NEW_EPISODE.match(segment):
-        return Episode()
+        return NewEpisode()
     if found := _OTHER_PLACE.match(segment):
-        return Elsewhere(0 if found[1] is None else in_range("call", int(found[1]), 1, 0xFFFF))
+        return OtherPlace(0 if found[1] is None else in_range("call", int(found[1]), 1, 0xFFFF))
     if found := _FORGET_CALL.match(segment):
-        return ForgetAnswer(in_range("call", int(found[1]), 1, 0xFFFF))
+        return ForgetCall(in_range("call", int(found[1]), 1, 0xFFFF))
     if segment.lower() == "forget call":
         raise CommandError("which call? Write it as `forget call 7`")
     name, colon, number = segment.rpartition(":")
     if found := _TAP.match(segment):
         return _tap(found[1])
     if colon:
-        return Word(_new_word(name), _weight(name, number))
+        return SetWord(_new_word(name), _weight(name, number))
     if found := _FORGET.match(segment):
-        return Forget(_word(found[1]))
+        return ForgetWord(_word(found[1]))
     if not segment:
         raise CommandError("nothing between two `;`: write it as `bush: -1; grass: 1`")
     raise CommandError(

@@ -10,13 +10,7 @@ from companion.wire.answers import (
     OtherPlace,
 )
 from companion.wire.ids import Motion
-from companion.wire.typed_answers import (
-    Change,
-    CommandError,
-    Elsewhere,
-    Tap,
-    operation_of,
-)
+from companion.wire.typed_answers import Change, CommandError, Tap, operation_of
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.terminal.commands import Picture, Reply
 
@@ -76,7 +70,7 @@ def address(reply: Reply, rover: Rover, now: float) -> Addressed:
 
     Raises CommandError when no open call fits, or when the current call is too new to have been read.
     """
-    places = [OtherPlace(change.call_id) for change in reply.changes if isinstance(change, Elsewhere)]
+    places = [change for change in reply.changes if isinstance(change, OtherPlace)]
     if places and len(places) == len(reply.changes) and reply.motion is Motion.NONE:
         # It concerns no call: it must arrive even if the open one closes meanwhile.
         return Addressed(rover.system, 0, reply.motion, tuple(places))

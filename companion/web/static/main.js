@@ -68,7 +68,10 @@ const feed = new Feed((kind, content, late) => {
       points = joined(points.filter(([at]) => at < content.points[0][0]), content.points);
       break;
     case "news":
-      if (!news) views.begin(content.answers ? send : null);
+      if (!news) {
+        views.begin(content.answers ? send : null);
+        if (content.answers) document.getElementById("about").before(keys);
+      }
       if (JSON.stringify(opened(news)) !== JSON.stringify(opened(content))) feed.readFiles();
       news = { ...content, receivedAt: now() - late };
       offset = news.receivedAt - content.clock;
@@ -95,6 +98,6 @@ const feed = new Feed((kind, content, late) => {
   }
   tick();
 });
-listenToKeys(views.firstCard, document.getElementById("keys"));
+const keys = listenToKeys(views.firstCard);
 setInterval(tick, 250);
 document.addEventListener("visibilitychange", tick);

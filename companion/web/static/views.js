@@ -42,7 +42,6 @@ export function begin(send) {
   cards = new Cards(() => (send ? new AnswerCard("", send, say, words.staged, "h2") : new CallView()));
   document.getElementById("views").append(known.part);
   document.getElementById("words").append(words.part);
-  document.getElementById("keys-shown").hidden = !send;
 }
 
 export const firstCard = () => cards && [...cards.byKey.values()].find((card) => card.data?.open);

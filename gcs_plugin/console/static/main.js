@@ -88,9 +88,9 @@ async function whyNot() {
   }
 }
 
-listenToKeys(() => {
+document.getElementById("about").before(listenToKeys(() => {
   const first = news?.rovers.flatMap((one) => one.calls.filter((call) => call.open).map((call) => [one.system, call.key]))[0];
   return first && view(first[0]).card(first[1]);
-}, document.getElementById("keys"));
+}));
 
 setInterval(show, 500);

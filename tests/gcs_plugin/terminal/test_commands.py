@@ -8,16 +8,7 @@ from hypothesis import strategies as st
 
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, TapBox
 from companion.wire.ids import Motion, Policy
-from companion.wire.typed_answers import (
-    Change,
-    CommandError,
-    Elsewhere,
-    Episode,
-    Forget,
-    ForgetAnswer,
-    Tap,
-    Word,
-)
+from companion.wire.typed_answers import Change, CommandError, Tap
 from companion.wire.words_text import operation_text
 from gcs_plugin.terminal.commands import Reply, Select, SetPolicy, Show, parse
 
@@ -32,34 +23,34 @@ BOX = (0.4, 0.55, 0.6, 0.8)
         ("stay", Reply(Motion.STAY)),
         ("look", Reply(Motion.LOOK_AGAIN)),
         ("look  again", Reply(Motion.LOOK_AGAIN)),
-        ("bush: -1", Reply(Motion.NONE, (Word("bush", -1.0),))),
-        ("Dry  Grass: .5;", Reply(Motion.NONE, (Word("dry grass", 0.5),))),
-        ("bush: -1; grass: 1", Reply(Motion.NONE, (Word("bush", -1.0), Word("grass", 1.0)))),
-        ("bush: -1, go", Reply(Motion.GO, (Word("bush", -1.0),))),
-        ("bush: -1 go", Reply(Motion.GO, (Word("bush", -1.0),))),
-        ("bush:-1; go", Reply(Motion.GO, (Word("bush", -1.0),))),
-        ("grass: 1 look again", Reply(Motion.LOOK_AGAIN, (Word("grass", 1.0),))),
+        ("bush: -1", Reply(Motion.NONE, (SetWord("bush", -1.0),))),
+        ("Dry  Grass: .5;", Reply(Motion.NONE, (SetWord("dry grass", 0.5),))),
+        ("bush: -1; grass: 1", Reply(Motion.NONE, (SetWord("bush", -1.0), SetWord("grass", 1.0)))),
+        ("bush: -1, go", Reply(Motion.GO, (SetWord("bush", -1.0),))),
+        ("bush: -1 go", Reply(Motion.GO, (SetWord("bush", -1.0),))),
+        ("bush:-1; go", Reply(Motion.GO, (SetWord("bush", -1.0),))),
+        ("grass: 1 look again", Reply(Motion.LOOK_AGAIN, (SetWord("grass", 1.0),))),
         ("tap drum -1", Reply(Motion.NONE, (Tap("drum", -1.0),))),
         ("tap drum -1 go", Reply(Motion.GO, (Tap("drum", -1.0),))),
         ("tap drum -1, stay", Reply(Motion.STAY, (Tap("drum", -1.0),))),
         ("tap oil drum -1 0.40 0.55 0.60 0.80", Reply(Motion.NONE, (Tap("oil drum", -1.0, BOX),))),
         ("tap area 51: -1", Reply(Motion.NONE, (Tap("area 51", -1.0),))),
-        ("tap drum -1; bush: -1 go", Reply(Motion.GO, (Tap("drum", -1.0), Word("bush", -1.0)))),
-        ("forget bush", Reply(Motion.NONE, (Forget("bush"),))),
-        ("forget bush go", Reply(Motion.GO, (Forget("bush"),))),
-        ("forget call 7", Reply(Motion.NONE, (ForgetAnswer(7),))),
-        ("new episode", Reply(Motion.NONE, (Episode(),))),
+        ("tap drum -1; bush: -1 go", Reply(Motion.GO, (Tap("drum", -1.0), SetWord("bush", -1.0)))),
+        ("forget bush", Reply(Motion.NONE, (ForgetWord("bush"),))),
+        ("forget bush go", Reply(Motion.GO, (ForgetWord("bush"),))),
+        ("forget call 7", Reply(Motion.NONE, (ForgetCall(7),))),
+        ("new episode", Reply(Motion.NONE, (NewEpisode(),))),
         ("7 go", Reply(Motion.GO, (), 7)),
         ("C7 go", Reply(Motion.GO, (), 7)),
         ("h9: stay", Reply(Motion.STAY, (), 9)),
-        ("7: bush: -1 go", Reply(Motion.GO, (Word("bush", -1.0),), 7)),
+        ("7: bush: -1 go", Reply(Motion.GO, (SetWord("bush", -1.0),), 7)),
         ("rover 2 go", Reply(Motion.GO, (), None, 2)),
         ("rover 2: C7 tap drum -1", Reply(Motion.NONE, (Tap("drum", -1.0),), 7, 2)),
         ("rover 2", Select(2)),
         ("rover 2 status", Show("status", 2)),
         ("policy hold", SetPolicy(Policy.HOLD)),
         ("rover 2 Policy  OFF", SetPolicy(Policy.OFF, 2)),
-        ("policy: -1", Reply(Motion.NONE, (Word("policy", -1.0),))),
+        ("policy: -1", Reply(Motion.NONE, (SetWord("policy", -1.0),))),
         ("calls", Show("calls")),
         ("Quit", Show("quit")),
     ],
@@ -116,7 +107,7 @@ def test_a_wrong_line_is_refused_with_an_example_on_one_line(line: str, said: st
 @pytest.mark.parametrize("line", ["gold: 1", "setting sun: 1", "go: 1", "forgetmenot: -1"])
 def test_a_word_may_begin_like_an_order(line: str) -> None:
     word, _, weight = line.partition(": ")
-    assert parse(line) == Reply(Motion.NONE, (Word(word, float(weight)),))
+    assert parse(line) == Reply(Motion.NONE, (SetWord(word, float(weight)),))
 
 
 _FIRST = st.from_regex(r"[abefijkmnpquvwxyzäöü][a-zäöü]{2,9}", fullmatch=True)
@@ -130,12 +121,12 @@ _SIDES = st.lists(st.integers(0, 100), min_size=4, max_size=4, unique=True).map(
 )
 _CHANGES = st.lists(
     st.one_of(
-        st.builds(Word, _WORDS, _WEIGHTS),
+        st.builds(SetWord, _WORDS, _WEIGHTS),
         st.builds(Tap, _WORDS, _WEIGHTS, st.none() | _SIDES),
-        st.builds(Forget, _WORDS.filter(lambda word: not word.startswith("call "))),
-        st.builds(ForgetAnswer, st.integers(1, 0xFFFF)),
-        st.just(Episode()),
-        st.builds(Elsewhere, st.integers(0, 0xFFFF)),
+        st.builds(ForgetWord, _WORDS.filter(lambda word: not word.startswith("call "))),
+        st.builds(ForgetCall, st.integers(1, 0xFFFF)),
+        st.just(NewEpisode()),
+        st.builds(OtherPlace, st.integers(0, 0xFFFF)),
     ),
     min_size=1,
     max_size=5,
@@ -145,17 +136,17 @@ _CHANGES = st.lists(
 
 def written(change: Change) -> str:
     match change:
-        case Word(word, weight):
+        case SetWord(word, weight):
             return f"{word}: {weight}"
         case Tap(word, weight, box):
             return f"tap {word}: {weight} " + " ".join(map(str, box or ()))
-        case Forget(word):
+        case ForgetWord(word):
             return f"forget {word}"
-        case ForgetAnswer(call_id):
+        case ForgetCall(call_id):
             return f"forget call {call_id}"
-        case Episode():
+        case NewEpisode():
             return "new episode"
-        case Elsewhere(call_id):
+        case OtherPlace(call_id):
             return f"other place {call_id}" if call_id else "other place"
 
 
@@ -202,13 +193,13 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
     assert typed == [
         Reply(Motion.NONE, (change,))
         for change in (
-            Word("old wall", -0.25),
+            SetWord("old wall", -0.25),
             Tap("area 51", 0.3, (0.1, 0.25, 0.5, 0.75)),
-            Forget("bush"),
-            ForgetAnswer(7),
-            Episode(),
-            Elsewhere(),
-            Elsewhere(7),
+            ForgetWord("bush"),
+            ForgetCall(7),
+            NewEpisode(),
+            OtherPlace(),
+            OtherPlace(7),
         )
     ]
 
@@ -216,11 +207,11 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
 @pytest.mark.parametrize(
     ("line", "reply"),
     [
-        ("not the same place", Reply(Motion.NONE, (Elsewhere(),))),
-        ("Not that place C12", Reply(Motion.NONE, (Elsewhere(12),))),
-        ("other place; gravel: 1, go", Reply(Motion.GO, (Elsewhere(), Word("gravel", 1.0)))),
-        ("rover 2 other place 12", Reply(Motion.NONE, (Elsewhere(12),), rover=2)),
-        ("other place: -1", Reply(Motion.NONE, (Word("other place", -1.0),))),
+        ("not the same place", Reply(Motion.NONE, (OtherPlace(),))),
+        ("Not that place C12", Reply(Motion.NONE, (OtherPlace(12),))),
+        ("other place; gravel: 1, go", Reply(Motion.GO, (OtherPlace(), SetWord("gravel", 1.0)))),
+        ("rover 2 other place 12", Reply(Motion.NONE, (OtherPlace(12),), rover=2)),
+        ("other place: -1", Reply(Motion.NONE, (SetWord("other place", -1.0),))),
     ],
 )
 def test_a_match_is_refused_by_one_line(line: str, reply: Reply) -> None:

@@ -130,12 +130,13 @@ def test_what_is_recorded_fits_what_happened_and_a_killed_recorder_harms_nothing
     assert "recordings" not in capsys.readouterr().err
 
 
-def test_with_its_companion_killed_a_recorder_is_gone_and_its_file_is_read(
+def test_with_its_companion_killed_a_recorder_is_gone_and_its_torn_file_is_read(
     companion: Companion, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     companion.until(lambda: companion.told().get("current_id") and companion.recorded() > 40)
     companion.until(lambda: companion.files()[0].stat().st_size > 10_000)
     recorder = companion.recorder()
+    os.kill(recorder, signal.SIGSTOP)  # else it may finish its file before the kernel ends it
     companion.process.send_signal(signal.SIGKILL)
     companion.process.wait()
     companion.until(lambda: is_gone(recorder))

@@ -139,7 +139,7 @@ def _report(folder: Path, found: Rehearsal, figures: dict[str, Any], unused: lis
             if not said.taken:
                 print(f"{call.frame}: `{said.line}`: {said.text}")
     for frame in unused:
-        print(f"{frame} raised no call: its answer was not used")
+        print(f"{frame}: an answer was not used, because no call of this frame asked for it")
     print(
         f"{figures['calls']} calls in {figures['groups']} scenes, {figures['answered']} answered; "
         f"{figures['frames']} frames in {figures['seconds']:g} s"

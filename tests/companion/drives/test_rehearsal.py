@@ -104,7 +104,7 @@ def test_a_place_that_was_answered_is_known_the_next_time(
     answers.write_text("\n".join(["# the forest", *lines]))
     told = rehearsed(drive, tmp_path / "out", "--answers", str(answers))
     said = capsys.readouterr().out
-    assert "999.jpg raised no call" in said
+    assert "999.jpg: an answer was not used" in said
     assert f"{frame}: `no such word: 1`: nothing changed:" in said
     assert [one["taken"] for one in told["each"][0]["answers"]] == [False, True]
     assert told["answered"] == 1

@@ -26,7 +26,11 @@ class AnswerFile:
     def __init__(self, path: Path) -> None:
         """Raises DriveError for a line that is no answer, and OSError."""
         self._answers: defaultdict[str, deque[str]] = defaultdict(deque)
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        try:
+            text = path.read_text(encoding="utf-8-sig")  # editors of Windows begin a file with a mark
+        except UnicodeDecodeError as error:
+            raise DriveError(f"{path} is no text in UTF-8: save it as that") from error
+        for number, line in enumerate(text.split("\n"), 1):
             if not line.strip() or line.startswith("#"):
                 continue
             frame, separator, answer = line.rpartition(_SEPARATOR)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,13 +29,9 @@ def open_drive(where: str, rate: float) -> Drive:
     rate: frames per second of a folder, and those that are taken of a video, as a camera would deliver them.
     Raises DriveError.
     """
-    path = Path(where).expanduser()
+    kind, path = located(where)
     if is_recording(path):
         return Recording(path)
-    kind = "folder" if path.is_dir() else "video"
-    if not path.exists() and ":" in where:
-        kind, place = split_source(where)
-        path = Path(place).expanduser()
     try:
         if kind == "folder":
             return _Folder(path, rate)
@@ -45,9 +42,24 @@ def open_drive(where: str, rate: float) -> Drive:
     raise DriveError(f"{where} is no drive: give a folder of pictures, a video file, or a recording")
 
 
+def located(where: str) -> tuple[str, Path]:
+    """Return the kind of a drive, "folder" or "video" or as it is named, and its absolute path."""
+    path = Path(where).expanduser()
+    kind = "folder" if path.is_dir() else "video"
+    if not path.exists() and ":" in where:
+        kind, place = split_source(where)
+        path = Path(place).expanduser()
+    return kind, Path(os.path.abspath(path))
+
+
 def is_recording(path: Path) -> bool:
     """Whether this is a companion's recording: a file *.mcap, or a folder with some."""
     return path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap")))
+
+
+def _printable(name: str) -> str:
+    """Return a file's name as one line of text that can be encoded: answers.txt has it."""
+    return "".join(one if one.isprintable() else f"\\x{ord(one):02x}" for one in name).strip()
 
 
 class _Folder:
@@ -64,7 +76,7 @@ class _Folder:
                 image = read_picture(str(path))
             except (OSError, AnyTraverseError):
                 image = None
-            yield DriveFrame(path.name, number * self._period, image)
+            yield DriveFrame(_printable(path.name), number * self._period, image)
 
 
 class _Video:

@@ -58,17 +58,21 @@ class DriveJudge:
         opened = next((one.call for one in decisions if isinstance(one, CallOpened)), None)
         return Judgement(seen, opened, any(isinstance(one, WouldHold) for one in decisions))
 
-    def answer(self, operations: Sequence[Operation], motion: Motion, now: float) -> str:
-        """Answer the open call, and return what became of that. Raises AnyTraverseError."""
+    def answer(self, operations: Sequence[Operation], motion: Motion, now: float) -> tuple[str, bool]:
+        """Answer the open call. Return what became of that, and whether its scene is remembered by it.
+
+        Raises AnyTraverseError.
+        """
         call = self._calls.call
         if call is None:
-            return "no call is open"
+            return "no call is open", False
         changes = changes_of(operations)
         observation = call.seen.observation if call.seen is not None else None
         outcome = self.engine.answer(changes, now, call=observation, call_id=call.id, go=motion is Motion.GO)
         result, decisions = self._calls.apply_answer(call.id, motion, bool(changes), outcome, now)
         memory = self.engine.memory if changes else None
-        return outcome_text(self._calls, call.id, result, decisions, outcome.call, outcome.newest, memory)
+        text = outcome_text(self._calls, call.id, result, decisions, outcome.call, outcome.newest, memory)
+        return text, outcome.remembered
 
     def needs_answer(self, number: int) -> bool:
         """Whether this call is open, and what was said does not cover it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from bisect import bisect_right
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,10 +19,11 @@ from anytraverse.judging import Settings
 from anytraverse.regions import Box
 from companion.drives.drive import DriveError, DriveFrame
 from companion.recording.foxglove import jpeg_of
-from companion.recording.reading import messages
 from companion.recording.topics import TOPICS, Topic
 
 _NS = 1_000_000_000
+_LONGEST_GAP = 3600.0
+_JUMP = 1.0
 _NEEDED = (Topic.CAMERA, Topic.ASSESSMENT, Topic.WORDS, Topic.SETTINGS, Topic.SETUP)
 
 
@@ -47,12 +49,33 @@ class _Standing:
     content: list[Mapping[str, Any]] = field(default_factory=list)
 
     def add(self, at: int, content: Mapping[str, Any]) -> None:
-        self.at.append(at)
-        self.content.append(content)
+        place = bisect_right(self.at, at)
+        self.at.insert(place, at)
+        self.content.insert(place, content)
 
     def then(self, at: int) -> Mapping[str, Any]:
         found = bisect_right(self.at, at)
         return self.content[max(0, found - 1)] if self.content else {}
+
+
+@dataclass
+class _DriveClock:
+    """Turns times since 1970 into seconds of the drive, which rise.
+
+    The computer's clock may be set while it records, and a rover may be off for days between two recordings:
+    a step back, or one of over an hour, counts as one second.
+    """
+
+    newest: int | None = None
+    at: float = 0.1
+
+    def at_next(self, captured: int) -> float:
+        """Return the time of the next frame. captured: ns since 1970."""
+        if self.newest is not None:
+            gap = (captured - self.newest) / _NS
+            self.at += gap if 0.0 < gap <= _LONGEST_GAP else _JUMP
+        self.newest = captured
+        return self.at
 
 
 class Recording:
@@ -63,16 +86,23 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         """Raises DriveError for what is no recording with frames, and OSError."""
+        try:
+            from companion.recording.reading import messages
+        except ImportError:
+            raise DriveError(
+                'recordings need the package mcap: pip install "anytraverse-companion[record]"'
+            ) from None
+        if not path.exists():
+            raise DriveError(f"{path} is not there: give a recording, or the folder with some")
         self._paths = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
         self.title = path.name
         names = [TOPICS[Topic.CAMERA].name, TOPICS[Topic.SETUP].name]
         setup: Mapping[str, Any] = {}
-        self.count, self._begin = 0, 0
+        self.count = 0
         for file in self._paths:
             for one in messages(file, names):
                 if one.channel.topic == names[0]:
                     self.count += 1
-                    self._begin = self._begin or one.message.log_time
                 elif not setup:
                     setup = _object(one.message.data)
         if not self.count:
@@ -84,31 +114,40 @@ class Recording:
         return (one.frame for one in self.recorded())
 
     def recorded(self) -> Iterator[RecordedFrame]:
-        """Read all frames with what was recorded of them. At most one file is held in memory."""
-        for path in self._paths:
-            yield from self._of_file(path)
+        """Read all frames with what was recorded of them. At most one file is held in memory.
 
-    def _of_file(self, path: Path) -> Iterator[RecordedFrame]:
-        pictures: dict[int, tuple[int, bytes]] = {}
-        seen: dict[int, tuple[int, Mapping[str, Any]]] = {}
-        standing = {topic: _Standing() for topic in (Topic.WORDS, Topic.SETTINGS)}
-        numbers = {TOPICS[topic].name: topic for topic in _NEEDED}
-        for one in messages(path, list(numbers)):
-            topic, message = numbers[one.channel.topic], one.message
-            if topic is Topic.CAMERA:
-                pictures[message.sequence] = message.log_time, message.data
-            elif topic is Topic.ASSESSMENT:
-                seen[message.sequence] = message.log_time, _object(message.data)
-            elif topic in standing:
-                standing[topic].add(message.log_time, _object(message.data))
-        for number, (captured, data) in sorted(pictures.items(), key=lambda one: one[1][0]):
-            judged, content = seen.get(number, (captured, {}))
-            words = standing[Topic.WORDS].then(judged)
-            settings = standing[Topic.SETTINGS].then(judged)
-            frame = DriveFrame(f"frame {number}", (captured - self._begin) / _NS + 0.1, _picture(data))
-            weights = _mapping(words.get("words"))
-            tapped = bool(_mapping(words.get("taps")).keys() & weights.keys())
-            yield RecordedFrame(frame, content, weights, tapped, _mapping(settings.get("judging")))
+        Each start of the companion counts its frames from 1: the second frame 7 is named "frame 7 (2)".
+        """
+        clock, named = _DriveClock(), Counter[int]()
+        for path in self._paths:
+            yield from _of_file(path, clock, named)
+
+
+def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[RecordedFrame]:
+    from companion.recording.reading import messages
+
+    pictures = list[tuple[int, int, bytes]]()
+    seen = defaultdict[int, list[tuple[int, Mapping[str, Any]]]](list)
+    standing = {topic: _Standing() for topic in (Topic.WORDS, Topic.SETTINGS)}
+    numbers = {TOPICS[topic].name: topic for topic in _NEEDED}
+    for one in messages(path, list(numbers)):
+        topic, message = numbers[one.channel.topic], one.message
+        if topic is Topic.CAMERA:
+            pictures.append((message.log_time, message.sequence, message.data))
+        elif topic is Topic.ASSESSMENT:
+            seen[message.sequence].append((message.log_time, _object(message.data)))
+        elif topic in standing:
+            standing[topic].add(message.log_time, _object(message.data))
+    for captured, number, data in sorted(pictures, key=lambda one: one[0]):
+        judged, content = min(seen.get(number, [(captured, {})]), key=lambda one: abs(one[0] - captured))
+        named[number] += 1
+        name = f"frame {number}" + (f" ({named[number]})" if named[number] > 1 else "")
+        words = standing[Topic.WORDS].then(judged)
+        settings = standing[Topic.SETTINGS].then(judged)
+        frame = DriveFrame(name, clock.at_next(captured), _picture(data))
+        weights = _mapping(words.get("words"))
+        tapped = bool(_mapping(words.get("taps")).keys() & weights.keys())
+        yield RecordedFrame(frame, content, weights, tapped, _mapping(settings.get("judging")))
 
 
 def settings_of(told: Mapping[str, Any], base: Settings) -> Settings:

@@ -38,7 +38,7 @@ class AskedCall:
     """A call of the drive. at: seconds of the drive. data: what the operator would be told.
 
     raw, judged: the frame without a mark, and as it was judged, JPEG. said: answers.
-    by_person: whether somebody answered it; else it got a go, so that its place is asked about once.
+    by_person: whether somebody's answer is remembered for its scene. A `stay` is not: it teaches nothing.
     """
 
     id: int
@@ -60,9 +60,13 @@ Operator = Callable[[AskedCall, str], str | None]
 
 @dataclass
 class Rehearsal:
-    """What a drive led to. torn: names of frames that cannot be read. Frames count from 1 in the lists."""
+    """What a drive led to. torn: names of frames that cannot be read. Frames count from 1 in the lists.
+
+    drive_s: seconds of the drive.
+    """
 
     frames: int = 0
+    drive_s: float = 0.0
     torn: list[str] = field(default_factory=list)
     not_ok: int = 0
     would_hold: int = 0
@@ -96,19 +100,21 @@ def rehearse(
     judge: DriveJudge,
     operator: Operator,
     out: Path,
-    told: Callable[[int, Rehearsal], None] = lambda _number, _so_far: None,
-) -> Rehearsal:
+    found: Rehearsal,
+    told: Callable[[int], None],
+) -> None:
     """Judge all frames of a drive, and ask the operator at each call; the drive waits meanwhile.
 
-    Writes frames.jsonl, and the pictures of each call in calls/ before it is asked. told: called after each
-    frame. A KeyboardInterrupt ends the drive early. Raises OSError.
+    Writes frames.jsonl, and the pictures of each call in calls/ before it is asked. All is added to `found`.
+    told: called with the number of each frame, from 1, once it is judged. A KeyboardInterrupt ends the drive
+    early. Raises OSError.
     """
-    found = Rehearsal()
     (out / "calls").mkdir(exist_ok=True)
     with (out / "frames.jsonl").open("w", encoding="utf-8") as lines:
         try:
             for number, frame in enumerate(drive.frames(), 1):
                 judged = judge.judge(frame)
+                found.drive_s = frame.at
                 if judged is None:
                     found.torn.append(frame.name)
                     continue
@@ -119,10 +125,9 @@ def rehearse(
                     _write_pictures(out, call)
                     _answer(judge, call, operator, frame.at)
                 lines.write(json.dumps(_row(frame.name, judged.seen, judge.open_id)) + "\n")
-                told(number, found)
+                told(number)
         except KeyboardInterrupt:
             pass
-    return found
 
 
 def learnt(memory: Memory, before: int, calls: Sequence[AskedCall]) -> Memory:
@@ -192,13 +197,13 @@ def _answer(judge: DriveJudge, call: AskedCall, operator: Operator, now: float) 
         try:
             motion, changes = read_typed(line)
             operations = tuple(operation_of(one, call.data) for one in changes)
-            problem = judge.answer(operations, motion, now)
+            problem, remembered = judge.answer(operations, motion, now)
         except (CommandError, AnyTraverseError) as error:
             problem = f"nothing changed: {error}"
             call.said.append(Said(line, problem, taken=False))
             continue
         call.said.append(Said(line, problem, taken=True))
-        call.by_person = True
+        call.by_person = call.by_person or remembered
         if not judge.needs_answer(call.id):
             return
     if judge.needs_answer(call.id):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,64 +42,82 @@ def run(
     """
     config = load_config(file)
     drive = open_drive(where, config.camera.rate)
-    folder = _made(Path(out))
     scripted = AnswerFile(Path(answers)) if answers else None
-    before = _remembered(config, memory)
+    before, pictures = _remembered(config, memory)
     judge = DriveJudge(config, before)
+    folder = _made(Path(out))
     clock, person = judge.engine.memory.clock, terminal(folder) if ask else None
 
     def operator(call: AskedCall, problem: str) -> str | None:
         answer = scripted.ask(call, problem) if scripted is not None else None
         return person.ask(call, problem) if answer is None and person is not None else answer
 
-    told = _Progress(drive.count)
-    found = rehearse(drive, judge, operator, folder, told.frame)
+    progress, found = _Progress(drive.count), Rehearsal()
+
+    def keep() -> None:
+        _write_text(folder / "answers.txt", answer_lines(found.calls))
+
+    def told(number: int) -> None:
+        progress.frame(number, len(found.calls))
+        if found.at_call[-1:] == [number]:
+            keep()  # what was typed outlives a terminal that is closed
+
+    try:
+        rehearse(drive, judge, operator, folder, found, told)
+    finally:
+        keep()
     figures = {
         **found.figures(),
-        "drive_s": round((found.frames + len(found.torn)) / config.camera.rate, 1),
-        "seconds": round(told.seconds, 1),
+        "drive_s": round(found.drive_s, 1),
+        "seconds": round(progress.seconds, 1),
         "model": judge.engine.perceiver.model_id,
     }
     kept = learnt(judge.engine.memory, clock, found.calls)
-    _write(folder, drive.title, found, figures, kept if any(call.by_person for call in found.calls) else None)
+    _write(folder, drive.title, found, figures)
+    if any(call.by_person for call in found.calls):
+        shown = {call.id: call.judged for call in found.calls}
+        scenes = [Scene(one, pictures.get(one.order) or shown.get(one.call_id, b"")) for one in kept.history]
+        write_scenes(folder / "memory.jsonl", kept.model_id, scenes)
     _report(folder, found, figures, scripted.left() if scripted is not None else [])
     return 0 if found.frames else 1
 
 
-def _remembered(config: Config, source: str | None) -> Memory | None:
-    """Return the memory that the rover begins with, None for a new one."""
+def _remembered(config: Config, source: str | None) -> tuple[Memory | None, Mapping[int, bytes]]:
+    """Return the memory that the rover begins with, None for a new one, and pictures by `Entry.order`."""
     if source is None:
-        return None
+        return None, {}
     model_id, scenes = read_checked(config, Path(source))
     limit = config.journal.scenes
-    return merged(first_memory(model_id, config.preferences, limit), scenes, limit)[0]
+    memory, added, *_ = merged(first_memory(model_id, config.preferences, limit), scenes, limit)
+    return memory, {one.entry.order: one.picture for one in added}
 
 
 def _made(folder: Path) -> Path:
-    """Make the folder, and clear what an earlier rehearsal wrote. Raises DriveError where others wrote."""
+    """Make the folder, and clear what an earlier rehearsal wrote.
+
+    Raises DriveError where others wrote, or where answers would be lost; and OSError.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     foreign = sorted({path.name for path in folder.iterdir()} - set(_OURS))
     if foreign:
         raise DriveError(f"{folder} holds {foreign[0]}, which no rehearsal wrote: give another --out")
+    if (folder / "answers.txt").exists() and AnswerFile(folder / "answers.txt").left():
+        raise DriveError(f"{folder / 'answers.txt'} holds answers, which would be lost: give another --out")
     for path in (*(folder / "calls").glob("*.jpg"), *(folder / name for name in _OURS if name != "calls")):
         path.unlink(missing_ok=True)
     return folder
 
 
-def _write(
-    folder: Path, title: str, found: Rehearsal, figures: dict[str, Any], memory: Memory | None
-) -> None:
-    answers, listed = folder / "answers.txt", [_listed(call) for call in found.calls]
-    for path, content in (
-        (answers, answer_lines(found.calls)),
-        (folder / "calls.json", json.dumps({**figures, "each": listed}, indent=1) + "\n"),
-        (folder / "index.html", page(f"Rehearsal of {title}", found, figures, str(answers))),
-    ):
-        path.write_text(content, encoding="utf-8")
-    if memory is not None:
-        pictures = {call.id: call.judged for call in found.calls}
-        scenes = [Scene(entry, pictures.get(entry.call_id, b"")) for entry in memory.history]
-        write_scenes(folder / "memory.jsonl", memory.model_id, scenes)
+def _write(folder: Path, title: str, found: Rehearsal, figures: dict[str, Any]) -> None:
+    listed = [_listed(call) for call in found.calls]
+    shown = page(f"Rehearsal of {title}", found, figures, str(folder / "answers.txt"))
+    _write_text(folder / "calls.json", json.dumps({**figures, "each": listed}, indent=1) + "\n")
+    _write_text(folder / "index.html", shown)
+
+
+def _write_text(path: Path, text: str) -> None:
+    """Write text. A file's name may hold bytes that are no text: they are written as `\\udcff`."""
+    path.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def _listed(call: AskedCall) -> dict[str, Any]:
@@ -120,7 +139,7 @@ def _report(folder: Path, found: Rehearsal, figures: dict[str, Any], unused: lis
             if not said.taken:
                 print(f"{call.frame}: `{said.line}`: {said.text}")
     for frame in unused:
-        print(f"{frame} raised no call: its answer was not used")
+        print(f"{frame}: an answer was not used, because no call of this frame asked for it")
     print(
         f"{figures['calls']} calls in {figures['groups']} scenes, {figures['answered']} answered; "
         f"{figures['frames']} frames in {figures['seconds']:g} s"
@@ -144,12 +163,12 @@ class _Progress:
     def seconds(self) -> float:
         return time.monotonic() - self._began
 
-    def frame(self, number: int, found: Rehearsal) -> None:
+    def frame(self, number: int, calls: int) -> None:
         now = time.monotonic()
         if now - self._told_at > _TOLD_EVERY:
             self._told_at = now
-            left = (self._count - number) * (now - self._began) / number
+            left = max(0, self._count - number) * (now - self._began) / number
             print(
-                f"{number} of {self._count} frames, {len(found.calls)} calls, {left:.0f} s left",
+                f"{number} of {self._count} frames, {calls} calls, {left:.0f} s left",
                 file=sys.stderr,
             )

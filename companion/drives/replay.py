@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +12,7 @@ from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
+from anytraverse.judging import Settings
 from anytraverse.preferences import Preferences
 from companion.drives.drive import Drive, DriveError
 from companion.drives.judge import DriveJudge
@@ -27,6 +28,7 @@ OF_A_RECORDING: Mapping[str, float] = {**dict.fromkeys(FIGURES, 0.05), "worst_ti
 OF_REFERENCES: Mapping[str, float] = dict.fromkeys(FIGURES, 0.005)
 """The same where the frames are the same, pixel by pixel, and the computer or a library may be another."""
 _SHOWN = 10
+_LARGEST = 1e300
 
 
 class Row(NamedTuple):
@@ -44,7 +46,8 @@ class Comparison:
 
     tolerance: by figure. apart: by figure, the differences of all frames. far: frames that differ by more,
     the figure, what it was and what it is. reasons: frames with other reasons. calls: frames that opened a
-    call in one of them only. left_out: why -> frames that could not be compared.
+    call in one of them only. gone: frames that were judged before, and are not any more.
+    left_out: why -> frames that could not be compared.
     """
 
     tolerance: Mapping[str, float]
@@ -53,12 +56,13 @@ class Comparison:
     far: list[tuple[str, str, float | None, float | None]] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
     calls: list[str] = field(default_factory=list)
+    gone: list[str] = field(default_factory=list)
     left_out: dict[str, list[str]] = field(default_factory=dict)
 
     @property
     def same(self) -> bool:
         """Whether something was compared, and nothing differs."""
-        return self.frames > 0 and not (self.far or self.reasons or self.calls)
+        return self.frames > 0 and not (self.far or self.reasons or self.calls or self.gone)
 
     def add(self, found: Row, expected: Row) -> None:
         """Compare a frame."""
@@ -70,7 +74,7 @@ class Comparison:
                     self.far.append((found.name, name, was, now))
                 continue
             self.apart[name].append(abs(now - was))
-            if abs(now - was) > self.tolerance[name]:
+            if not abs(now - was) <= self.tolerance[name]:
                 self.far.append((found.name, name, was, now))
         if found.reasons != expected.reasons:
             self.reasons.append(found.name)
@@ -91,7 +95,11 @@ class Comparison:
             yield f"{frame}: {name} was {_text(was)}, is {_text(now)}"
         if len(self.far) > _SHOWN:
             yield f"... and {len(self.far) - _SHOWN} more"
-        for what, names in (("other reasons", self.reasons), ("a call in one of them only", self.calls)):
+        for what, names in (
+            ("other reasons", self.reasons),
+            ("a call in one of them only", self.calls),
+            ("not judged any more", self.gone),
+        ):
             if names:
                 yield f"{what}: {len(names)} frames: {', '.join(names[:_SHOWN])}"
         for why, names in self.left_out.items():
@@ -107,6 +115,7 @@ class Comparison:
             "far": len({frame for frame, *_ in self.far}),
             "reasons": len(self.reasons),
             "calls": len(self.calls),
+            "gone": len(self.gone),
             "left_out": {why: len(names) for why, names in self.left_out.items()},
         }
 
@@ -137,10 +146,12 @@ def recorded_row(recorded: RecordedFrame) -> Row:
     return Row(recorded.frame.name, figures, tuple(sorted(reasons)))
 
 
-def judged_again(engine: AnyTraverse, recorded: RecordedFrame) -> Row | str:
+def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -> Row | str:
     """Judge a recorded frame with the words and settings of then; why it cannot be, for one that cannot.
 
     The memory of then is not recorded, so that whether the scene was known is not judged.
+    base: settings for what was not recorded. Raises AnyTraverseError where the frame cannot be judged, and
+    DriveError for recorded settings that cannot be.
     """
     frame = recorded.frame
     if frame.image is None:
@@ -153,34 +164,37 @@ def judged_again(engine: AnyTraverse, recorded: RecordedFrame) -> Row | str:
         return "without words in the recording"
     try:
         words = Preferences.of(recorded.words)
-        engine.memory = engine.memory.using(words, {})
-        engine.settings = settings_of(recorded.judging, engine.settings)
-        seen = engine.judge(engine.observe(Frame(1, frame.at, frame.image)), frame.at)
-    except AnyTraverseError as error:
-        return f"not judged: {error}"
+    except (AnyTraverseError, TypeError, ValueError) as error:
+        return f"the recorded words cannot be used: {error}"
+    engine.memory = engine.memory.using(words, {})
+    engine.settings = settings_of(recorded.judging, base)
+    seen = engine.judge(engine.observe(Frame(1, frame.at, frame.image)), frame.at)
     return row(frame.name, seen, OF_THE_FRAME)
 
 
 def replay_recording(
-    engine: AnyTraverse, recording: Recording, expected: Mapping[str, Row] | None
+    engine: AnyTraverse, recording: Recording, expected: Sequence[Row] | None
 ) -> tuple[list[Row], Comparison]:
     """Judge all frames of a recording again, and compare them.
 
-    expected: references by name; None: with how the rover judged them.
+    expected: references; None: with how the rover judged them.
     """
-    rows, found = list[Row](), Comparison(OF_A_RECORDING if expected is None else OF_REFERENCES)
+    rows, found = list[Row](), Comparison(OF_A_RECORDING)
+    base = engine.settings
     for recorded in recording.recorded():
-        name, again = recorded.frame.name, judged_again(engine, recorded)
+        name = recorded.frame.name
+        try:
+            again = judged_again(engine, recorded, base)
+        except AnyTraverseError as error:
+            found.gone.append(name)
+            again = str(error)
         if isinstance(again, str):
             found.leave_out(name, again)
             continue
         rows.append(again)
-        before = recorded_row(recorded) if expected is None else expected.get(name)
-        if before is None:
-            found.leave_out(name, "not among the references")
-        else:
-            found.add(again, before)
-    return rows, found
+        if expected is None:
+            found.add(again, recorded_row(recorded))
+    return rows, found if expected is None else compared(rows, expected, found.left_out)
 
 
 def replay_drive(judge: DriveJudge, drive: Drive) -> Iterator[Row]:
@@ -195,17 +209,18 @@ def replay_drive(judge: DriveJudge, drive: Drive) -> Iterator[Row]:
             judge.answer((), Motion.GO, frame.at)
 
 
-def compared(found: Iterable[Row], expected: Iterable[Row]) -> Comparison:
-    """Compare two judgements of a drive by the names of its frames."""
+def compared(
+    found: Iterable[Row], expected: Iterable[Row], left_out: Mapping[str, list[str]] | None = None
+) -> Comparison:
+    """Compare two judgements of a drive by the names of its frames. left_out: why -> frames not judged."""
     before = {one.name: one for one in expected}
-    result = Comparison(OF_REFERENCES)
+    result = Comparison(OF_REFERENCES, left_out=dict(left_out or {}))
     for one in found:
         if (was := before.pop(one.name, None)) is None:
             result.leave_out(one.name, "not among the references")
         else:
             result.add(one, was)
-    for name in before:
-        result.leave_out(name, "not in the drive any more")
+    result.gone = list(before)
     return result
 
 
@@ -236,13 +251,15 @@ def read_rows(path: Path) -> list[Row]:
             told = json.loads(line)
             figures = {name: _number(told[name]) for name in FIGURES}
             found.append(Row(str(told["frame"]), figures, tuple(told["reasons"]), int(told["opened"])))
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise DriveError(f"{path}, line {number} is no reference: --update-refs writes all anew") from error
     return found
 
 
 def _number(raw: Any) -> float | None:
-    return float(raw) if isinstance(raw, int | float) and not isinstance(raw, bool) else None
+    if not isinstance(raw, int | float) or isinstance(raw, bool):
+        return None
+    return float(raw) if abs(raw) <= _LARGEST else None  # what is not finite is not known
 
 
 def _text(value: float | None) -> str:

@@ -9,9 +9,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from companion.config import Config, load_config
+from companion.config import Config, ConfigError, load_config
 from companion.drives.drive import DriveError
-from companion.drives.frames import is_recording, open_drive
+from companion.drives.frames import is_recording, located, open_drive
 from companion.drives.judge import DriveJudge
 from companion.drives.recorded import Recording
 from companion.drives.replay import (
@@ -37,18 +37,23 @@ def run(where: str, *, file: str | None, refs: str | None = None, update: bool =
     by default beside the drive. update: write it anew.
     Raises DriveError, ConfigError, AnyTraverseError, OSError.
     """
-    path, began = Path(where).expanduser(), time.monotonic()
+    path, began = located(where)[1], time.monotonic()
     references = Path(refs) if refs else path.with_name(path.name + _ENDING)
+    if refs and not update and not references.exists():
+        raise DriveError(f"{references} is not there: write it with --update-refs")
     known = None if update or not references.exists() else read_rows(references)
     against = f"by {references}" if known is not None else "as the rover judged them"
     if is_recording(path):
         rows, found = _recording(Recording(path), file, known)
     else:
+        config = load_config(file or "companion.toml")
+        drive = open_drive(where, config.camera.rate)
         if known is None and not update:
             raise DriveError(f"{references} is not there: write it with --update-refs")
-        config = load_config(file or "companion.toml")
-        rows = list(replay_drive(DriveJudge(config), open_drive(where, config.camera.rate)))
+        rows = list(replay_drive(DriveJudge(config), drive))
         found = compared(rows, known or rows)
+    if update and not rows:
+        raise DriveError(f"{where} has no frame that can be judged again: no references are written")
     if update:
         print(f"{references}: {write_rows(references, rows)} references written")
         return 0
@@ -66,7 +71,7 @@ def _recording(
     engine, _ = load_engine(load_config(file) if file else config_of(recording), None)
     if recording.model != engine.perceiver.model_id:
         print(f"recorded with {recording.model}, judged again with {engine.perceiver.model_id}")
-    return replay_recording(engine, recording, None if known is None else {one.name: one for one in known})
+    return replay_recording(engine, recording, known)
 
 
 def config_of(recording: Recording) -> Config:
@@ -76,7 +81,11 @@ def config_of(recording: Recording) -> Config:
     with tempfile.TemporaryDirectory(prefix="replay-") as folder:
         file = Path(folder, "companion.toml")
         file.write_text(_about_judging(recording.config), encoding="utf-8")
-        return load_config(file)
+        try:
+            return load_config(file)
+        except ConfigError as error:
+            told = str(error).replace(str(file), "its companion.toml")
+            raise DriveError(f"{recording.title}: {told}: name one with --config") from error
 
 
 def _about_judging(config: str) -> str:

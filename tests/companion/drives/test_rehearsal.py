@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +13,12 @@ import numpy as np
 import pytest
 
 from companion.cli import main
+from companion.config import load_config
 from companion.drives.desk import AnswerFile, Terminal
-from companion.drives.drive import DriveError
+from companion.drives.drive import DriveError, DriveFrame
 from companion.drives.frames import open_drive
-from companion.drives.rehearsal import AskedCall
+from companion.drives.judge import DriveJudge
+from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
 from companion.sim.field.render import Camera
 from companion.sim.field.things import World
 from tests.companion.link.payloads import CALL
@@ -100,7 +104,7 @@ def test_a_place_that_was_answered_is_known_the_next_time(
     answers.write_text("\n".join(["# the forest", *lines]))
     told = rehearsed(drive, tmp_path / "out", "--answers", str(answers))
     said = capsys.readouterr().out
-    assert "999.jpg raised no call" in said
+    assert "999.jpg: an answer was not used" in said
     assert f"{frame}: `no such word: 1`: nothing changed:" in said
     assert [one["taken"] for one in told["each"][0]["answers"]] == [False, True]
     assert told["answered"] == 1
@@ -110,6 +114,59 @@ def test_a_place_that_was_answered_is_known_the_next_time(
     assert again["calls"] < told["calls"]
     assert again["matches"] > told["matches"]
     assert AnswerFile(tmp_path / "out" / "answers.txt").left() == [frame], "they can be given again"
+
+
+def test_answers_outlive_a_second_run_an_error_and_an_odd_name(
+    drive: Path, first: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = tmp_path / "drive"
+    odd.mkdir()
+    shutil.copy(drive.parent / "companion.toml", tmp_path)
+    for path in drive.iterdir():
+        shutil.copy(path, odd / f" {path.stem}\n\udcff = a.jpg")
+    frame = f"{first[1]['each'][0]['frame'][:3]}\\x0a\\xdcff = a.jpg"
+    answers = tmp_path / "answers.txt"
+    answers.write_bytes(f"\ufeff# ours\r\n{frame} = dirt path: 1; tree: -1, go\r\n".encode())
+    out = tmp_path / "out"
+    assert rehearsed(odd, out, "--answers", str(answers))["answered"] == 1
+    assert " = a.jpg = dirt path: 1; tree: -1, go\n" in (out / "answers.txt").read_text()
+    again = ["rehearse", str(odd), "--config", str(tmp_path / "companion.toml"), "--out", str(out)]
+    for more in ([], ["--answers", str(out / "answers.txt")]):
+        assert main([*again, "--no-ask", *more]) == 2
+        assert "answers.txt holds answers, which would be lost: give another --out" in capsys.readouterr().err
+    assert AnswerFile(out / "answers.txt").left() == [frame]
+    answers.write_bytes(b"\xff\xfe#\0")
+    assert main([*again[:-1], str(tmp_path / "new"), "--answers", str(answers)]) == 2
+    assert "answers.txt is no text in UTF-8" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists(), "nothing is cleared or made before all is read"
+
+
+def test_answers_outlive_a_disk_that_fails(
+    drive: Path, first: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Failing:
+        title, count = "drive", 40
+
+        def frames(self) -> Iterator[DriveFrame]:
+            yield from open_drive(str(drive), 10.0).frames()
+            raise OSError("input/output error")
+
+    monkeypatch.setattr("companion.drives.rehearsing.open_drive", lambda _where, _rate: Failing())
+    answers, line = tmp_path / "answers.txt", f"{first[1]['each'][0]['frame']} = dirt path: 1; tree: -1, go"
+    answers.write_text(line)
+    config = ["--config", str(drive.parent / "companion.toml"), "--answers", str(answers)]
+    assert main(["rehearse", "it", *config, "--out", str(tmp_path / "out"), "--no-ask"]) == 2
+    assert line in (tmp_path / "out" / "answers.txt").read_text().splitlines()
+
+
+def test_a_go_after_stay_is_not_remembered_as_a_persons(drive: Path, tmp_path: Path) -> None:
+    found, lines = Rehearsal(), iter(["stay", "look"])
+    judge = DriveJudge(load_config(drive.parent / "companion.toml"))
+    frames = open_drive(str(drive), 10.0)
+    rehearse(frames, judge, lambda _call, _told: next(lines, None), tmp_path, found, lambda _number: None)
+    assert [said.taken for said in found.calls[0].said] == [True, True]
+    assert not found.calls[0].by_person
+    assert len(learnt(judge.engine.memory, 0, found.calls).history) == 0
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,74 @@ def test_a_recording_is_a_drive_with_its_own_times() -> None:
     assert 35.0 < times[-1] < 60.0
 
 
+def again_at(copy: Copy, since: int) -> None:
+    """Add all messages of the drive, `since` seconds later than they were."""
+    for one in messages(DRIVE):
+        one.message.log_time += since * 1_000_000_000
+        copy.add(one)
+
+
+def test_frames_of_two_starts_of_the_companion_are_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = tmp_path / "both.mcap"
+    with both.open("wb") as file:
+        copy = Copy(file)
+        again_at(copy, 0)
+        again_at(copy, 86_400)
+        copy.finish()
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for name, since in (("000001.mcap", 0), ("000002.mcap", -86_400), ("000003.mcap", 86_400)):
+        with (folder / name).open("wb") as file:
+            copy = Copy(file)
+            again_at(copy, since)
+            copy.finish()
+    for path, starts in ((both, 2), (folder, 3)):
+        frames = list(Recording(path).recorded())
+        names = [one.frame.name for one in frames]
+        assert len(set(names)) == len(names) == starts * 17
+        assert names[17] == f"{names[0]} (2)"
+        assert [one.seen for one in frames[17:34]] == [one.seen for one in frames[:17]]
+        times = [one.frame.at for one in frames]
+        assert times[0] == pytest.approx(0.1)
+        assert times == sorted(set(times)), "they rise, though the clock was set back"
+        assert times[17] - times[16] == pytest.approx(1.0)
+    assert replayed(capsys, str(both))[:1] == (0,)
+
+
+def test_a_recorded_configuration_that_cannot_be_used_here_is_named() -> None:
+    recording = Recording(DRIVE)
+    recording.config = '[vehicle]\nfile = ""\n[perceiver]\nname = "newer"\n'
+    with pytest.raises(DriveError, match=r"its companion\.toml:4: .*: name one with --config"):
+        config_of(recording)
+
+
+def test_what_is_not_there_is_said_before_references_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "companion.toml").write_text('[vehicle]\nfile = ""\n')
+    config = ["--config", str(tmp_path / "companion.toml")]
+    for where, why in (
+        ("nowhere", "is no folder, and no video"),
+        ("nowhere.mcap", "nowhere.mcap is not there"),
+    ):
+        assert main(["replay", where, *config]) == 2
+        assert why in capsys.readouterr().err
+    assert main(["replay", str(DRIVE), "--refs", str(tmp_path / "typo.jsonl")]) == 2
+    assert "typo.jsonl is not there" in capsys.readouterr().err
+    drive = tmp_path / "drive"
+    drive.mkdir()
+    (drive / "1.jpg").write_bytes(b"torn")
+    monkeypatch.chdir(drive)
+    for where in (".", f"folder:{drive}"):
+        assert main(["replay", where, *config]) == 2
+        assert f"{drive}.refs.jsonl is not there" in capsys.readouterr().err
+    assert main(["replay", ".", "--update-refs", *config]) == 2
+    assert "no frame that can be judged again" in capsys.readouterr().err
+    assert not Path(f"{drive}.refs.jsonl").exists()
+
+
 def test_a_frame_that_was_judged_with_taps_is_not_compared(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,7 +202,12 @@ def test_what_differs_is_named_and_nothing_compared_is_not_the_same() -> None:
     assert compared([unknown], [ROW]).far == [("frame 1", "uncertainty", 0.5, None)]
     assert compared([ROW], [ROW]).same
     assert not compared([ROW], []).same
-    assert compared([], [ROW]).left_out == {"not in the drive any more": ["frame 1"]}
+    other = ROW._replace(name="frame 2")
+    gone = compared([ROW], [ROW, other])
+    assert (gone.gone, gone.same) == (["frame 2"], False), "a gate that loses frames is not passed"
+    assert "not judged any more: 1 frames: frame 2" in list(gone.lines())
+    no_number = ROW._replace(figures={**ROW.figures, "uncertainty": float("nan")})
+    assert not compared([no_number], [ROW]).same
     assert not Comparison(OF_REFERENCES).same
 
 

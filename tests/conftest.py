@@ -21,12 +21,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's, which `pytest -n` woul
 LONGEST = (
     "test_bench_stopping.py",
     "test_network_cameras.py",
-    "test_clipseg_on_the_field.py",
     "test_whole_thread.py",
     "test_check_on_the_field.py",
+    "test_processes.py",
     "test_calls_over_a_lossy_radio.py",
+    "test_clipseg_on_the_field.py",
 )
-"""Workers begin with them, so that none of them runs last and alone."""
+"""Workers begin with them, so that none of them runs last and alone. CLIPSeg wants all cores: when it begins,
+the stopping test, whose rovers are held where vision starves, is nearly over."""
 EXPORT = ("torch", "transformers", "onnx", "PIL")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import threading
 import time
@@ -152,7 +153,9 @@ def test_the_log_says_when_it_is_ready_when_the_camera_delivers_and_that_it_stop
     caplog.set_level("INFO")
 
     def back_after_a_fault() -> bool:
-        if "fault: camera failed: folder" in caplog.text and hidden.is_dir():
+        # On a busy computer the missing frame may be noticed before the camera's failure is told.
+        told = re.search(r"fault: (camera failed|no fresh frame): folder", caplog.text)
+        if told and hidden.is_dir():
             assert "ready: policy report" in caplog.text
             assert "camera delivers" not in caplog.text
             hidden.rename(pictures)

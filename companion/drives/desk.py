@@ -74,7 +74,7 @@ class Terminal:
                 line = input("answer (? for help): ").strip()
             except EOFError:
                 return None
-            if line == "?":
+            if line.lower() in ("?", "help"):  # what a refused answer says to type
                 print(_HELP)
             elif line.lower() == "quit":
                 raise KeyboardInterrupt

@@ -187,14 +187,14 @@ def call(number: int = 1) -> AskedCall:
 def test_somebody_at_the_terminal_sees_why_and_answers_skips_or_quits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = iter(["?", "tap drum -1, go", "", "quit"])
+    lines = iter(["?", "help", "tap drum -1, go", "", "quit"])
     monkeypatch.setattr("builtins.input", lambda _prompt: next(lines))
     desk = Terminal(tmp_path)
     assert desk.ask(call(), "") == "tap drum -1, go"
     said = capsys.readouterr().out
     assert "C1 at 1.7 s, 017.png: " in said
     assert f"{tmp_path}/calls/1-large.jpg" in said
-    assert "not ask about this place again" in said
+    assert said.count("not ask about this place again") == 2, "by ? and by help"
     assert desk.ask(call(), "C1 stays open: still unknown") is None
     assert "stays open" in capsys.readouterr().out
     with pytest.raises(KeyboardInterrupt):

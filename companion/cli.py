@@ -9,7 +9,8 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -301,11 +302,10 @@ def _status(options: argparse.Namespace) -> int:
 
 def _memory(options: argparse.Namespace) -> int:
     _log_to_stderr(logging.ERROR)
-    from companion.config import ConfigError
     from companion.memory import command
     from companion.storage import JournalError
 
-    try:
+    with _told(JournalError, command.MemoryCommandError):
         match options.action:
             case "list":
                 return command.show_list(options.config, as_json=options.json)
@@ -317,10 +317,6 @@ def _memory(options: argparse.Namespace) -> int:
                 return command.export(options.config, options.file)
             case _:
                 return command.take_in(options.config, options.file)
-    except ConfigError as error:
-        raise UserError(_error_text(error)) from error
-    except (JournalError, command.MemoryCommandError) as error:
-        raise UserError(str(error)) from error
 
 
 def _rehearse(options: argparse.Namespace) -> int:
@@ -354,17 +350,12 @@ def _replay(options: argparse.Namespace) -> int:
 def _of_drives(act: Callable[[], int]) -> int:
     _log_to_stderr(logging.ERROR)
     from anytraverse.errors import AnyTraverseError
-    from companion.config import ConfigError
     from companion.drives.drive import DriveError
     from companion.memory.command import MemoryCommandError
     from companion.memory.scene_file import SceneFileError
 
-    try:
+    with _told(AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError):
         return act()
-    except ConfigError as error:
-        raise UserError(_error_text(error)) from error
-    except (AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError) as error:
-        raise UserError(str(error)) from error
 
 
 def _record(options: argparse.Namespace) -> int:
@@ -382,20 +373,29 @@ def _incident(options: argparse.Namespace) -> int:
 
 
 def _of_recordings(act: Callable[[], int]) -> int:
-    from companion.config import ConfigError
     from companion.recording.command import RecordError
 
     try:
-        return act()
-    except ConfigError as error:
-        raise UserError(_error_text(error)) from error
-    except RecordError as error:
-        raise UserError(str(error)) from error
+        with _told(RecordError):
+            return act()
     except OSError as error:
         why = (error.strerror or str(error)).lower()
         raise UserError(
             f"{error.filename or 'the disk'}: {why}: you may have to type this with sudo"
         ) from error
+
+
+@contextmanager
+def _told(*kinds: type[Exception]) -> Iterator[None]:
+    """Turn errors of these kinds, and those of the configuration, into a `UserError`."""
+    from companion.config import ConfigError
+
+    try:
+        yield
+    except ConfigError as error:
+        raise UserError(_error_text(error)) from error
+    except kinds as error:
+        raise UserError(str(error)) from error
 
 
 def _try_perceiver(config: Config) -> str:

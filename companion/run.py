@@ -198,10 +198,8 @@ def _run(
             service.alive(now)
         if now - status_at >= _STATUS_PERIOD:
             recording = {**recorder.figures(), "left_out": daemon.recording.left_out}
-            status_at, figures = (
-                now,
-                daemon.write_status(web=page.figures(), video=video.figures(), recording=recording),
-            )
+            figures = daemon.write_status(web=page.figures(), video=video.figures(), recording=recording)
+            status_at = now
             service.status(f"{figures['state']}, policy {figures['policy']}")
             if status_at - checked_at < EVERY:
                 background.run(daemon.computer.measure)

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
+from companion.browser.wording import without_box
+from companion.wire.answers import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, TapBox
 from companion.wire.delivery import Pending, Status
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
+from companion.wire.words_text import operation_text
 
 _WELL = CHANGING_RESULTS - {Result.NOT_COVERED}
 _MOTIONS = {Motion.GO: "go", Motion.STAY: "stay", Motion.LOOK_AGAIN: "look again"}
@@ -66,14 +68,4 @@ def said(motion: Motion, operations: Sequence[Operation]) -> str:
 
 
 def _operation(operation: Operation) -> str:
-    match operation:
-        case SetWord(word, weight) | TapBox(_, _, word, weight):
-            return f"{word}: {weight:g}"
-        case ForgetWord(word):
-            return f"forget {word}"
-        case ForgetCall(number):
-            return f"forget call {number}"
-        case NewEpisode():
-            return "new episode"
-        case OtherPlace():
-            return "another place"
+    return "another place" if isinstance(operation, OtherPlace) else without_box(operation_text(operation))

@@ -124,10 +124,14 @@ def newest_motion(motions: Sequence[str]) -> str:
     return next((one.replace("_", " ") for one in reversed(motions) if one not in _NO_MOTION), "")
 
 
+def without_box(operation: str) -> str:
+    """Leave out the box of a tap that is written as an operator types it: a person sees it in the picture."""
+    return _TAP.sub(r"\1", operation)
+
+
 def answered(given: GivenAnswer) -> str:
     """Word an answer in a call's record: what was answered, and what the rover said to it."""
-    operations = (_TAP.sub(r"\1", one) for one in given.operations)
-    said = ", ".join(filter(None, (*operations, newest_motion([given.motion]))))
+    said = ", ".join(filter(None, (*map(without_box, given.operations), newest_motion([given.motion]))))
     return clean(": ".join(filter(None, (said, given.text))))
 
 
@@ -164,7 +168,7 @@ def announced(call: CallData) -> dict[str, Any]:
         "stage": call.stage.name.lower(),
         "open": call.stage is not Stage.CLOSED,
         "test": call.test,
-        "reasons": _names(call.reasons),
+        "reasons": reason_names(call.reasons),
         "reason": reason(call),
         "figures": figures(call),
         "todo": what_to_do(call),
@@ -183,7 +187,7 @@ def recorded(record: CallRecord) -> dict[str, Any]:
         "kind": "call",
         "stage": "closed",
         "open": False,
-        "reasons": _names(record.reasons),
+        "reasons": reason_names(record.reasons),
         "reason": reason(record),
         "figures": figures(record),
         "outcome": OUTCOMES.get(record.outcome, clean(record.outcome).replace("_", " ")),
@@ -191,5 +195,6 @@ def recorded(record: CallRecord) -> dict[str, Any]:
     }
 
 
-def _names(reasons: Reasons) -> list[str]:
+def reason_names(reasons: Reasons) -> list[str]:
+    """Name the reasons, as pages and files do."""
     return [str(one.name).lower() for one in Reasons if one and one in reasons]

@@ -22,9 +22,9 @@ class VideoFile:
     def __init__(self, place: str, options: CameraOptions) -> None:
         self._path = Path(os.path.expanduser(place)).absolute()
         self._loop = options.loop
-        self._video = self._open()
+        self._video = open_video(self._path)
         self._read_in_lap = 0
-        self._pace = Pace(options.playback or self._own_rate())
+        self._pace = Pace(options.playback or own_rate(self._video))
 
     def read(self, timeout: float) -> Capture:
         now = self._pace.wait(timeout)
@@ -39,23 +39,6 @@ class VideoFile:
     def close(self) -> None:
         self._video.release()
 
-    def _open(self) -> cv2.VideoCapture:
-        if not self._path.is_file():
-            raise CameraError(f"there is no video {self._path}: check [camera] source")
-        video = cv2.VideoCapture(str(self._path))
-        if not video.isOpened():
-            raise CameraError(f"{self._path} is no video that can be decoded: try to play it, or convert it")
-        try:
-            check_size(int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
-        except PictureTooLargeError as error:
-            video.release()
-            raise CameraError(f"{self._path}: {error}") from error
-        return video
-
-    def _own_rate(self) -> float:
-        rate = float(self._video.get(cv2.CAP_PROP_FPS))
-        return rate if math.isfinite(rate) and 0.0 < rate <= _HIGHEST_RATE else _USUAL_RATE
-
     def _start_again(self) -> None:
         """Start again at the file's end, or raise EndOfFrames."""
         if not self._loop:
@@ -64,7 +47,28 @@ class VideoFile:
             raise EndOfFrames(f"{self._path} ended after {self._read_in_lap} frames{torn}")
         self._video.release()
         # The file is opened again, because OpenCV cannot seek to the start of every container.
-        self._video = self._open()
+        self._video = open_video(self._path)
         self._read_in_lap = 0
         if not self._video.grab():
             raise CameraError(f"{self._path} holds no frame: choose another video")
+
+
+def open_video(path: Path) -> cv2.VideoCapture:
+    """Open a video file. Raises CameraError for one that is not there, cannot be decoded, or is too large."""
+    if not path.is_file():
+        raise CameraError(f"there is no video {path}: check [camera] source")
+    video = cv2.VideoCapture(str(path))
+    if not video.isOpened():
+        raise CameraError(f"{path} is no video that can be decoded: try to play it, or convert it")
+    try:
+        check_size(int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+    except PictureTooLargeError as error:
+        video.release()
+        raise CameraError(f"{path}: {error}") from error
+    return video
+
+
+def own_rate(video: cv2.VideoCapture) -> float:
+    """Return the frames per second that a video states, 30 where that is none."""
+    rate = float(video.get(cv2.CAP_PROP_FPS))
+    return rate if math.isfinite(rate) and 0.0 < rate <= _HIGHEST_RATE else _USUAL_RATE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,11 +13,9 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.look import read_picture
 from companion.cameras import CameraError, split_source
 from companion.cameras.folder import pictures
+from companion.cameras.video import open_video, own_rate
 from companion.drives.drive import Drive, DriveError, DriveFrame
 from companion.drives.recorded import Recording
-
-_USUAL_RATE = 30.0
-_HIGHEST_RATE = 240.0
 
 
 def open_drive(where: str, rate: float) -> Drive:
@@ -83,11 +80,10 @@ class _Video:
     """The frames of a video that OpenCV decodes, thinned out to a rate."""
 
     def __init__(self, path: Path, rate: float) -> None:
-        video = self._video = cv2.VideoCapture(str(path))
-        if not path.is_file() or not video.isOpened():
-            raise DriveError(f"{path} is no folder, and no video that can be decoded: try to play it")
-        own = float(video.get(cv2.CAP_PROP_FPS))
-        self._own_rate = own if math.isfinite(own) and 0.0 < own <= _HIGHEST_RATE else _USUAL_RATE
+        if not path.is_file():
+            raise DriveError(f"{path} is no folder, and no video: give one that is there")
+        video = self._video = open_video(path)
+        self._own_rate = own_rate(video)
         self._rate = min(rate, self._own_rate)
         announced = max(0.0, float(video.get(cv2.CAP_PROP_FRAME_COUNT)))
         self.title, self.count = path.name, round(announced * self._rate / self._own_rate)

@@ -37,7 +37,7 @@ class DriveJudge:
 
     def __init__(self, config: Config, memory: Memory | None = None) -> None:
         """memory: what the rover remembers at the start. Raises AnyTraverseError."""
-        self.engine, self.notices = load_engine(config, memory)
+        self.engine, _ = load_engine(config, memory)
         numbers = call_numbers(config, self.engine.settings)
         self._calls = OperatorCalls(numbers, PolicyState(Policy.SHADOW), 0.0)
         self._frames = 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from bisect import bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
@@ -18,6 +17,7 @@ from anytraverse.frame import Image
 from anytraverse.judging import Settings
 from anytraverse.regions import Box
 from companion.drives.drive import DriveError, DriveFrame
+from companion.recording.contents import read_json
 from companion.recording.foxglove import jpeg_of
 from companion.recording.topics import TOPICS, Topic
 
@@ -104,7 +104,7 @@ class Recording:
                 if one.channel.topic == names[0]:
                     self.count += 1
                 elif not setup:
-                    setup = _object(one.message.data)
+                    setup = read_json(one.message.data)
         if not self.count:
             raise DriveError(f"{path} holds no frames of a recording: give one of the .mcap files")
         self.model, self.config = str(setup.get("model", "")), str(setup.get("config", ""))
@@ -135,9 +135,9 @@ def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[Re
         if topic is Topic.CAMERA:
             pictures.append((message.log_time, message.sequence, message.data))
         elif topic is Topic.ASSESSMENT:
-            seen[message.sequence].append((message.log_time, _object(message.data)))
+            seen[message.sequence].append((message.log_time, read_json(message.data)))
         elif topic in standing:
-            standing[topic].add(message.log_time, _object(message.data))
+            standing[topic].add(message.log_time, read_json(message.data))
     for captured, number, data in sorted(pictures, key=lambda one: one[0]):
         judged, content = min(seen.get(number, [(captured, {})]), key=lambda one: abs(one[0] - captured))
         named[number] += 1
@@ -169,13 +169,6 @@ def _picture(data: bytes) -> Image | None:
     except (AnyTraverseError, ValueError):
         return None
     return None if found is None else np.ascontiguousarray(found[..., ::-1], np.uint8)
-
-
-def _object(data: bytes) -> Mapping[str, Any]:
-    try:
-        return _mapping(json.loads(data))
-    except (ValueError, RecursionError):
-        return {}
 
 
 def _mapping(raw: Any) -> Mapping[str, Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory, first_memory
+from companion.browser.wording import reason_names
 from companion.config import Config, load_config
 from companion.drives.desk import AnswerFile, answer_lines, terminal
 from companion.drives.drive import DriveError
@@ -19,7 +20,6 @@ from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
 from companion.drives.report import page
 from companion.memory.command import merged, read_checked
 from companion.memory.scene_file import Scene, write_scenes
-from companion.wire.ids import Reasons
 
 _TOLD_EVERY = 5.0
 _OURS = ("frames.jsonl", "calls", "calls.json", "answers.txt", "memory.jsonl", "index.html")
@@ -126,7 +126,7 @@ def _listed(call: AskedCall) -> dict[str, Any]:
         "frame": call.frame,
         "at": round(call.at, 2),
         "scene": call.group,
-        "reasons": [str(one.name).lower() for one in Reasons if one and one in call.data.reasons],
+        "reasons": reason_names(call.data.reasons),
         "answers": [{"answer": said.line, "text": said.text, "taken": said.taken} for said in call.said],
     }
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from companion.config import format_config, load_config, state_folder
 from companion.recording import incident
+from companion.recording.contents import read_json
 from companion.recording.foxglove import NS
 from companion.recording.recorder import EXTRA, missing
 from companion.recording.ring import FOLDER, recordings
@@ -126,7 +127,7 @@ def _row(path: Path) -> dict[str, Any]:
     found = summary(path)
     decisions, told = TOPICS[Topic.DECISIONS].name, []
     for one in messages(path, {decisions, TOPICS[Topic.STATE].name}):
-        content = incident.content(one.message.data)
+        content = read_json(one.message.data)
         if one.channel.topic != decisions:
             told += ["fault"] if content.get("state") == "fault" else []
         elif content.get("decision") in _TOLD:

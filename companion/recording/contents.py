@@ -64,6 +64,15 @@ def as_json(content: Mapping[str, Any]) -> bytes:
     return json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
 
 
+def read_json(data: bytes) -> Mapping[str, Any]:
+    """Read what `as_json` encoded; {} for anything else: a recording may come from anywhere."""
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def assessment(
     seen: Assessment, judged_at: float, duration: float, sectors: tuple[float | None, ...]
 ) -> bytes:

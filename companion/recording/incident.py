@@ -8,12 +8,13 @@ import platform
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from anytraverse.release import own_version
+from companion.recording.contents import read_json
 from companion.recording.foxglove import NS
 from companion.recording.ring import FOLDER, Recording, recordings
 from companion.recording.topics import TOPICS, Topic
@@ -163,26 +164,17 @@ def _copy(folder: Path, windows: Sequence[Window], out: IO[bytes], calls: set[in
                         copy.add(earlier, at)
             copy.add(one)
             if topic in _ABOUT:
-                number = content(one.message.data).get(_ABOUT[topic])
+                number = read_json(one.message.data).get(_ABOUT[topic])
                 calls |= {number} if isinstance(number, int) and number else set()
     copy.finish()
     return copy.messages
 
 
-def _told(path: Path) -> Iterator[tuple[str, int, dict[str, object]]]:
+def _told(path: Path) -> Iterator[tuple[str, int, Mapping[str, Any]]]:
     from companion.recording.reading import messages
 
     for one in messages(path, _ABOUT):
-        yield one.channel.topic, one.message.log_time, content(one.message.data)
-
-
-def content(data: bytes) -> dict[str, object]:
-    """Read a JSON message; {} for anything else."""
-    try:
-        found = json.loads(data)
-    except (ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
+        yield one.channel.topic, one.message.log_time, read_json(one.message.data)
 
 
 def _merged(found: Sequence[Window]) -> list[Window]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -12,7 +11,7 @@ from companion.browser.requests import RequestError, read_answer, read_object, w
 from companion.web.calls import OwnAnswers
 from companion.web.news import SILENT, News
 from companion.wire.answers import Acknowledgement, Operation
-from companion.wire.delivery import Pending
+from companion.wire.delivery import Pending, random_transaction
 from companion.wire.documents import state_from
 from companion.wire.ids import Motion, Result
 from companion.wire.packing import PayloadError
@@ -118,9 +117,8 @@ class Answering:
     def _begin(self, target: int, motion: Motion, operations: Sequence[Operation]) -> Pending:
         if len(self._unsettled()) >= MOST_WAITING:
             raise RequestError(f"{MOST_WAITING} answers wait already: is the companion well?")
-        transaction = secrets.randbelow(0xFFFFFFFF) + 1
         try:
-            pending = Pending(0, target, motion, tuple(operations), transaction, self._clock())
+            pending = Pending(0, target, motion, tuple(operations), random_transaction(), self._clock())
         except PayloadError as error:
             raise RequestError(str(error)) from error
         pending.overrule(self._unsettled(), self._clock())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -88,6 +89,11 @@ def split(transaction: int, target: int, motion: Motion, operations: Sequence[Op
         AnswerMessage(transaction, target, motion, tuple(group), part, len(groups)).pack()
         for part, group in enumerate(groups)
     ]
+
+
+def random_transaction() -> int:
+    """Return a new id for an answer."""
+    return secrets.randbelow(0xFFFFFFFF) + 1
 
 
 @dataclass(eq=False)

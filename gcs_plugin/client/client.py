@@ -6,7 +6,6 @@ Call `receive` with every message of the link, then send what `outgoing` returns
 
 from __future__ import annotations
 
-import secrets
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Operation
-from companion.wire.delivery import Pending, Status
+from companion.wire.delivery import Pending, Status, random_transaction
 from companion.wire.ids import (
     ANSWER_COMMAND,
     AUTOPILOT_COMPONENT_ID,
@@ -43,10 +42,6 @@ MAX_PROBLEMS = 8
 _ADDRESSED = frozenset({"COMMAND_ACK", "FILE_TRANSFER_PROTOCOL"})
 
 
-def _random_transaction() -> int:
-    return secrets.randbelow(0xFFFFFFFF) + 1
-
-
 class OperatorClient:
     """Tracks every rover of a link and delivers answers to them.
 
@@ -54,7 +49,7 @@ class OperatorClient:
     the messages that we send; None while not known. Replies addressed to other ids are ignored.
     """
 
-    def __init__(self, transactions: Callable[[], int] = _random_transaction) -> None:
+    def __init__(self, transactions: Callable[[], int] = random_transaction) -> None:
         self.ids: tuple[int, int] | None = None
         self._rovers: dict[int, Rover] = {}
         self._events: deque[ev.Event] = deque(maxlen=MAX_EVENTS)

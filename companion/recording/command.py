@@ -64,7 +64,13 @@ def repair(path: str) -> int:
     if reading.whole(torn):
         print(f"{path}: is whole, left as it is")
         return 0
-    print(f"{path}: {reading.repair(torn)} messages are whole, and have an index again")
+    try:
+        count = reading.repair(torn)
+    except BlockingIOError:
+        raise RecordError(f"{path}: is being written: repair a copy of it") from None
+    if not count:
+        raise RecordError(f"{path}: no message in it can be read, left as it is")
+    print(f"{path}: {count} messages are whole, and have an index again")
     return 0
 
 

@@ -137,7 +137,9 @@ def _field(number: int, kind: str, value: Any) -> bytes:
         return _varint(number << 3) + _varint(value)
     if kind == "google.protobuf.Timestamp" and isinstance(value, int):
         value = {"seconds": value // NS, "nanos": value % NS}
-    packed = value if kind == "bytes" else value.encode() if kind == "string" else encode(kind, value)
+    if kind == "string":
+        value = value.encode(errors="replace")  # a file's name may be no text
+    packed = value if isinstance(value, bytes) else encode(kind, value)
     return b"".join((_varint(number << 3 | 2), _varint(len(packed)), packed))
 
 

@@ -10,6 +10,7 @@ from mcap.writer import CompressionType, Writer
 
 from anytraverse.release import own_version
 from companion.recording.messages import Message
+from companion.recording.reading import lock
 from companion.recording.topics import TOPICS, Topic
 
 _CHUNK = 1 << 20
@@ -34,8 +35,10 @@ class McapFile:
         self._channels: dict[Topic, int] = {}
         self._waiting = 0
         """Bytes, at most, of what the chunk in progress will have."""
-        self._chunks = 1
+        self._chunks = 0
+        """Those that are written."""
         try:
+            lock(self._file)
             self._writer = Writer(self._file, chunk_size=_CHUNK, compression=CompressionType.LZ4)
             self._writer.start(library=f"anytraverse-companion {own_version()}")
         except OSError:
@@ -45,19 +48,19 @@ class McapFile:
     @property
     def size(self) -> int:
         """Bytes that the file would have, at most, if it were finished now."""
-        ending = _OF_THE_FILE + (self._chunks + 1) * _OF_A_CHUNK
+        ending = _OF_THE_FILE + (self._chunks + 2) * _OF_A_CHUNK
         # What cannot be compressed grows by less than a hundredth.
         return self._file.tell() + self._waiting + self._waiting // 100 + ending
 
     def fits(self, message: Message) -> bool:
         """Whether the file may hold this message, too."""
-        return self.size + _bound(message) <= self._most
+        return self.size + bytes_of(message) <= self._most
 
     def add(self, message: Message) -> None:
         """Add a message. Raises OSError."""
         if message.topic not in self._channels:
             self._channels[message.topic] = self._register(message.topic)
-        self._waiting += _bound(message)
+        self._waiting += bytes_of(message)
         self._writer.add_message(
             self._channels[message.topic], message.at, message.data, message.at, message.sequence
         )
@@ -88,9 +91,12 @@ class McapFile:
             self._file.close()
 
     def abandon(self) -> None:
-        """Close the file as it is: a disk that fails takes no index either."""
+        """Close the file as it is: a disk that fails takes no index either. Without a chunk it is deleted."""
         with contextlib.suppress(OSError):
             self._file.close()
+        if not self._chunks:
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
 
     def _register(self, topic: Topic) -> int:
         row = TOPICS[topic]
@@ -99,5 +105,6 @@ class McapFile:
         return channel
 
 
-def _bound(message: Message) -> int:
+def bytes_of(message: Message) -> int:
+    """Return the bytes of a file that a message takes, at most."""
     return len(message.data) + _OF_A_MESSAGE

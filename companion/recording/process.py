@@ -22,6 +22,8 @@ from companion.recording.ring_writer import RingWriter
 _MOST_MEMORY = 256 << 20
 MOST_WAITING = 16 << 20
 """Bytes of messages that wait for the disk. Beyond that they are lost, and counted."""
+_OF_A_MESSAGE = 512
+"""Bytes of memory that one takes beside its data, at most."""
 _BEAT = 0.5
 HANGS_AFTER = 5.0
 """Seconds in one call of the disk after which it counts as hanging."""
@@ -45,10 +47,11 @@ class Writing(threading.Thread):
     def put(self, message: Message) -> None:
         """Queue a message, or lose it where too much waits."""
         with self._changed:
-            if self._bytes + len(message.data) > MOST_WAITING:
+            size = len(message.data) + _OF_A_MESSAGE
+            if self._bytes + size > MOST_WAITING:
                 self._lost += 1
                 return
-            self._bytes += len(message.data)
+            self._bytes += size
             self._waiting.append(message)
             self._changed.notify()
 
@@ -91,7 +94,7 @@ class Writing(threading.Thread):
             if not self._waiting:
                 return None
             message = self._waiting.popleft()
-            self._bytes -= len(message.data)
+            self._bytes -= len(message.data) + _OF_A_MESSAGE
             return message
 
 

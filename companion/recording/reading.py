@@ -1,24 +1,31 @@
-"""Reads recordings, also those that end anywhere because their writer was killed, and repairs them."""
+"""Reads recordings, also those that end anywhere because their writer was killed, and repairs them.
+
+A file may come from anybody: what is read of it at once is bounded, and what is damaged is left out.
+"""
 
 from __future__ import annotations
 
-import contextlib
+import fcntl
+import io
+import itertools
 import os
-import struct
+import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap.records import Channel, Schema
+import lz4.frame
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, ChunkIndex, Schema
 from mcap.records import Message as Written
 from mcap.stream_reader import StreamReader
+from mcap.summary import Summary as Index
 from mcap.writer import CompressionType, Writer
 
 _MAGIC = b"\x89MCAP0\r\n"
 _LARGEST_RECORD = 64 << 20
+"""Bytes of a record, and of a chunk's records together, at most: ours have some 6 MiB."""
 
 
 class Read(NamedTuple):
@@ -30,17 +37,26 @@ class Read(NamedTuple):
 
 
 def read(file: IO[bytes]) -> Iterator[Read]:
-    """Yield all messages up to the end, or to the first byte that is no MCAP. Raises OSError."""
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    records = iter(StreamReader(file, validate_crcs=True, record_size_limit=_LARGEST_RECORD).records)
-    while True:
-        try:
-            record: Any = next(records)
-        except OSError:
-            raise
-        except Exception:  # a torn end may be anything, and the reader raises whatever it leads to
-            return
+    """Yield all messages up to the end, or to the first byte that is no MCAP; a damaged chunk is left out.
+
+    Raises OSError.
+    """
+    yield from _messages(_flat(_records(file)), {}, {})
+
+
+def _flat(records: Iterator[Any]) -> Iterator[Any]:
+    """Yield records, of a chunk those in it."""
+    for record in records:
+        if isinstance(record, Chunk):
+            yield from _records(io.BytesIO(_content(record)), magic=False)
+        else:
+            yield record
+
+
+def _messages(
+    records: Iterator[Any], schemas: dict[int, Schema], channels: dict[int, Channel]
+) -> Iterator[Read]:
+    for record in records:
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -48,6 +64,52 @@ def read(file: IO[bytes]) -> Iterator[Read]:
         elif isinstance(record, Written) and record.channel_id in channels:
             channel = channels[record.channel_id]
             yield Read(schemas.get(channel.schema_id), channel, record)
+
+
+def _records(file: IO[bytes], *, magic: bool = True) -> Iterator[Any]:
+    """Yield records, chunks as they are, up to the first byte that is none. Raises OSError."""
+    reader = StreamReader(file, skip_magic=not magic, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
+    records = iter(reader.records)
+    while True:
+        try:
+            record = next(records)
+        except OSError:
+            raise
+        except Exception:  # a torn end may be anything, and the reader raises whatever it leads to
+            return
+        yield record
+
+
+def _content(chunk: Chunk) -> bytes:
+    """Return a chunk's records; b"" for one that is damaged, larger than ours, or compressed otherwise.
+
+    Its own statement of its size is not believed.
+    """
+    data: bytes = chunk.data
+    if chunk.compression == "lz4":
+        unpacking = lz4.frame.LZ4FrameDecompressor()
+        try:
+            data = unpacking.decompress(chunk.data, max_length=_LARGEST_RECORD)
+        except RuntimeError:
+            return b""
+        if not unpacking.eof:
+            return b""
+    elif chunk.compression == "zstd":
+        data = _unpacked(chunk.data)
+    elif chunk.compression:
+        return b""
+    right = chunk.uncompressed_crc in (0, zlib.crc32(data))
+    return data if right and len(data) < _LARGEST_RECORD else b""
+
+
+def _unpacked(packed: bytes) -> bytes:
+    """Return what zstd packed: other programs write MCAP so."""
+    import zstandard
+
+    try:
+        return zstandard.ZstdDecompressor().stream_reader(packed).read(_LARGEST_RECORD)
+    except zstandard.ZstdError:
+        return b""
 
 
 def whole(path: Path) -> bool:
@@ -71,7 +133,13 @@ def messages(
     try:
         indexed = whole(path)
         with path.open("rb") as file:
-            found = _by_index(file, topics, begin, end) if indexed else read(file)
+            index = _index(file) if indexed else None
+            if index is None or not index.chunk_indexes:
+                file.seek(0)
+                found = read(file)
+            else:
+                records = _flat(_chunks(file, index, topics, begin, end))
+                found = _messages(records, dict(index.schemas), dict(index.channels))
             for one in found:
                 at = one.message.log_time
                 right = topics is None or one.channel.topic in topics
@@ -81,20 +149,37 @@ def messages(
         return
 
 
-def _by_index(
-    file: IO[bytes], topics: Collection[str] | None, begin: int | None, end: int | None
-) -> Iterator[Read]:
-    named = None if topics is None else list(topics)
-    reader = make_reader(file)
-    found = iter(reader.iter_messages(named, log_time_order=False, starting_at=begin, ending_before=end))
-    while True:
-        try:
-            schema, channel, message = next(found)
-        except OSError:
-            raise
-        except Exception:  # damaged after it was finished: the end, or what the reader raises
-            return
-        yield Read(schema, channel, message)
+def _index(file: IO[bytes]) -> Index | None:
+    """Return what the end of a finished recording says of it, None for a damaged one."""
+    try:
+        return SeekingReader(file, record_size_limit=_LARGEST_RECORD).get_summary()
+    except Exception:  # it may lead anywhere, also before the file's beginning
+        return None
+
+
+def _chunks(
+    file: IO[bytes], index: Index, topics: Collection[str] | None, begin: int | None, end: int | None
+) -> Iterator[Any]:
+    """Yield the chunks that may have something of these topics and times, in the order of the file."""
+    wanted = {
+        number for number, channel in index.channels.items() if topics is None or channel.topic in topics
+    }
+
+    def needed(one: ChunkIndex) -> bool:
+        late, early = (
+            begin is None or one.message_end_time >= begin,
+            end is None or one.message_start_time < end,
+        )
+        return (
+            late
+            and early
+            and not (one.message_index_offsets and wanted.isdisjoint(one.message_index_offsets))
+        )
+
+    size = file.seek(0, os.SEEK_END)
+    for offset in sorted({one.chunk_start_offset for one in index.chunk_indexes if needed(one)}):
+        file.seek(min(offset, size))
+        yield from (one for one in itertools.islice(_records(file, magic=False), 1) if isinstance(one, Chunk))
 
 
 class Summary(NamedTuple):
@@ -109,12 +194,12 @@ class Summary(NamedTuple):
 def summary(path: Path) -> Summary:
     """Summarize a recording, of a finished one by its index. Raises OSError."""
     if finished := whole(path):
-        with path.open("rb") as file, contextlib.suppress(McapError, ValueError, struct.error):
-            found = make_reader(file).get_summary()
-            if found is not None and (told := found.statistics) is not None:
-                names = {number: channel.topic for number, channel in found.channels.items()}
-                counts = {names[number]: count for number, count in told.channel_message_counts.items()}
-                return Summary(told.message_start_time, told.message_end_time, counts, finished)
+        with path.open("rb") as file:
+            index = _index(file)
+        if index is not None and (told := index.statistics) is not None:
+            names = {number: channel.topic for number, channel in index.channels.items()}
+            counts = {names.get(number, "?"): count for number, count in told.channel_message_counts.items()}
+            return Summary(told.message_start_time, told.message_end_time, counts, finished)
     counted = Counter[str]()
     times = [0]
     for one in messages(path):
@@ -153,22 +238,29 @@ class Copy:
         self._writer.finish()
 
 
+def lock(file: IO[bytes]) -> None:
+    """Take a recording for its writer, until it is closed. Raises BlockingIOError while another has it."""
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
 def repair(path: Path) -> int:
     """Write a torn recording anew with its index, in place, and return the number of its messages.
 
-    The old file stays as it is until the new one is complete. Raises OSError.
+    One of which nothing can be read stays as it is; the other one, too, until the new one is complete. Raises
+    OSError, BlockingIOError while it is being written.
     """
     partial = path.with_name(f".{path.name}.part")
     try:
         with path.open("rb") as torn, partial.open("wb") as file:
+            lock(torn)
             copy = Copy(file)
             for one in read(torn):
                 copy.add(one)
             copy.finish()
             file.flush()
             os.fsync(file.fileno())
-        os.replace(partial, path)
-    except OSError:
+        if copy.messages:
+            os.replace(partial, path)
+    finally:
         partial.unlink(missing_ok=True)
-        raise
     return copy.messages

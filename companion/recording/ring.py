@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 FOLDER = "recordings"
-_NAME = re.compile(r"([0-9]{6,12})(-event)?\.mcap", re.ASCII)
+_NAME = re.compile(r"([0-9]{6,9})(-event)?\.mcap", re.ASCII)
+PARTIAL = re.compile(rf"\.{_NAME.pattern}\.part", re.ASCII)
+"""The name of a recording that is being repaired."""
+_LAST = 999_999_999
 
 
 class Recording(NamedTuple):
@@ -31,12 +34,24 @@ def name_of(number: int, *, event: bool) -> str:
     return f"{number:06d}{'-event' if event else ''}.mcap"
 
 
+def free_number(folder: Path, first: int) -> int:
+    """Return the first number from `first` on whose name is free. Raises OSError after the last one."""
+    for number in range(first, _LAST + 1):
+        if not os.path.lexists(folder / name_of(number, event=False)):
+            return number
+    raise OSError(f"{name_of(_LAST, event=False)} has the last number: move it to another folder")
+
+
 def recordings(folder: Path) -> list[Recording]:
-    """List the recordings of a folder, oldest first; none where there is no folder. Raises OSError."""
+    """List the recordings of a folder, oldest first; none where there is no folder. Raises OSError.
+
+    What is no regular file is none of ours, whatever its name: opening it might never end.
+    """
     found = []
     with contextlib.suppress(FileNotFoundError), os.scandir(folder) as entries:
         for entry in entries:
-            if named := _NAME.fullmatch(entry.name):
+            named = _NAME.fullmatch(entry.name)
+            if named and entry.is_file(follow_symlinks=False):
                 with contextlib.suppress(FileNotFoundError):
                     size = entry.stat(follow_symlinks=False).st_size
                     found.append(Recording(int(named[1]), named[2] is not None, size))

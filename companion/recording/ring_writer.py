@@ -7,10 +7,10 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from companion.recording.mcap_file import SMALLEST, McapFile
+from companion.recording.mcap_file import SMALLEST, McapFile, bytes_of
 from companion.recording.messages import Message, Report
 from companion.recording.reading import repair, whole
-from companion.recording.ring import make_room, name_of, recordings
+from companion.recording.ring import PARTIAL, free_number, make_room, name_of, recordings
 from companion.recording.topics import TOPICS, Topic
 
 LONGEST = 60.0
@@ -29,7 +29,10 @@ _JUMP = 60 * 1_000_000_000
 
 
 class RingWriter:
-    """Writes messages. An error of the disk ends the recording in progress; it is tried again after 10 s."""
+    """Writes messages. An error of the disk ends the recording in progress; it is tried again after 10 s.
+
+    report: how it goes. Another thread may read it while this one waits for the disk.
+    """
 
     def __init__(self, folder: Path, most: int) -> None:
         """most: bytes of all recordings together."""
@@ -37,6 +40,8 @@ class RingWriter:
         self._most = most
         self._longest = max(SMALLEST, most // _FILES)
         self._file: McapFile | None = None
+        self._empty = 0
+        """Bytes with which that recording began."""
         self._number = 0
         self._event = False
         self._began = self._flushed = self._synced = 0.0
@@ -47,32 +52,38 @@ class RingWriter:
         self._files = self._size = 0
         """Of the finished recordings."""
         self._trouble = ""
-
-    @property
-    def report(self) -> Report:
-        """How it goes. May be read by another thread."""
-        file = self._file
-        files, size = (self._files, self._size) if file is None else (self._files + 1, self._size + file.size)
-        return Report(files, size, self._written, self._lost, self._trouble)
+        self.report = Report()
 
     def begin(self, now: float) -> None:
         """Make the folder, and repair what a process that was killed has left. now: monotonic seconds."""
         with self._survived(now):
             self._folder.mkdir(parents=True, exist_ok=True)
-            for torn in self._folder.glob(".*.part"):
-                torn.unlink(missing_ok=True)
-            make_room(self._folder, self._most - 2 * self._longest)
+            for torn in self._folder.iterdir():
+                if PARTIAL.fullmatch(torn.name):
+                    with contextlib.suppress(OSError):
+                        torn.unlink()
+            make_room(self._folder, self._most)
             for one in recordings(self._folder):
-                if not whole(self._folder / one.name):
-                    repair(self._folder / one.name)
+                self._repair(self._folder / one.name, one.size)
             self._look()
+
+    def _repair(self, path: Path, size: int) -> None:
+        """Give a recording its index where it lacks one. One that cannot be read must not stop the others."""
+        with contextlib.suppress(OSError):
+            if not size:
+                path.unlink()
+            elif size <= self._longest and not whole(path) and self._lacking() + self._longest <= 0:
+                make_room(self._folder, self._most - self._longest)
+                repair(path)
 
     def write(self, message: Message, now: float) -> None:
         """Write a message, or lose it where the disk takes none."""
         before = self._written
         if now >= self._retry_at:
             self._try(message, now)
-        self._lost += self._written == before
+        if self._written == before:
+            self._lost += 1
+            self._tell()
         if TOPICS[message.topic].standing:
             self._standing[message.topic] = message
 
@@ -110,26 +121,28 @@ class RingWriter:
         jumped = abs(message.at - self._newest) > _JUMP
         self._newest = message.at
         over = jumped or now - self._began >= LONGEST
-        if self._file is not None and (over or not self._file.fits(message)):
+        full = self._file is not None and not self._file.fits(message)
+        # One that fits no recording must not end this one.
+        if over or (full and self._empty + bytes_of(message) <= self._longest):
             self._finish()
-        if self._file is None:
-            self._file = self._start(message.at, now)
-        return self._file
+        return self._file or self._start(message.at, now)
 
     def _start(self, at: int, now: float) -> McapFile:
         """Start a recording with what holds at `at`. Raises OSError, also where the disk is nearly full."""
+        self._folder.mkdir(parents=True, exist_ok=True)  # somebody may have deleted it
         self._look()
         make_room(self._folder, min(self._most - self._longest, self._size - self._lacking()))
         if self._lacking() > 0:
             raise OSError(f"less than {LEAST_FREE >> 20} MiB are free on its disk")
         self._look()
-        number = self._number + 1
-        file = McapFile(self._folder / name_of(number, event=False), self._longest)
-        self._number, self._event = number, False
+        self._number, self._event = free_number(self._folder, self._number + 1), False
+        path = self._folder / name_of(self._number, event=False)
+        self._file = file = McapFile(path, self._longest)
         self._began = self._flushed = self._synced = now
         self._trouble = ""
         for standing in self._standing.values():
             file.add(standing._replace(at=at))
+        self._empty = file.size
         return file
 
     def _finish(self) -> None:
@@ -152,9 +165,14 @@ class RingWriter:
         try:
             yield
         except OSError as error:
-            self._trouble = (error.strerror or str(error)).lower()
+            self._trouble = error.strerror.lower() if error.strerror else str(error)
             self._retry_at = now + _TRIED_AGAIN
             file, self._file = self._file, None
             if file is not None:
-                with contextlib.suppress(OSError):
-                    file.abandon()
+                file.abandon()
+        self._tell()
+
+    def _tell(self) -> None:
+        file = self._file
+        files, size = (self._files, self._size) if file is None else (self._files + 1, self._size + file.size)
+        self.report = Report(files, size, self._written, self._lost, self._trouble)

@@ -126,12 +126,18 @@ def test_a_torn_recording_is_listed_and_repaired(rover: Rover) -> None:
     ring = rover.record(drive(30), finish=False)
     path = rover.state / "recordings" / "000001.mcap"
     assert "(being written, or torn)" in rover.type("record", "list")[1]
+    code, _, error = rover.type("record", "repair", str(path), config=False)
+    assert (code, "is being written: repair a copy" in error) == (2, True)
+    del ring  # its writer is gone
     code, said, _ = rover.type("record", "repair", str(path), config=False)
     assert (code, re.sub(r".*: ", "", said)) == (0, "30 messages are whole, and have an index again\n")
     assert rover.type("record", "repair", str(path), config=False)[1].endswith("whole, left as it is\n")
     code, _, error = rover.type("record", "repair", "nowhere.mcap", config=False)
     assert (code, "there is no such file" in error) == (2, True)
-    del ring
+    path.write_bytes(b"rubbish")
+    code, _, error = rover.type("record", "repair", str(path), config=False)
+    assert (code, "no message in it can be read" in error) == (2, True)
+    assert path.read_bytes() == b"rubbish"
 
 
 def test_an_incident_has_all_around_a_call_and_no_secret(rover: Rover) -> None:

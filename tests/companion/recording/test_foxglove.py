@@ -85,3 +85,7 @@ def test_boxes_are_closed_lines_in_pixels() -> None:
 def test_a_field_that_there_is_not_is_an_error() -> None:
     with pytest.raises(KeyError):
         encode("foxglove.Log", {"lvl": 1})
+
+
+def test_a_file_name_that_is_no_text_is_logged_with_question_marks() -> None:
+    assert read("foxglove.Log", log_line(20, "a", "caf\udce9.jpg", NS)).message == "caf?.jpg"

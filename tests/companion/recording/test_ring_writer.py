@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import errno
 import json
+import os
+import shutil
+import threading
 from collections import namedtuple
 from pathlib import Path
 from typing import Any
@@ -67,7 +70,7 @@ def test_all_recordings_together_are_never_above_the_rings_size(
     assert on_disk(folder) <= RING
     assert ring.report.trouble == ""
     assert ring.report.lost == 0
-    assert all(whole(path) for path in folder.iterdir())
+    assert all(whole(path) or not list(messages(path)) for path in folder.iterdir())
 
 
 def test_a_file_never_grows_above_what_it_may_have(tmp_path: Path) -> None:
@@ -171,7 +174,7 @@ def test_a_disk_that_is_nearly_full_gets_room_first_from_the_recordings(
     others[0] = 4 * SMALLEST  # somebody else fills it
     ring.tick(now + 15.0)
     ring.write(status(1, now), now + 16.0)
-    assert ring.report.trouble == "less than 200 mib are free on its disk"
+    assert ring.report.trouble == "less than 200 MiB are free on its disk"
     assert list(tmp_path.iterdir()) == [], "all room is given back"
     lost = ring.report.lost
     ring.write(status(2, now), now + 17.0)
@@ -223,3 +226,130 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     assert ring.report.trouble == "not a directory"
     ring.write(Message(*status(1)), 1.0)
     assert ring.report.lost == 1
+
+
+def test_what_others_put_into_the_folder_is_left_alone_and_stops_nothing(tmp_path: Path) -> None:
+    (tmp_path / "000001.mcap").mkdir()
+    os.mkfifo(tmp_path / "000002.mcap")
+    (tmp_path / "000003.mcap").symlink_to("/etc/hostname")
+    (tmp_path / "000004.mcap").write_bytes(b"rubbish")
+    for name in (".mine.part", "999999999999.mcap", "README"):
+        (tmp_path / name).write_text("mine")
+    theirs = {path.name for path in tmp_path.iterdir()}
+    (tmp_path / "000005.mcap").write_bytes(b"")  # as kill -9 leaves it before its first chunk
+    (tmp_path / ".000005.mcap.part").write_bytes(b"left")
+    ring = RingWriter(tmp_path, RING)
+    ring.begin(0.0)
+    ring.write(status(1), 0.0)
+    ring.finish(1.0)
+    assert ring.report.trouble == ""
+    assert {path.name for path in tmp_path.iterdir()} == theirs | {"000005.mcap"}
+    assert topics(tmp_path / "000005.mcap") == ["/status"]
+    assert (tmp_path / "000004.mcap").read_bytes() == b"rubbish"
+
+
+def test_after_the_last_number_it_says_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "999999999.mcap").write_bytes(b"x")
+    ring = RingWriter(tmp_path, RING)
+    ring.begin(0.0)
+    ring.write(status(1), 0.0)
+    assert ring.report.trouble == "999999999.mcap has the last number: move it to another folder"
+
+
+def test_a_recording_that_cannot_be_repaired_does_not_stop_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(3):
+        ring = RingWriter(tmp_path, RING)
+        ring._number = number
+        ring.write(status(number), 0.0)
+        ring.tick(3.0)
+        del ring
+    repair = ring_writer.repair
+
+    def unreadable(path: Path) -> int:
+        if path.name == "000001.mcap":
+            raise OSError(errno.EIO, "Input/output error")
+        return repair(path)
+
+    monkeypatch.setattr(ring_writer, "repair", unreadable)
+    ring = RingWriter(tmp_path, RING)
+    ring.begin(0.0)
+    assert [whole(path) for path in sorted(tmp_path.iterdir())] == [False, True, True]
+    ring.write(status(9), 0.1)
+    assert (ring.report.written, ring.report.lost) == (1, 0)
+
+
+def test_a_disk_that_takes_no_byte_is_not_filled_with_empty_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> None:
+        raise OSError(errno.EDQUOT, "Disk quota exceeded")
+
+    monkeypatch.setattr(McapFile, "flush", fail)
+    ring = RingWriter(tmp_path, RING)
+    ring.begin(0.0)
+    for second in range(120):
+        ring.write(status(second), float(second))
+        ring.tick(float(second))
+    assert ring.report.trouble == "disk quota exceeded"
+    assert len(list(tmp_path.iterdir())) <= 1
+
+
+def test_a_message_that_fits_no_recording_does_not_end_the_one_in_progress(tmp_path: Path) -> None:
+    ring = RingWriter(tmp_path, RING)
+    ring.begin(0.0)
+    for number in range(20):
+        ring.write(frame(number, number / 100, 2 * SMALLEST), number / 100)
+        ring.write(status(number, number / 100), number / 100)
+    ring.finish(1.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["000001.mcap"]
+    assert (ring.report.written, ring.report.lost) == (20, 20)
+
+
+def test_a_folder_that_somebody_deletes_is_made_again(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    ring = RingWriter(folder, RING)
+    ring.begin(0.0)
+    ring.write(status(1), 0.0)
+    shutil.rmtree(folder)
+    ring.write(opened(7, 1.0), 1.0)
+    assert ring.report.trouble == "no such file or directory"
+    ring.write(status(2, 20.0), 20.0)
+    assert ring.report.trouble == ""
+    ring.finish(21.0)
+    assert [topics(path) for path in folder.iterdir()] == [["/status"]]
+
+
+def test_how_it_goes_is_told_while_the_disk_keeps_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the kernel does: while a write of a file hangs, asking for its position hangs, too."""
+    position, hangs, goes_on = threading.Lock(), threading.Event(), threading.Event()
+    size = McapFile.size
+
+    def flush(_: McapFile) -> None:
+        with position:
+            hangs.set()
+            goes_on.wait(10.0)
+
+    def asked(file: McapFile) -> Any:
+        with position:
+            assert size.fget is not None
+            return size.fget(file)
+
+    monkeypatch.setattr(McapFile, "flush", flush)
+    monkeypatch.setattr(McapFile, "size", property(asked))
+    ring = RingWriter(tmp_path, RING)
+    ring.begin(0.0)
+    ring.write(status(1), 0.0)
+    disk = threading.Thread(target=ring.tick, args=(3.0,))
+    disk.start()
+    assert hangs.wait(5.0)
+    told = list[int]()
+    asking = threading.Thread(target=lambda: told.append(ring.report.written), daemon=True)
+    asking.start()
+    asking.join(2.0)
+    goes_on.set()
+    disk.join(5.0)
+    assert told == [1]

@@ -225,6 +225,7 @@ def _demo(options: argparse.Namespace) -> int:
 
 def _init(options: argparse.Namespace) -> int:
     from anytraverse.resources import resource
+    from companion.config import Config
 
     folder = Path(options.folder)
     try:
@@ -240,6 +241,8 @@ def _init(options: argparse.Namespace) -> int:
     except OSError as error:
         why = (error.strerror or str(error)).lower()
         raise UserError(f"{error.filename or folder}: {why}: name a folder that you may write") from error
+    most = Config().recording.size
+    print(f"It records pictures, positions and the log, {most} MB as shipped: [recording] size = 0 ends that")
     print(f"Edit them, then: companion config check {folder / _SHIPPED[0]}")
     return 0
 

@@ -26,6 +26,7 @@ from companion.daemon.death import report_death
 from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
+from companion.live.live import Live
 from companion.policy.hold_gate import require_checkable
 from companion.preflight.report import EVERY, CheckReport
 from companion.recording.recorder import Recorder
@@ -90,16 +91,18 @@ def _main(
     first_frame = stored_u32(saved.get("frame_id")) + 1
     vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
-    page, video, recorder = Page(config), Video(config), Recorder(config)
+    page, video, recorder, live = Page(config), Video(config), Recorder(config), Live(config)
     closing.callback(page.close)
     closing.callback(video.close)
     closing.callback(recorder.close)
+    closing.callback(live.close)
     page.answer, link.answers.to_page = link.answers.receive_from_page, page.acknowledge
 
     def poll(now: float) -> None:
         page.poll(now, _starting)
         video.poll(now)
         recorder.poll(now)
+        live.poll(now)
         link.camera.url = video.url
 
     ready = load(vision, link, stop, service, poll)
@@ -122,7 +125,7 @@ def _main(
     service.ready(time.monotonic())
     try:
         job = closing.enter_context(BackgroundJob())
-        _run(daemon, link, stop, service, writer, report, job, page, video, recorder)
+        _run(daemon, link, stop, service, writer, report, job, page, video, recorder, live)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         report_death(link, daemon.calls)
@@ -176,6 +179,7 @@ def _run(
     page: Page,
     video: Video,
     recorder: Recorder,
+    live: Live,
 ) -> None:
     status_at = checked_at = float("-inf")
     figures: dict[str, Any] = {}
@@ -198,15 +202,19 @@ def _run(
             service.alive(now)
         if now - status_at >= _STATUS_PERIOD:
             recording = {**recorder.figures(), "left_out": daemon.recording.left_out}
-            figures = daemon.write_status(web=page.figures(), video=video.figures(), recording=recording)
+            figures = daemon.write_status(
+                web=page.figures(), video=video.figures(), recording=recording, live=live.figures()
+            )
             status_at = now
             service.status(f"{figures['state']}, policy {figures['policy']}")
             if status_at - checked_at < EVERY:
                 background.run(daemon.computer.measure)
             elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
                 checked_at = status_at
-        recorder.poll(now, daemon.recording.take())
-        daemon.recording.on = recorder.wanted
+        told = daemon.recording.take()
+        recorder.poll(now, told)
+        live.poll(now, told)
+        daemon.recording.on = recorder.wanted or live.wanted
         page.poll(now, news)
         if page.wanted():
             daemon.live_picture.want()

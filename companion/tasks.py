@@ -11,6 +11,7 @@ VISION = Restarts(silent_for=3.0, loading=180.0, first=2.0, longest=60.0)
 PAGE = Restarts(silent_for=10.0, loading=60.0, first=2.0, longest=60.0)
 VIDEO = Restarts(silent_for=5.0, loading=60.0, first=2.0, longest=60.0)
 RECORDER = Restarts(silent_for=10.0, loading=60.0, first=2.0, longest=60.0)
+LIVE = Restarts(silent_for=10.0, loading=60.0, first=2.0, longest=60.0)
 
 
 class Task(NamedTuple):
@@ -46,6 +47,8 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
         Task("video",   "serves the camera's video",   "video process, own rate",   None,  "no video", VIDEO),
         Task("recorder", "writes recordings into a ring", "process, as told",       None,  "no recording",
              RECORDER),
+        Task("live view", "shows what is recorded to viewers", "process, as told",  None,  "no live view",
+             LIVE),
         Task("signing", "syncs signing's clock",          "thread, while signing",    None,  "reported"),
     )
     # fmt: on

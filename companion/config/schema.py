@@ -28,6 +28,7 @@ from companion.config.checks import (
     text,
     whole,
 )
+from companion.config.live import Live
 from companion.config.radio import Link
 from companion.config.video import Video
 from companion.config.web import Web
@@ -284,7 +285,9 @@ class Recording(Section):
     """What is recorded, for later: frames, maps, assessments, calls, answers, vehicle, log."""
 
     size: int = setting(1000, whole(0, 1_000_000), "MB of all recordings together, 0: nothing is recorded")
-    rate: float = setting(1.0, number(0.01, 60), "frames/s in the recordings; assessments are all recorded")
+    rate: float = setting(
+        1.0, number(0.01, 60), "frames/s in the recordings and the live view; assessments are all in them"
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         if 0 < self.size < SMALLEST_RING:
@@ -310,6 +313,7 @@ SECTIONS: Mapping[str, type[Section]] = {
     "journal": Journal,
     "pictures": Pictures,
     "recording": Recording,
+    "live": Live,
     "web": Web,
     "video": Video,
 }
@@ -342,6 +346,7 @@ class Config:
     journal: Journal = field(default_factory=Journal)
     pictures: Pictures = field(default_factory=Pictures)
     recording: Recording = field(default_factory=Recording)
+    live: Live = field(default_factory=Live)
     web: Web = field(default_factory=Web)
     video: Video = field(default_factory=Video)
 

@@ -7,14 +7,16 @@ import shutil
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, passed, skipped, warned
 from companion.recording.recorder import EXTRA, missing
+from companion.recording.ring import FOLDER
 from companion.system.computer import existing
 
 RECORDING = "recording"
+OFF = "[recording] size = 0 ends it"
 
 
 def check_recording(rover: Rover) -> list[Finding]:
     """Check that recordings can be written, and say how many there are."""
-    size = rover.config.recording.size
+    size, folder = rover.config.recording.size, rover.folder / FOLDER
     if not size:
         return [passed(RECORDING, "off: [recording] size is 0")]
     if packages := missing():
@@ -25,17 +27,18 @@ def check_recording(rover: Rover) -> list[Finding]:
         if free < size:
             what = f"{free} MB are free, and [recording] size is {size}: it stops before the disk is full"
             return [warned(RECORDING, what)]
-        return [passed(RECORDING, f"{size} MB at most will be recorded; {free} MB are free")]
+        what = f"records pictures, positions and the log into {folder}: {size} MB at most, {free} MB are free"
+        return [passed(RECORDING, f"{what}; {OFF}")]
     told = rover.told("recording")
     trouble, lost = told.get("trouble"), told.get("lost")
     if trouble == "starting" or not told:
         return [skipped(RECORDING, "not known yet: it is starting")]
     if trouble:
         return [warned(RECORDING, f"{trouble}: nothing is recorded until that is mended")]
-    what = told_recordings(told)
+    what = f"{told_recordings(told)} of {size} MB in {folder}"
     if lost:
         return [warned(RECORDING, f"{what}; lower [recording] rate, or take a better card")]
-    return [passed(RECORDING, what)]
+    return [passed(RECORDING, f"{what}; {OFF}")]
 
 
 def told_recordings(told: object) -> str:

@@ -105,6 +105,9 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "disk", f"{'not written now; ' if written.get('failing') else ''}{check_space(folder).text}"
     recording = _table(said, "recording")
     yield "recording", str(recording.get("trouble") or told_recordings(recording))
+    live = _table(said, "live")
+    viewers = f"{live.get('url') or 'nowhere'}, {live.get('clients', 0)} viewers"
+    yield "live view", str(live.get("trouble") or viewers)
     since = _started(said.get("pid"))
     if since is not None:
         at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(since))

@@ -17,6 +17,7 @@ from companion.preflight.computer import (
 )
 from companion.preflight.here import check_journal
 from companion.preflight.link import check_autopilot, check_forwarding, check_link, check_signing
+from companion.preflight.live import check_live
 from companion.preflight.page import check_page
 from companion.preflight.perceiver import check_perceiver
 from companion.preflight.recording import check_recording
@@ -66,7 +67,8 @@ CHECKS = (
     Check("tile",       check_tile,       "how large a tile is: the smallest area that can cause a call"),
     Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),
     Check("video",      check_video,      "whether the MAVLink camera's video is served, and where"),
-    Check("recording",  check_recording,  "whether recordings are written, and how many there are"),
+    Check("recording",  check_recording,  "whether recordings are written, where, and how many there are"),
+    Check("live view",  check_live,       "whether the live view is served, and to whom"),
 )
 # fmt: on
 WIDTH = 24

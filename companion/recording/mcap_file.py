@@ -25,11 +25,15 @@ SMALLEST = 4 * _OF_THE_FILE
 
 
 class McapFile:
-    """Writes messages. Each chunk that `flush` has written is found again, whatever happens to the rest."""
+    """Writes messages. Each chunk that `flush` has written is found again, whatever happens to the rest.
+
+    unwritten: messages of the chunk in progress.
+    """
 
     def __init__(self, path: Path, most: int) -> None:
         """Create the file. most: bytes that it may have in the end. Raises OSError."""
         self.path = path
+        self.unwritten = 0
         self._most = most
         self._file = path.open("xb")
         self._channels: dict[Topic, int] = {}
@@ -60,6 +64,7 @@ class McapFile:
         """Add a message. Raises OSError."""
         if message.topic not in self._channels:
             self._channels[message.topic] = self._register(message.topic)
+        self.unwritten += 1
         self._waiting += bytes_of(message)
         self._writer.add_message(
             self._channels[message.topic], message.at, message.data, message.at, message.sequence
@@ -71,7 +76,7 @@ class McapFile:
         """Write the chunk in progress. Raises OSError."""
         if self._waiting:
             self._writer.flush()
-            self._waiting, self._chunks = 0, self._chunks + 1
+            self._waiting, self._chunks, self.unwritten = 0, self._chunks + 1, 0
 
     def sync(self) -> None:
         """Wait until what is written is on the disk. Raises OSError."""

@@ -46,6 +46,11 @@ def _parts(packed: bytes) -> Iterator[bytes]:
         yield (_MORE if end < len(packed) else _LAST) + packed[begin:end]
 
 
+def ends_message(part: bytes) -> bool:
+    """Whether a datagram of ours is a message's last one."""
+    return part[:1] == _LAST
+
+
 class Joiner:
     """Joins datagrams to messages."""
 

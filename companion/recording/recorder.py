@@ -9,17 +9,15 @@ import logging
 import os
 import socket
 import sys
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from companion.config import Config
-from companion.recording.messages import LARGEST_PART, LONGEST_REPORT, Message, Report, datagrams
+from companion.recording.feed import BUFFER, Feed
+from companion.recording.messages import LONGEST_REPORT, Message, Report
 from companion.recording.ring import FOLDER
-from companion.recording.topics import TOPICS
-from companion.system.error_guard import ErrorGuard
 from companion.system.side_process import SideChild, SideProcess
 from companion.system.watchdog import Restarts
 from companion.tasks import RECORDER
@@ -29,8 +27,6 @@ log = logging.getLogger(__name__)
 COMMAND = (sys.executable, "-m", "companion.recording")
 EXTRA = 'pip install "anytraverse-companion[record]"'
 _NEEDS = ("mcap", "lz4")
-_MOST_WAITING = 8 << 20
-"""Bytes that wait for a process that is behind. Beyond that messages are lost, and counted."""
 _ENDS_WITHIN = 2.0
 
 
@@ -44,9 +40,7 @@ class RecorderChild(SideChild):
 
     def __init__(self, folder: Path, most: int, command: Sequence[str] = COMMAND) -> None:
         """Start the process. folder: of the recordings. most: bytes of all of them. Raises OSError."""
-        super().__init__(
-            [*command, str(folder), str(most)], buffer=6 * LARGEST_PART, longest=LONGEST_REPORT + 1
-        )
+        super().__init__([*command, str(folder), str(most)], buffer=BUFFER, longest=LONGEST_REPORT + 1)
 
     def finish(self) -> None:
         """Have it finish its recording and end, for two seconds at most."""
@@ -70,11 +64,7 @@ class Recorder:
         self._folder = Path(os.path.abspath(config.journal.path), FOLDER)
         self._most = config.recording.most
         self._launch = launch
-        self._process: SideProcess[RecorderChild] = SideProcess("recorder", self._start, restarts)
-        self._guard = ErrorGuard(lambda _now: None)
-        self._waiting: deque[bytes] = deque()
-        self._bytes = 0
-        self._lost = 0
+        self._feed: Feed[RecorderChild] = Feed("recorder", self._start, restarts)
         self._told, self._before = Report(), Report()
         """What the process reported last, and what those before it had done."""
         self._off = not self._most
@@ -96,50 +86,33 @@ class Recorder:
 
     def poll(self, now: float, messages: Iterable[Message] = ()) -> None:
         """Keep the process running, take what it says, and send it messages. now: monotonic seconds."""
-        if self._off:
-            return
-        with self._guard.survived("the recorder", now):
-            self._process.poll(now, self._take)
-            for message in messages:
-                self._queue(message)
-            self._flush()
+        if not self._off:
+            self._feed.poll(now, messages, self._take)
 
     def figures(self) -> dict[str, Any]:
         """Return what is recorded, what is wrong, and how much was lost since the start."""
         told = self._told
         return {
+            "on": not self.trouble,
             "trouble": self.trouble,
             "restarts": self._process.restarted,
             "files": told.files,
             "bytes": told.size,
             "written": self._before.written + told.written,
-            "lost": self._before.lost + told.lost + self._lost,
+            "lost": self._before.lost + told.lost + self._feed.lost,
         }
 
     def close(self) -> None:
         """End the process: in order if it can, else killed."""
         child = self._process.child
         if child is not None and self._process.running:
-            self._flush()
+            self._feed.flush()
             child.finish()
         self._process.close()
 
-    def _queue(self, message: Message) -> None:
-        try:
-            parts = datagrams(message)
-        except ValueError as error:
-            log.warning("a message of %s is not recorded: %s", TOPICS[message.topic].name, error)
-            parts = []
-        size = sum(map(len, parts))
-        if not parts or self._process.child is None or self._bytes + size > _MOST_WAITING:
-            self._lost += 1
-            return
-        self._bytes += size
-        self._waiting += parts
-
-    def _flush(self) -> None:
-        while self._waiting and self._process.send(self._waiting[0]):
-            self._bytes -= len(self._waiting.popleft())
+    @property
+    def _process(self) -> SideProcess[RecorderChild]:
+        return self._feed.process
 
     def _take(self, said: bytes, _now: float) -> bool:
         try:
@@ -147,7 +120,8 @@ class Recorder:
         except ValueError:
             return False
         if not self._process.running:
-            log.info("recording into %s", self._folder)
+            what = "recording into %s, %d MB at most: pictures, positions, log; [recording] size = 0 ends it"
+            log.info(what, self._folder, self._most // 1_000_000)
         if told.trouble and told.trouble != self._told.trouble:
             log.warning("the recorder: %s", told.trouble)
         self._told = told
@@ -155,8 +129,6 @@ class Recorder:
 
     def _start(self) -> RecorderChild:
         """Start the process. Raises OSError."""
-        self._waiting.clear()
-        self._bytes = 0
         told, before = self._told, self._before
         self._before = Report(0, 0, before.written + told.written, before.lost + told.lost)
         self._told = Report(told.files, told.size)

@@ -23,13 +23,13 @@ SYNCED_EVERY = 10.0
 """Seconds after which what is written is on the disk: what a power cut loses, at most."""
 LEAST_FREE = 200 << 20
 """Bytes that stay free on the disk: for the journal and for everybody else."""
-_TRIED_AGAIN = 10.0
+_TRIED_AGAIN = 5.0
 _JUMP = 60 * 1_000_000_000
 """Nanoseconds between two messages from which the clock was set: then a new recording begins."""
 
 
 class RingWriter:
-    """Writes messages. An error of the disk ends the recording in progress; it is tried again after 10 s.
+    """Writes messages. An error of the disk ends the recording in progress; it is tried again after 5 s.
 
     report: how it goes. Another thread may read it while this one waits for the disk.
     """
@@ -105,6 +105,7 @@ class RingWriter:
             if now - self._flushed >= FLUSHED_EVERY:
                 self._flushed = now
                 self._file.flush()
+                self._trouble = ""
             if now - self._synced >= SYNCED_EVERY:
                 self._synced = now
                 self._file.sync()
@@ -139,7 +140,6 @@ class RingWriter:
         path = self._folder / name_of(self._number, event=False)
         self._file = file = McapFile(path, self._longest)
         self._began = self._flushed = self._synced = now
-        self._trouble = ""
         for standing in self._standing.values():
             file.add(standing._replace(at=at))
         self._empty = file.size
@@ -149,6 +149,7 @@ class RingWriter:
         file, self._file = self._file, None
         if file is not None:
             file.finish()
+            self._trouble = ""
             self._look()
 
     def _look(self) -> None:
@@ -169,6 +170,8 @@ class RingWriter:
             self._retry_at = now + _TRIED_AGAIN
             file, self._file = self._file, None
             if file is not None:
+                gone = min(file.unwritten, self._written)
+                self._written, self._lost = self._written - gone, self._lost + gone
                 file.abandon()
         self._tell()
 

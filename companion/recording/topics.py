@@ -124,7 +124,9 @@ TOPICS: Mapping[Topic, Row] = MappingProxyType(
             dict.fromkeys(("version", "python", "computer", "model", "config"), "string"),
             standing=True,
         ),
-        Topic.STATE: Row("/state", "anytraverse.State", "the companion's state, when it changes", _STATE),
+        Topic.STATE: Row(
+            "/state", "anytraverse.State", "the companion's state, when it changes", _STATE, standing=True
+        ),
         Topic.DECISIONS: Row(
             "/decisions",
             "anytraverse.Decision",

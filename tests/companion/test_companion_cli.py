@@ -25,7 +25,12 @@ def test_init_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main(["init", str(tmp_path)]) == 0
     assert (tmp_path / "companion.toml").read_text() == "# mine\n"
     assert (tmp_path / "vehicles/rover.toml").is_file()
-    assert "left as it is" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "left as it is" in printed
+    assert (
+        "records pictures, positions and the log, 1000 MB as shipped: [recording] size = 0 ends that"
+        in printed
+    )
 
 
 def test_init_where_a_file_stands_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

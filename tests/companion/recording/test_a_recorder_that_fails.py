@@ -14,6 +14,8 @@ import pytest
 
 pytest.importorskip("mcap")
 
+from companion.config import Config
+from companion.live.live import Live
 from companion.recording import process as process_module
 from companion.recording import recorder as recorder_module
 from companion.recording.messages import Message, Report
@@ -108,7 +110,8 @@ def test_a_disk_that_hangs_costs_messages_and_is_told(monkeypatch: pytest.Monkey
             goes_on.wait(10.0)
 
         def write(self, message: Message, now: float) -> None:  # noqa: ARG002
-            self.report = self.report._replace(written=self.report.written + 1)
+            self._written += 1
+            self._tell()
 
     writing = Writing(Hanging(Path("nowhere"), 1))
     writing.start()
@@ -161,6 +164,7 @@ def test_a_size_of_zero_means_no_process(tmp_path: Path, caplog: pytest.LogCaptu
     stage.turn([status(1)])
     assert (stage.pid(), caplog.records, stage.files) == (0, [], [])
     assert stage.recorder.figures() == {
+        "on": False,
         "trouble": "switched off by [recording] size",
         "restarts": 0,
         "files": 0,
@@ -168,6 +172,30 @@ def test_a_size_of_zero_means_no_process(tmp_path: Path, caplog: pytest.LogCaptu
         "written": 0,
         "lost": 0,
     }
+
+
+def test_what_waits_for_a_process_that_dies_is_counted_as_lost(tmp_path: Path) -> None:
+    stage = Stage(tmp_path).ready()
+    first = stage.pid()
+    os.kill(first, signal.SIGSTOP)
+    for number in range(40):
+        stage.turn([frame(number, 0.0, 100_000)])
+    os.kill(first, signal.SIGKILL)
+    stage.until(lambda: stage.recorder.figures()["restarts"] == 1)
+    stage.until(lambda: stage.recorder.figures()["lost"] > 20)
+    stage.recorder.close()
+
+
+def test_each_metric_of_recorder_and_live_view_is_told(tmp_path: Path) -> None:
+    metrics = pytest.importorskip("companion.web.metrics")
+    told = {
+        "recording": {**Stage(tmp_path).recorder.figures(), "left_out": 0},
+        "live": Live(Config()).figures(),
+    }
+    paths = [figure.path.split(".") for figure in metrics.FIGURES]
+    ours = [path for path in paths if path[0] in told]
+    assert len(ours) == 10
+    assert all(isinstance(told[part][name], (bool, int)) for part, name in ours)
 
 
 def test_a_message_that_is_too_long_is_lost_alone(tmp_path: Path) -> None:

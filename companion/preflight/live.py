@@ -1,0 +1,23 @@
+"""Checks the live view."""
+
+from __future__ import annotations
+
+from companion.live.live import EXTRA, missing
+from companion.preflight.page import served
+from companion.preflight.rover import Rover
+from companion.preflight.rules import Finding, Verdict, passed, warned
+
+LIVE = "live view"
+
+
+def check_live(rover: Rover) -> list[Finding]:
+    """Check that the live view can be served, and say who may see it."""
+    settings = rover.config.live
+    if settings.address is None:
+        return [passed(LIVE, 'off: [live] listen is ""')]
+    if packages := missing():
+        return [warned(LIVE, f'{", ".join(packages)} not installed: {EXTRA}, or set [live] listen = ""')]
+    loopback = settings.address.loopback
+    whose = "to programs on this computer" if loopback else "to whoever reaches that port: it has no password"
+    found = served(rover, LIVE, settings.listen, rover.told("live"), whose, "[live] listen")
+    return [found if loopback or found.verdict is not Verdict.PASS else warned(LIVE, found.text)]

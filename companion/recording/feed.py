@@ -1,0 +1,75 @@
+"""Sends what is recorded to a process that takes it: the supervisor's end. Nothing here waits."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Generic, TypeVar
+
+from companion.recording.messages import LARGEST_PART, Message, datagrams, ends_message
+from companion.recording.topics import TOPICS
+from companion.system.error_guard import ErrorGuard
+from companion.system.side_process import SideChild, SideProcess
+from companion.system.watchdog import Restarts
+
+log = logging.getLogger(__name__)
+
+BUFFER = 6 * LARGEST_PART
+"""Bytes that may wait in the channel of such a process."""
+_MOST_WAITING = 8 << 20
+"""Bytes that wait for a process that is behind. Beyond that messages are lost, and counted."""
+
+_Child = TypeVar("_Child", bound=SideChild)
+
+
+class Feed(Generic[_Child]):
+    """Owns the process, and what waits for it. No failure of it reaches the rest of the daemon.
+
+    process: the process. lost: messages that it was not sent, since the start.
+    """
+
+    def __init__(self, name: str, launch: Callable[[], _Child], restarts: Restarts) -> None:
+        """name: for the log. launch: starts the process or raises OSError. restarts: time limits."""
+        self.process: SideProcess[_Child] = SideProcess(name, self._start, restarts)
+        self.lost = 0
+        self._name = name
+        self._launch = launch
+        self._guard = ErrorGuard(lambda _now: None)
+        self._waiting: deque[bytes] = deque()
+        self._bytes = 0
+
+    def poll(self, now: float, messages: Iterable[Message], take: Callable[[bytes, float], bool]) -> None:
+        """Keep the process running, have `take` hear it, and send it messages. now: monotonic seconds."""
+        with self._guard.survived(f"the {self._name}", now):
+            self.process.poll(now, take)
+            for message in messages:
+                self._queue(message)
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what waits, as far as the process takes it."""
+        while self._waiting and self.process.send(self._waiting[0]):
+            self._bytes -= len(self._waiting.popleft())
+
+    def _queue(self, message: Message) -> None:
+        try:
+            parts = datagrams(message)
+        except ValueError as error:
+            log.warning(
+                "the %s is not sent a message of %s: %s", self._name, TOPICS[message.topic].name, error
+            )
+            parts = []
+        size = sum(map(len, parts))
+        if not parts or self.process.child is None or self._bytes + size > _MOST_WAITING:
+            self.lost += 1
+            return
+        self._bytes += size
+        self._waiting += parts
+
+    def _start(self) -> _Child:
+        """Start the process: what waited for the one before is lost. Raises OSError."""
+        self.lost += sum(map(ends_message, self._waiting))
+        self._waiting.clear()
+        self._bytes = 0
+        return self._launch()

@@ -40,7 +40,7 @@ class FailingDisk:
         }
 
     def set(self, how: str) -> None:
-        """Make it "full" or "read-only" from now on; "": well."""
+        """Make it "full" or "read-only", or have it hang, "hangs", from now on; "": well."""
         write_atomically(self._said, how.encode(), sync=False)
 
 

@@ -1,7 +1,8 @@
 /* A disk that takes nothing, for one process: LD_PRELOAD it. FAILING_DISK names a file that says how, and
  * FAILING_ROOT the folder below which it acts. "full": a write behind a file's end fails with ENOSPC; what a
  * file has already can be overwritten, and empty files and folders can be made, as on tmpfs and ext4.
- * "read-only": every change fails with EROFS. Else the disk is as it is. */
+ * "read-only": every change fails with EROFS. "hangs": a write or a sync waits until it says something else. Else
+ * the disk is as it is. */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -19,7 +20,7 @@
     if (!real)                                                                                                  \
         real = (__typeof__(NAME) *)dlsym(RTLD_NEXT, #NAME)
 
-enum { WELL, FULL, READ_ONLY };
+enum { WELL, FULL, READ_ONLY, HANGS };
 
 static int state(void)
 {
@@ -32,6 +33,8 @@ static int state(void)
     if (read(file, said, sizeof said - 1) < 0)
         said[0] = '\0';
     close(file);
+    if (strncmp(said, "hangs", 5) == 0)
+        return HANGS;
     return strncmp(said, "full", 4) == 0 ? FULL : strncmp(said, "read-only", 9) == 0 ? READ_ONLY : WELL;
 }
 
@@ -58,7 +61,9 @@ static int of_file(int file)
 static int fails(int file, off_t offset, size_t length)
 {
     struct stat found;
-    int how = of_file(file);
+    int how;
+    while ((how = of_file(file)) == HANGS)
+        usleep(50000);
     if (how == READ_ONLY)
         return errno = EROFS, 1;
     if (how != FULL || fstat(file, &found) != 0 || !S_ISREG(found.st_mode))
@@ -115,6 +120,14 @@ PWRITE(pwrite64, off64_t)
     }
 TRUNCATE(ftruncate, off_t)
 TRUNCATE(ftruncate64, off64_t)
+
+int fdatasync(int file)
+{
+    REAL(fdatasync);
+    while (of_file(file) == HANGS)
+        usleep(50000);
+    return real(file);
+}
 
 int rename(const char *path, const char *other)
 {

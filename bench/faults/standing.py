@@ -46,7 +46,8 @@ threads = 1
 [web]
 listen = ""
 [recording]
-size = 0
+size = {recorded}
+rate = 10
 [vehicle]
 file = ""
 [link]
@@ -98,9 +99,16 @@ class Standing:
     """The rover with its companion, which `start` starts. Time passes only in `run` and `wait`."""
 
     def __init__(
-        self, out: Path, *, policy: str = "report", seed: int = 0, signs: bool = False, listens: bool = False
+        self,
+        out: Path,
+        *,
+        policy: str = "report",
+        seed: int = 0,
+        signs: bool = False,
+        listens: bool = False,
+        recorded: int = 0,
     ) -> None:
-        """out: an existing folder. signs: all sign with one key. listens: as of `Wire`."""
+        """out: an existing folder. signs: all sign with one key. listens: as of `Wire`. recorded: MB."""
         self.out, self.state = out, out / "state"
         self.thing = False
         """Whether an unknown thing is ahead."""
@@ -121,6 +129,7 @@ class Standing:
         host, port = self._frames.address
         link = 'signing_key = "signing.key"' if signs else ""
         self._text = {"frames": f"{host}:{port}", "url": self.wire.url, "link": link, "policy": policy}
+        self._text["recorded"] = str(recorded)
         self.config.write_text(_TEXT.format(**self._text, state=self.state), encoding="utf-8")
         self.daemon: Child | None = None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.faults import cameras, disk, driving, endurance, inputs, proven, starting, vision
+from bench.faults import cameras, disk, driving, endurance, inputs, proven, recorder, starting, vision
 from bench.faults.row import Row
 
 ROWS: tuple[Row, ...] = (
@@ -11,6 +11,7 @@ ROWS: tuple[Row, ...] = (
     *driving.ROWS,
     *inputs.ROWS,
     *disk.ROWS,
+    *recorder.ROWS,
     *starting.ROWS,
     *endurance.ROWS,
     *proven.ROWS,

@@ -1,14 +1,18 @@
-"""Measures what recording costs: CPU of each process, bytes, judging rate, latency, acknowledgements.
+"""Measures what recording and the live view cost: CPU of each process, bytes, judging rate, latencies.
 
 The whole companion runs with `builtin` on a folder of frames, at each rate of recorded frames in turn; 0 is
 without a recorder. A word is set every two seconds, so that acknowledgements wait for the disk.
+With `--viewers` a live view shows frames at each rate to so many viewers, and nothing is recorded.
 Run: python -m bench.recording --frames DIR [--seconds 60] [--rates 0,1,10] [--camera 10] [--rounds 1]
+     [--viewers 2]
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -52,12 +56,14 @@ folder = "{state}"
 [recording]
 size = {size}
 rate = {rate}
+[live]
+listen = "{live}"
 [words]
 grass = 1.0
 trail = 1.0
 bush = -1.0
 """
-_NAMES = {"companion.vision": "vision", "companion.recording": "recorder"}
+_NAMES = {"companion.vision": "vision", "companion.recording": "recorder", "companion.live": "live"}
 
 
 class Processes:
@@ -126,37 +132,92 @@ class Operator:
         self._runner.close()
 
 
-def measure(frames: Path, camera: float, rate: float, seconds: float, folder: Path) -> dict[str, Any]:
-    """Measures one run. rate: recorded frames/s, 0: no recorder."""
+class Viewers:
+    """Watches a live view with all topics, in a process of its own, and counts what comes."""
+
+    def __init__(self, url: str, count: int) -> None:
+        self._counts = multiprocessing.get_context("spawn").Array("Q", 2)
+        self._process = multiprocessing.get_context("spawn").Process(
+            target=_view, args=(url, count, self._counts), daemon=True
+        )
+        self._process.start()
+
+    @property
+    def seen(self) -> tuple[int, int]:
+        """Messages and bytes that came, to all viewers together."""
+        return self._counts[0], self._counts[1]
+
+    def close(self) -> None:
+        """Ends it."""
+        self._process.kill()
+        self._process.join()
+
+
+def _view(url: str, count: int, counts: Any) -> None:
+    asyncio.run(_view_all(url, count, counts))
+
+
+async def _view_all(url: str, count: int, counts: Any) -> None:
+    await asyncio.gather(*(_view_one(url, counts) for _ in range(count)))
+
+
+async def _view_one(url: str, counts: Any) -> None:
+    from websockets import Subprotocol
+    from websockets.asyncio.client import connect
+
+    async with connect(url, subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None) as viewer:
+        await viewer.recv()
+        advertised = json.loads(await viewer.recv())["channels"]
+        wanted = [{"id": one["id"], "channelId": one["id"]} for one in advertised]
+        await viewer.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        async for said in viewer:
+            counts[0] += 1
+            counts[1] += len(said)
+
+
+def measure(
+    frames: Path, camera: float, rate: float, seconds: float, folder: Path, viewers: int | None = None
+) -> dict[str, Any]:
+    """Measures one run. rate: recorded frames/s, 0: no recorder. viewers: of a live view in its place."""
     port = 20_000 + os.getpid() % 20_000
     state = folder / "state"
-    values = {"frames": frames, "camera": camera, "port": port, "state": state}
+    live = f"127.0.0.1:{port + 1}" if rate and viewers is not None else ""
+    size = 1000 if rate and viewers is None else 0
+    values = {"frames": frames, "camera": camera, "port": port, "state": state, "live": live, "size": size}
     config = folder / "companion.toml"
-    config.write_text(_CONFIG.format(**values, size=1000 if rate else 0, rate=rate or 1.0))
+    config.write_text(_CONFIG.format(**values, rate=rate or 1.0))
     process = subprocess.Popen(
         [sys.executable, "-m", "companion", "run", "--config", str(config)],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.DEVNULL,
     )
-    operator = Operator(port)
+    operator, watching = Operator(port), None
     try:
         processes = Processes(process.pid)
         _step(operator, lambda: bool(_status(state).get("frames")), _READY_WITHIN)
+        if live and viewers:
+            _step(operator, lambda: bool(_status(state)["live"]["url"]), _READY_WITHIN)
+            watching = Viewers(f"ws://{live}", viewers)
+            _step(operator, lambda: bool(_status(state)["live"]["clients"] == viewers), _READY_WITHIN)
         _step(operator, lambda: False, _SETTLED)
         operator.times.clear()
         before, cpu, began = _status(state), processes.cpu(), time.monotonic()
         wrote, waited = processes.of("recorder", "io", "write_bytes:"), _pressure()
+        seen = watching.seen if watching is not None else (0, 0)
         _step(operator, lambda: False, seconds)
+        shown = watching.seen if watching is not None else (0, 0)
         after, took = _status(state), time.monotonic() - began
         used = {name: round(100 * (spent - cpu[name]) / took, 2) for name, spent in processes.cpu().items()}
         wrote = processes.of("recorder", "io", "write_bytes:") - wrote
         waited = {name: round(100 * (now - waited[name]) / took, 1) for name, now in _pressure().items()}
-        memory = processes.of("recorder", "smaps_rollup", "Pss:")
+        memory = processes.of("live" if live else "recorder", "smaps_rollup", "Pss:")
         process.send_signal(signal.SIGTERM)
         process.wait(20.0)
     finally:
         operator.close()
+        if watching is not None:
+            watching.close()
         process.kill()
         process.wait()
     recent = [(judged - captured) * 1e3 for _, captured, judged in _status(state)["recent"]]
@@ -173,8 +234,10 @@ def measure(frames: Path, camera: float, rate: float, seconds: float, folder: Pa
         "cpu_percent": used,
         "kB_per_s": round((recorded["bytes"] - before["recording"]["bytes"]) / took / 1e3, 1),
         "written_to_disk_MB_per_h": round(wrote / took * 3600 / 1e6),
-        "recorder_MB": round(memory / 1e3, 1),
-        "lost": recorded["lost"],
+        "process_MB": round(memory / 1e3, 1),
+        "shown_messages_per_s": round((shown[0] - seen[0]) / took, 1),
+        "shown_kB_per_s": round((shown[1] - seen[1]) / took / 1e3, 1),
+        "lost": recorded["lost"] + after["live"]["lost"],
         "left_out": recorded["left_out"],
         "pressure_percent": waited,
     }
@@ -225,12 +288,14 @@ def main() -> int:
     parser.add_argument("--rates", default="0,1,10")
     parser.add_argument("--camera", type=float, default=10.0)
     parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument("--viewers", type=int, help="of a live view, in place of a recorder")
     given = parser.parse_args()
     runs = []
     for _ in range(given.rounds):
         for rate in map(float, given.rates.split(",")):
             with tempfile.TemporaryDirectory(prefix="recording-", dir=ROOT) as folder:
-                runs.append(measure(given.frames.resolve(), given.camera, rate, given.seconds, Path(folder)))
+                arguments = given.frames.resolve(), given.camera, rate, given.seconds, Path(folder)
+                runs.append(measure(*arguments, given.viewers))
                 print(json.dumps(runs[-1]), flush=True)
     print(json.dumps({"commit": commit_of(ROOT), "medians": medians(runs)}))
     return 0

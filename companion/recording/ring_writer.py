@@ -133,9 +133,9 @@ class RingWriter:
         self._folder.mkdir(parents=True, exist_ok=True)  # somebody may have deleted it
         self._look()
         make_room(self._folder, min(self._most - self._longest, self._size - self._lacking()))
+        self._look()
         if self._lacking() > 0:
             raise OSError(f"less than {LEAST_FREE >> 20} MiB are free on its disk")
-        self._look()
         self._number, self._event = free_number(self._folder, self._number + 1), False
         path = self._folder / name_of(self._number, event=False)
         self._file = file = McapFile(path, self._longest)

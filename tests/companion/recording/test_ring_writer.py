@@ -176,6 +176,7 @@ def test_a_disk_that_is_nearly_full_gets_room_first_from_the_recordings(
     ring.write(status(1, now), now + 16.0)
     assert ring.report.trouble == "less than 200 MiB are free on its disk"
     assert list(tmp_path.iterdir()) == [], "all room is given back"
+    assert (ring.report.files, ring.report.size) == (0, 0)
     lost = ring.report.lost
     ring.write(status(2, now), now + 17.0)
     assert ring.report.lost == lost + 1, "it is not tried with each message"

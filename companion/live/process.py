@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
-import select
 import signal
 import socket
 import sys
@@ -18,7 +17,8 @@ from foxglove.websocket import ChannelView, Client, WebSocketServer
 
 from anytraverse.release import own_version
 from companion.live.messages import Report
-from companion.recording.messages import LARGEST_PART, Joiner, Message
+from companion.recording.messages import Message
+from companion.recording.taking import take_messages
 from companion.recording.topics import TOPICS, Topic
 
 _MOST_MEMORY = 512 << 20
@@ -26,8 +26,8 @@ _MOST_FILES = 256
 """Open files: each connection takes one. Beyond that the server stops to listen, and is started again."""
 _MOST_WAITING = 32
 """Messages that wait for a viewer; of more the oldest is dropped. A frame with its maps is five."""
-_BEAT = 0.5
 _CHECKED_EVERY = 2.0
+_ANSWERS_WITHIN = 0.5
 
 
 class Viewers:
@@ -39,6 +39,7 @@ class Viewers:
     def __init__(self, host: str, port: int) -> None:
         """Listen. port 0: any free one. Raises RuntimeError when it cannot."""
         self._host = host
+        self._checked_at = time.monotonic()
         self._holds: dict[Topic, Message] = {}
         self._seen_by: dict[int, set[int]] = {}
         """Viewer -> the channels that it wants."""
@@ -59,14 +60,12 @@ class Viewers:
             message_backlog_size=_MOST_WAITING,
         )
 
-    @property
-    def report(self) -> Report:
-        """How it goes."""
+    def report(self, now: float) -> Report:
+        """Say how it goes. now: monotonic seconds. Raises OSError when it does not listen any more."""
+        if now - self._checked_at >= _CHECKED_EVERY:
+            self._checked_at = now
+            socket.create_connection((self._host, self._server.port), _ANSWERS_WITHIN).close()
         return Report(self._server.port, len(self._seen_by))
-
-    def check(self) -> None:
-        """Raise OSError when it does not listen any more: then it has to be started again."""
-        socket.create_connection((self._host, self._server.port), _BEAT).close()
 
     def show(self, message: Message) -> None:
         """Show a message to whoever wants its topic."""
@@ -100,33 +99,10 @@ def main(descriptor: int, host: str, port: int) -> NoReturn:
     code = 0
     try:
         foxglove.set_log_level("CRITICAL")  # whoever reaches the port could fill the log
-        _take(socket.socket(fileno=descriptor), Viewers(host, port))
-    except (ConnectionResetError, BrokenPipeError):
-        pass
+        viewers = Viewers(host, port)
+        take_messages(descriptor, viewers.show, lambda: viewers.report(time.monotonic()).encoded())
     except BaseException:
         traceback.print_exc()
         code = 1
     sys.stderr.flush()
     os._exit(code)  # the server's threads may hang
-
-
-def _take(channel: socket.socket, viewers: Viewers) -> None:
-    """Take messages, and report, until the supervisor has closed the channel."""
-    joiner, reported_at, checked_at = Joiner(), float("-inf"), time.monotonic()
-    channel.settimeout(0)
-    while True:
-        now = time.monotonic()
-        if now - checked_at >= _CHECKED_EVERY:
-            checked_at = now
-            viewers.check()
-        if now - reported_at >= _BEAT:
-            reported_at = now
-            with contextlib.suppress(BlockingIOError):
-                channel.send(viewers.report.encoded())
-        if not select.select([channel], [], [], _BEAT)[0]:
-            continue
-        part = channel.recv(LARGEST_PART)
-        if not part:
-            return
-        if (message := joiner.feed(part)) is not None:
-            viewers.show(message)

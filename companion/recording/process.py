@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
-import select
 import signal
-import socket
 import sys
 import threading
 import time
@@ -16,15 +14,15 @@ from collections import deque
 from pathlib import Path
 from typing import NoReturn
 
-from companion.recording.messages import LARGEST_PART, Joiner, Message, Report
+from companion.recording.messages import Message, Report
 from companion.recording.ring_writer import RingWriter
+from companion.recording.taking import BEAT, take_messages
 
 _MOST_MEMORY = 256 << 20
 MOST_WAITING = 16 << 20
 """Bytes of messages that wait for the disk. Beyond that they are lost, and counted."""
 _OF_A_MESSAGE = 512
 """Bytes of memory that one takes beside its data, at most."""
-_BEAT = 0.5
 HANGS_AFTER = 5.0
 """Seconds in one call of the disk after which it counts as hanging."""
 _LEAVES_WITHIN = 1.5
@@ -90,7 +88,7 @@ class Writing(threading.Thread):
         with self._changed:
             self._at_disk_since = None
             if not self._waiting and not self._ending:
-                self._changed.wait(_BEAT)
+                self._changed.wait(BEAT)
             if not self._waiting:
                 return None
             message = self._waiting.popleft()
@@ -108,31 +106,10 @@ def main(descriptor: int, folder: str, most: int) -> NoReturn:
     writing.start()
     code = 0
     try:
-        _take(socket.socket(fileno=descriptor), writing)
-    except (ConnectionResetError, BrokenPipeError):
-        pass
+        take_messages(descriptor, writing.put, lambda: writing.report(time.monotonic()).encoded())
     except BaseException:
         traceback.print_exc()
         code = 1
     writing.finish()
     sys.stderr.flush()
     os._exit(code)  # the disk's thread may hang
-
-
-def _take(channel: socket.socket, writing: Writing) -> None:
-    """Take messages, and report, until the supervisor has closed the channel."""
-    joiner, reported_at = Joiner(), float("-inf")
-    channel.settimeout(0)
-    while True:
-        now = time.monotonic()
-        if now - reported_at >= _BEAT:
-            reported_at = now
-            with contextlib.suppress(BlockingIOError):
-                channel.send(writing.report(now).encoded())
-        if not select.select([channel], [], [], _BEAT)[0]:
-            continue
-        part = channel.recv(LARGEST_PART)
-        if not part:
-            return
-        if (message := joiner.feed(part)) is not None:
-            writing.put(message)

@@ -161,20 +161,16 @@ def _chunks(
     file: IO[bytes], index: Index, topics: Collection[str] | None, begin: int | None, end: int | None
 ) -> Iterator[Any]:
     """Yield the chunks that may have something of these topics and times, in the order of the file."""
-    wanted = {
-        number for number, channel in index.channels.items() if topics is None or channel.topic in topics
-    }
+    others = set[int]()
+    if topics is not None:
+        others = {number for number, channel in index.channels.items() if channel.topic not in topics}
 
     def needed(one: ChunkIndex) -> bool:
-        late, early = (
-            begin is None or one.message_end_time >= begin,
-            end is None or one.message_start_time < end,
-        )
-        return (
-            late
-            and early
-            and not (one.message_index_offsets and wanted.isdisjoint(one.message_index_offsets))
-        )
+        if begin is not None and one.message_end_time < begin:
+            return False
+        if end is not None and one.message_start_time >= end:
+            return False
+        return not one.message_index_offsets or not others.issuperset(one.message_index_offsets)
 
     size = file.seek(0, os.SEEK_END)
     for offset in sorted({one.chunk_start_offset for one in index.chunk_indexes if needed(one)}):
@@ -250,17 +246,18 @@ def repair(path: Path) -> int:
     OSError, BlockingIOError while it is being written.
     """
     partial = path.with_name(f".{path.name}.part")
-    try:
-        with path.open("rb") as torn, partial.open("wb") as file:
-            lock(torn)
-            copy = Copy(file)
-            for one in read(torn):
-                copy.add(one)
-            copy.finish()
-            file.flush()
-            os.fsync(file.fileno())
-        if copy.messages:
-            os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with path.open("rb") as torn:
+        lock(torn)
+        try:
+            with partial.open("wb") as file:
+                copy = Copy(file)
+                for one in read(torn):
+                    copy.add(one)
+                copy.finish()
+                file.flush()
+                os.fsync(file.fileno())
+            if copy.messages:
+                os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
     return copy.messages

@@ -117,7 +117,8 @@ def test_what_is_recorded_fits_what_happened_and_a_killed_recorder_harms_nothing
     found = sum((counted(path) for path in companion.files()), Counter[str]())
     last = companion.told()
     assert found["/decisions"] >= 1
-    assert found["/camera"] == found["/maps/uncertainty"] == found["/camera/annotations"] >= 5
+    maps, boxes = found["/maps/uncertainty"], found["/camera/annotations"]
+    assert 5 <= boxes <= maps <= found["/camera"] <= boxes + 1, "a chunk that was lost may begin with maps"
     assert found["/camera"] < found["/assessment"] <= last["frames"]
     assert found["/setup"] == found["/words"] == 2, "each recording begins with what holds"
     with companion.files()[-1].open("rb") as file:

@@ -148,7 +148,7 @@ class Viewers:
         return self._counts[0], self._counts[1]
 
     def close(self) -> None:
-        """Ends it."""
+        """Ends it. May be called repeatedly."""
         self._process.kill()
         self._process.join()
 
@@ -212,6 +212,8 @@ def measure(
         wrote = processes.of("recorder", "io", "write_bytes:") - wrote
         waited = {name: round(100 * (now - waited[name]) / took, 1) for name, now in _pressure().items()}
         memory = processes.of("live" if live else "recorder", "smaps_rollup", "Pss:")
+        if watching is not None:
+            watching.close()
         process.send_signal(signal.SIGTERM)
         process.wait(20.0)
     finally:

@@ -355,3 +355,32 @@ def test_how_it_goes_is_told_while_the_disk_keeps_the_file(
     goes_on.set()
     disk.join(5.0)
     assert told == [1]
+
+
+def test_a_second_recorder_leaves_the_recording_of_the_first_alone(tmp_path: Path) -> None:
+    first, second = RingWriter(tmp_path, RING), RingWriter(tmp_path, RING)
+    first.begin(0.0)
+    first.write(status(1), 0.0)
+    first.tick(3.0)
+    second.begin(4.0)
+    for number, ring in enumerate((first, second, first, second)):
+        ring.write(status(number, 5.0), 5.0)
+    first.finish(6.0)
+    second.finish(6.0)
+    assert (first.report.trouble, second.report.trouble) == ("", "")
+    assert [len(topics(path)) for path in sorted(tmp_path.iterdir())] == [3, 2]
+
+
+def test_a_ring_that_was_made_smaller_is_smaller_at_the_next_start(tmp_path: Path) -> None:
+    ring = RingWriter(tmp_path, RING)
+    ring.begin(0.0)
+    for minute in range(30):
+        ring.write(frame(minute, 60.0 * minute, 60_000), 60.0 * minute)
+    del ring  # as kill -9 leaves it
+    ring = RingWriter(tmp_path, RING // 4)
+    ring.begin(0.0)
+    assert 0 < on_disk(tmp_path) <= RING // 4
+    ring.write(frame(99, 0.0, 60_000), 0.0)
+    ring.finish(1.0)
+    assert on_disk(tmp_path) <= RING // 4
+    assert (ring.report.trouble, ring.report.lost) == ("", 0)

@@ -214,7 +214,7 @@ def _run(
         told = daemon.recording.take()
         recorder.poll(now, told)
         live.poll(now, told)
-        daemon.recording.on = recorder.wanted or live.wanted
+        daemon.recording.listeners = recorder.listener, live.listener
         page.poll(now, news)
         if page.wanted():
             daemon.live_picture.want()

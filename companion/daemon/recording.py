@@ -95,7 +95,7 @@ class Recording:
         """rate: frames/s that are recorded. config: the configuration in force, without secrets."""
         self.left_out = 0
         self.guard = ErrorGuard(lambda _now: None)
-        self._on = False
+        self._listeners: tuple[int, ...] = ()
         self._vision = vision
         self._calls = calls
         self._link = link
@@ -126,15 +126,20 @@ class Recording:
 
     @property
     def on(self) -> bool:
-        """Whether somebody records. Each time that it begins, what holds is told again."""
-        return self._on
+        """Whether somebody records or watches."""
+        return any(self._listeners)
 
-    @on.setter
-    def on(self, on: bool) -> None:
-        if self._on and not on:
+    @property
+    def listeners(self) -> tuple[int, ...]:
+        """The processes that are told, each by its number, 0: there is none. A new one is told what holds."""
+        return self._listeners
+
+    @listeners.setter
+    def listeners(self, listeners: tuple[int, ...]) -> None:
+        if listeners != self._listeners:
+            self._listeners = listeners
             self._last.clear()
             self._memory = None
-        self._on = on
 
     @contextmanager
     def log_lines(self) -> Iterator[None]:

@@ -60,9 +60,9 @@ class Live:
             log.warning("no live view: %s", self._process.trouble)
 
     @property
-    def wanted(self) -> bool:
-        """Whether messages should be made: there is a process."""
-        return self._process.child is not None
+    def listener(self) -> int:
+        """The number of the process for which messages should be made, 0: there is none."""
+        return self._feed.listener
 
     def poll(self, now: float, messages: Iterable[Message] = ()) -> None:
         """Keep the process running, take what it says, and send it messages. now: monotonic seconds."""

@@ -33,11 +33,20 @@ class Feed(Generic[_Child]):
         """name: for the log. launch: starts the process or raises OSError. restarts: time limits."""
         self.process: SideProcess[_Child] = SideProcess(name, self._start, restarts)
         self.lost = 0
+        self._starts = 0
         self._name = name
         self._launch = launch
         self._guard = ErrorGuard(lambda _now: None)
         self._waiting: deque[bytes] = deque()
         self._bytes = 0
+
+    @property
+    def listener(self) -> int:
+        """The number of the process, which no other one of this feed has had; 0: there is none.
+
+        It may be sent messages: they wait while it starts.
+        """
+        return self._starts if self.process.child is not None else 0
 
     def poll(self, now: float, messages: Iterable[Message], take: Callable[[bytes, float], bool]) -> None:
         """Keep the process running, have `take` hear it, and send it messages. now: monotonic seconds."""
@@ -72,4 +81,5 @@ class Feed(Generic[_Child]):
         self.lost += sum(map(ends_message, self._waiting))
         self._waiting.clear()
         self._bytes = 0
+        self._starts += 1
         return self._launch()

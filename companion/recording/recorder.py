@@ -80,9 +80,9 @@ class Recorder:
         return self._process.trouble or self._told.trouble
 
     @property
-    def wanted(self) -> bool:
-        """Whether messages should be made: there is a process. What it is sent while it starts waits."""
-        return self._process.child is not None
+    def listener(self) -> int:
+        """The number of the process for which messages should be made, 0: there is none."""
+        return self._feed.listener
 
     def poll(self, now: float, messages: Iterable[Message] = ()) -> None:
         """Keep the process running, take what it says, and send it messages. now: monotonic seconds."""

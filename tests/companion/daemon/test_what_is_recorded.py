@@ -34,7 +34,7 @@ def encodings(rig: Rig) -> list[int]:
 
 
 def on(rig: Rig) -> Rig:
-    rig.daemon.recording.on = True
+    rig.daemon.recording.listeners = (1,)
     return rig
 
 
@@ -112,10 +112,21 @@ def test_what_holds_is_told_at_the_beginning_and_when_it_changes(rig: Rig) -> No
     (words,) = of(found, Topic.WORDS)
     assert words["words"]["rock"] == 0.25
     assert [one["name"] for one in of(found, Topic.REQUESTS)] == ["AT_THR_ROI", "AT_W_ROCK"]
-    rig.daemon.recording.on = False  # the process died
+    rig.daemon.recording.listeners = (0,)  # the process died
     rig.see(0.1)
     on(rig).see(1.0)
     assert len(of(recorded(rig), Topic.SETUP)) == 1, "a new process is told again"
+
+
+def test_a_process_that_is_started_again_beside_another_one_is_told_what_holds(rig: Rig) -> None:
+    for listeners in ((1, 1), (0, 1), (2, 1)):
+        rig.daemon.recording.listeners = listeners
+        rig.see(1.0)
+    found = recorded(rig)
+    for topic in (Topic.SETUP, Topic.WORDS, Topic.SETTINGS, Topic.STATE):
+        assert len(of(found, topic)) >= 2, topic
+    rig.see(1.0)
+    assert of(recorded(rig), Topic.SETUP) == [], "not again without a new one"
 
 
 def test_a_fault_is_an_event_and_vehicle_log_and_status_are_there(make_rig: MakeRig) -> None:

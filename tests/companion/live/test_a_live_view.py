@@ -276,7 +276,7 @@ def test_without_the_package_it_is_said_once_how_to_install_it(
     stage = Stage()
     for _ in range(5):
         stage.turn([status(1)])
-    assert (stage.pid(), stage.live.wanted) == (0, False)
+    assert (stage.pid(), stage.live.listener) == (0, 0)
     (record,) = caplog.records
     assert 'pip install "anytraverse-companion[live]"' in record.getMessage()
     assert stage.live.figures()["trouble"].startswith("foxglove-sdk not installed")
@@ -286,6 +286,6 @@ def test_it_is_off_until_somebody_configures_it(caplog: pytest.LogCaptureFixture
     caplog.set_level(logging.INFO)
     stage = Stage(Config().live.listen)
     stage.turn([status(1)])
-    assert (stage.pid(), stage.live.wanted, caplog.records) == (0, False, [])
+    assert (stage.pid(), stage.live.listener, caplog.records) == (0, 0, [])
     expected = {"url": "", "clients": 0, "trouble": "switched off by [live] listen", "restarts": 0, "lost": 0}
     assert stage.live.figures() == expected

@@ -152,7 +152,7 @@ def test_without_the_package_it_is_said_once_how_to_install_it(
     for _ in range(5):
         stage.turn([status(1)])
     assert stage.pid() == 0
-    assert not stage.recorder.wanted
+    assert stage.recorder.listener == 0
     (record,) = caplog.records
     assert 'pip install "anytraverse-companion[record]"' in record.getMessage()
     assert stage.recorder.trouble.startswith("mcap not installed")

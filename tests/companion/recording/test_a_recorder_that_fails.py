@@ -67,7 +67,7 @@ def test_a_process_that_dies_or_hangs_is_started_again_and_nobody_waits(
         slowest = max(slowest, stage.turn([frame(count, count / 100)]))
     assert slowest < SLOWEST_TURN
     stage.turn([frame(99_999, 200.0)])
-    stage.until(lambda: stage.recorder.figures()["restarts"] == 1)
+    stage.until(lambda: stage.recorder.figures()["restarts"] == 1 and not stage.recorder._feed._waiting)
     stage.recorder.close()
     assert {0, 99_999} <= set(numbers(stage)), "what was flushed before, and what came after"
     assert all(whole(path) for path in stage.files), "the torn one was repaired"

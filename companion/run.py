@@ -28,6 +28,7 @@ from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.policy.hold_gate import require_checkable
 from companion.preflight.report import EVERY, CheckReport
+from companion.recording.packer import IncidentPacker
 from companion.recording.recorder import Recorder
 from companion.settings.mapping import first_words, restored_policy
 from companion.storage import Journal
@@ -90,10 +91,12 @@ def _main(
     first_frame = stored_u32(saved.get("frame_id")) + 1
     vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
-    page, video, recorder = Page(config), Video(config), Recorder(config)
+    page, video, recorder, packer = Page(config), Video(config), Recorder(config), IncidentPacker(config)
     closing.callback(page.close)
     closing.callback(video.close)
     closing.callback(recorder.close)
+    closing.callback(packer.close)
+    served.show_incidents(packer.document)
     page.answer, link.answers.to_page = link.answers.receive_from_page, page.acknowledge
 
     def poll(now: float) -> None:
@@ -115,14 +118,14 @@ def _main(
         link.send_text(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
-    daemon.pointing.shown_for = video.shown_for
+    daemon.pointing.shown_for, daemon.pack_incident = video.shown_for, packer.ask
     closing.enter_context(daemon.recording.log_lines())
     report = CheckReport(config)
     served.show_checks(report.document)
     service.ready(time.monotonic())
     try:
         job = closing.enter_context(BackgroundJob())
-        _run(daemon, link, stop, service, writer, report, job, page, video, recorder)
+        _run(daemon, link, stop, service, writer, report, job, page, video, recorder, packer)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         report_death(link, daemon.calls)
@@ -176,6 +179,7 @@ def _run(
     page: Page,
     video: Video,
     recorder: Recorder,
+    packer: IncidentPacker,
 ) -> None:
     status_at = checked_at = float("-inf")
     figures: dict[str, Any] = {}
@@ -189,6 +193,7 @@ def _run(
             "status": figures,
             "state": daemon.state_file(),
             "check": document,
+            "incidents": packer.document(),
         }
 
     while not stop():
@@ -207,6 +212,7 @@ def _run(
                 checked_at = status_at
         recorder.poll(now, daemon.recording.take())
         daemon.recording.on = recorder.wanted
+        packer.poll(now)
         page.poll(now, news)
         if page.wanted():
             daemon.live_picture.want()

@@ -46,6 +46,7 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
         Task("video",   "serves the camera's video",   "video process, own rate",   None,  "no video", VIDEO),
         Task("recorder", "writes recordings into a ring", "process, as told",       None,  "no recording",
              RECORDER),
+        Task("packer",  "packs an incident file",      "process, on request",     None,  "killed"),
         Task("signing", "syncs signing's clock",          "thread, while signing",    None,  "reported"),
     )
     # fmt: on

@@ -26,7 +26,7 @@ from gcs_plugin.console.track import Background, read_background
 from gcs_plugin.terminal.connection import EXAMPLES, LinkError, open_connection
 from gcs_plugin.terminal.main import NOBODY, SILENT_S, UNSIGNED, identity, open_log
 from gcs_plugin.terminal.output import JsonOutput
-from gcs_plugin.terminal.signing import open_signing
+from gcs_plugin.terminal.signing import open_signing, state_folder
 
 DEFAULT_LINK = "udpin:0.0.0.0:14550"
 EXTRA = "the console needs starlette and uvicorn: pip install 'anytraverse-companion[ground]'"
@@ -82,7 +82,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         threading.Thread(
             target=webbrowser.open, args=(listen.url() + (f"?token={token}" if token else ""),), daemon=True
         ).start()
-    console = Console(client, None if log is None else JsonOutput(log, time.monotonic()))
+    told = None if log is None else JsonOutput(log, time.monotonic())
+    console = Console(client, told, options.incidents)
     try:
         asyncio.run(_run(taken, listen, token, options.origin, links, console, background))
     finally:
@@ -211,6 +212,13 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--no-browser", action="store_true", help="do not open a browser")
     parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="write events to a file, for programs")
+    parser.add_argument(
+        "--incidents",
+        type=Path,
+        default=state_folder() / "incidents",
+        metavar="FOLDER",
+        help="where incident files are stored that are fetched (default %(default)s)",
+    )
     parser.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
     parser.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
     parser.add_argument(

@@ -1,8 +1,10 @@
 """Measures what recording costs: CPU of each process, bytes, judging rate, latency, acknowledgements.
 
 The whole companion runs with `builtin` on a folder of frames, at each rate of recorded frames in turn; 0 is
-without a recorder. A word is set every two seconds, so that acknowledgements wait for the disk.
+without a recorder. A word is set every two seconds, so that acknowledgements wait for the disk. --packing:
+seconds after which an incident file of the last minute is packed again; 0: none is.
 Run: python -m bench.recording --frames DIR [--seconds 60] [--rates 0,1,10] [--camera 10] [--rounds 1]
+     [--packing 0,12]
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from random import Random
 from statistics import median
@@ -24,7 +27,8 @@ from typing import Any
 
 from bench.commit import commit_of
 from bench.link.drive import at
-from companion.wire.answers import SetWord
+from companion.recording.packing import kept
+from companion.wire.answers import PackIncident, SetWord
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
 from gcs_plugin.client.client import OperatorClient
@@ -97,13 +101,16 @@ class Processes:
 class Operator:
     """Sets a word again and again, and takes the times until it is acknowledged."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, packing: float = 0.0) -> None:
+        """packing: s between two incident files that it has packed, 0: none."""
         random = Random(1)
         self._client = OperatorClient(lambda: random.randrange(1, 1 << 32))
         self._runner = Runner(open_connection(f"udpin:127.0.0.1:{port}"), self._client)
         self._pending: Pending | None = None
         self._asked_at = 0.0
         self._count = 0
+        self._packing = packing
+        self._packed_at = 0.0
         self.times: list[float] = []
 
     def step(self, now: float) -> None:
@@ -115,6 +122,9 @@ class Operator:
         if pending is not None and pending.acknowledgement is not None and pending.settled:
             self.times.append(now - self._asked_at)
             self._pending = None
+        if self._packing and _SYSTEM in self._client.rovers and now - self._packed_at >= self._packing:
+            self._client.answer(_SYSTEM, 0, Motion.NONE, (PackIncident(0),), now)
+            self._packed_at = now
         if self._pending is None and _SYSTEM in self._client.rovers and now - self._asked_at >= _EVERY:
             self._count += 1
             word = SetWord("grass", 1.0 - 0.01 * (self._count % 2))
@@ -126,8 +136,10 @@ class Operator:
         self._runner.close()
 
 
-def measure(frames: Path, camera: float, rate: float, seconds: float, folder: Path) -> dict[str, Any]:
-    """Measures one run. rate: recorded frames/s, 0: no recorder."""
+def measure(
+    frames: Path, camera: float, rate: float, seconds: float, folder: Path, packing: float = 0.0
+) -> dict[str, Any]:
+    """Measures one run. rate: recorded frames/s, 0: no recorder. packing: of `Operator`."""
     port = 20_000 + os.getpid() % 20_000
     state = folder / "state"
     values = {"frames": frames, "camera": camera, "port": port, "state": state}
@@ -139,7 +151,7 @@ def measure(frames: Path, camera: float, rate: float, seconds: float, folder: Pa
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.DEVNULL,
     )
-    operator = Operator(port)
+    operator = Operator(port, packing)
     try:
         processes = Processes(process.pid)
         _step(operator, lambda: bool(_status(state).get("frames")), _READY_WITHIN)
@@ -160,9 +172,15 @@ def measure(frames: Path, camera: float, rate: float, seconds: float, folder: Pa
         process.kill()
         process.wait()
     recent = [(judged - captured) * 1e3 for _, captured, judged in _status(state)["recent"]]
-    recorded = after["recording"]
+    recorded, packed = after["recording"], kept(state)
     return {
         "rate": rate,
+        "packing": packing,
+        "packed": {
+            "n": packed[0].number if packed else 0,
+            "MB": round(max((one.size for one in packed), default=0) / 1e6, 2),
+            "short_kB": round(max((one.short for one in packed), default=0) / 1e3, 1),
+        },
         "judged_per_s": round((after["frames"] - before["frames"]) / took, 2),
         "latency_ms": {"p50": at(recent, 0.5), "p99": at(recent, 0.99)},
         "acknowledged_ms": {
@@ -190,10 +208,10 @@ def _pressure() -> dict[str, float]:
 
 
 def medians(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Returns the median of each figure over the runs of a rate: other programs disturb single ones."""
+    """Returns the median of each figure over the runs of a kind: other programs disturb single ones."""
     found = []
-    for rate in dict.fromkeys(run["rate"] for run in runs):
-        own = [run for run in runs if run["rate"] == rate]
+    for kind in dict.fromkeys((run["rate"], run["packing"]) for run in runs):
+        own = [run for run in runs if (run["rate"], run["packing"]) == kind]
         found.append({key: _median([run[key] for run in own]) for key in own[0]} | {"runs": len(own)})
     return found
 
@@ -225,12 +243,14 @@ def main() -> int:
     parser.add_argument("--rates", default="0,1,10")
     parser.add_argument("--camera", type=float, default=10.0)
     parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument("--packing", default="0")
     given = parser.parse_args()
     runs = []
     for _ in range(given.rounds):
-        for rate in map(float, given.rates.split(",")):
+        for rate, packing in product(*(map(float, one.split(",")) for one in (given.rates, given.packing))):
             with tempfile.TemporaryDirectory(prefix="recording-", dir=ROOT) as folder:
-                runs.append(measure(given.frames.resolve(), given.camera, rate, given.seconds, Path(folder)))
+                frames, state = given.frames.resolve(), Path(folder)
+                runs.append(measure(frames, given.camera, rate, given.seconds, state, packing))
                 print(json.dumps(runs[-1]), flush=True)
     print(json.dumps({"commit": commit_of(ROOT), "medians": medians(runs)}))
     return 0

@@ -107,9 +107,9 @@ class IncidentPacker:
 
     def _start(self, call: int, now: float) -> tuple[Result, str]:
         try:
+            asked = Asked(str(self._folder), self._config, call, self._not_recorded).encoded()
             child = self._launch()
-            asked = Asked(str(self._folder), self._config, call, self._not_recorded)
-            if not child.send(asked.encoded()):
+            if not child.send(asked):
                 child.close()
                 raise OSError("it does not listen")
         except (OSError, ValueError) as error:

@@ -71,12 +71,13 @@ def kept(folder: Path) -> list[Packed]:
 def pack(asked: Asked) -> Packed:
     """Pack an incident: the whole file and the short one. Deletes the oldest, and what was left half done.
 
-    Raises PackingError, OSError.
+    Limits the size of the files that this process may write from now on. Raises PackingError, OSError.
     """
     folder = Path(asked.folder)
     home = folder / FOLDER
     home.mkdir(exist_ok=True)
     before = kept(folder)
+    number = 1 + max((named[0] for one in os.listdir(home) if (named := read_name(one))), default=0)
     _clear(home, {one.name for one in before[: MOST_KEPT - 1]})
     room = (shutil.disk_usage(home).free - LEAST_FREE) // 2  # each is copied before it is compressed
     if room < _LEAST:
@@ -92,7 +93,6 @@ def pack(asked: Asked) -> Packed:
     else:
         what, calls = f"the last {LAST_S:.0f} s", []
         windows = incident.last(folder, LAST_S) if recorded else []
-    number = max((one.number for one in before), default=0) + 1
     name = name_of(number, asked.call)
     files = {SHORT: home / f".{name}{SHORT}.zip", "": home / f".{name}.zip"}
     try:

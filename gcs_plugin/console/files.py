@@ -45,6 +45,16 @@ class _Wanted:
     not_before: float = 0.0
 
 
+@dataclass
+class _Running:
+    """What is being fetched. began: when it was first asked for. before: bytes that were here already."""
+
+    wanted: _Wanted
+    fetch: Fetch | Listing
+    began: float
+    before: int
+
+
 class Files:
     """What is fetched from one rover. rate: bytes a second of the newest long file, None while not known."""
 
@@ -52,7 +62,7 @@ class Files:
         self._client = client
         self._system = system
         self._wanted: dict[str, _Wanted] = {}
-        self._running: tuple[_Wanted, Fetch | Listing, float] | None = None
+        self._running: _Running | None = None
         self._begun: dict[str, Fetch] = {}
         """What has come of incident files that made way, were stopped or failed, by path."""
         self.rate: float | None = None
@@ -82,7 +92,7 @@ class Files:
     def stop(self, path: str) -> None:
         """Fetch an incident file no more. What has come of it stays."""
         self._wanted.pop(path, None)
-        if self._running is not None and self._running[0].path == path:
+        if self._running is not None and self._running.wanted.path == path:
             self._interrupt()
 
     def forget(self, path: str) -> None:
@@ -91,7 +101,9 @@ class Files:
 
     def progress(self, path: str) -> tuple[int, int | None] | None:
         """Return the bytes of a file that was begun: received, and in all; None: it was not."""
-        running = self._running[1] if self._running is not None and self._running[0].path == path else None
+        running = (
+            self._running.fetch if self._running is not None and self._running.wanted.path == path else None
+        )
         fetch = running or self._begun.get(path)
         return (fetch.received, fetch.size) if isinstance(fetch, Fetch) else None
 
@@ -103,12 +115,14 @@ class Files:
         if urgent is None:
             return changed
         if self._running is not None:
-            running = self._running[0].rank
+            running = self._running.wanted.rank
             yields = running is Rank.INCIDENT or urgent.rank is Rank.CALL_PICTURE
             if running <= urgent.rank or not yields:
                 return changed
             self._interrupt()
-        self._running = urgent, self._begin(urgent, now), now
+        fetch = self._begin(urgent, now)
+        before = fetch.received if isinstance(fetch, Fetch) else 0
+        self._running = _Running(urgent, fetch, now, before)
         return True
 
     def _begin(self, wanted: _Wanted, now: float) -> Fetch | Listing:
@@ -122,7 +136,7 @@ class Files:
     def _interrupt(self) -> None:
         """Stop what is being fetched; of an incident file what has come stays."""
         assert self._running is not None
-        wanted, fetch, _ = self._running
+        wanted, fetch = self._running.wanted, self._running.fetch
         self._running = None
         if isinstance(fetch, Fetch):
             self._client.stop(fetch)
@@ -137,9 +151,10 @@ class Files:
     def _finish(self, now: float) -> bool:
         if self._running is None:
             return False
-        wanted, fetch, began = self._running
+        running = self._running
+        wanted, fetch = running.wanted, running.fetch
         if fetch.status is FetchStatus.WAITING:
-            self._running = wanted, fetch, now
+            running.began = now
         if not fetch.settled:
             return False
         self._running = None
@@ -148,8 +163,8 @@ class Files:
         problem = fetch.problem
         if fetch.status is FetchStatus.DONE:
             content = fetch.content if isinstance(fetch, Fetch) else "\n".join(fetch.names).encode()
-            if isinstance(fetch, Fetch) and len(content) >= MEASURED_BYTES:
-                self.rate = len(content) / max(0.02, now - began)
+            if isinstance(fetch, Fetch) and len(content) - running.before >= MEASURED_BYTES:
+                self.rate = (len(content) - running.before) / max(0.02, now - running.began)
             try:
                 wanted.use(content)
             except DocumentError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from gcs_plugin.console.requests import (
     UndoRequest,
 )
 from gcs_plugin.console.rover_desk import RoverDesk
+from gcs_plugin.console.rover_page import RoverPage
 from gcs_plugin.terminal.output import Output
 from gcs_plugin.terminal.resolve import choose_rover, current_call
 
@@ -31,10 +32,20 @@ from gcs_plugin.terminal.resolve import choose_rover, current_call
 class Console:
     """The desks of all rovers. revision: rises whenever something that the page shows has changed."""
 
-    def __init__(self, client: OperatorClient, log: Output | None = None, folder: Path | None = None) -> None:
-        """log: is told all events. folder: where incident files are stored; None: none are fetched."""
+    def __init__(
+        self,
+        client: OperatorClient,
+        log: Output | None = None,
+        folder: Path | None = None,
+        pages: Mapping[int, RoverPage] | None = None,
+    ) -> None:
+        """log: is told all events. folder: where incident files are stored; None: none are fetched.
+
+        pages: the rovers' own ones, by system id, from which these files are fetched.
+        """
         self.client = client
         self._folder = folder
+        self._pages = pages or {}
         self._log = log
         self.desks: dict[int, RoverDesk] = {}
         self.revision = 0
@@ -46,7 +57,7 @@ class Console:
         rovers = self.client.rovers
         for system in rovers:
             if system not in self.desks:
-                self.desks[system] = RoverDesk(self.client, system, self._folder)
+                self.desks[system] = RoverDesk(self.client, system, self._folder, self._pages.get(system))
                 self.revision += 1
         for event in happened:
             self._to_log(event, now)

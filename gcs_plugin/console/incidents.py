@@ -20,6 +20,7 @@ from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import MAX_BYTES
 from gcs_plugin.console.fetched import QUICK_FOR_LARGE
 from gcs_plugin.console.files import Files, Rank
+from gcs_plugin.console.rover_page import Download, RoverPage
 
 AGAIN_S = 3.0
 """Seconds between two readings of /incidents.json while an incident is packed."""
@@ -36,12 +37,25 @@ _STORED = re.compile(r"rover[0-9]{1,3}-[0-9]{8}-[0-9]{6}-.*\.zip", re.ASCII)
 class RoverIncidents:
     """Follows one rover's incidents. `step` asks for what is due; times are those of its `now`."""
 
-    def __init__(self, client: OperatorClient, system: int, files: Files, folder: Path | None) -> None:
-        """folder: where files are stored; None: none are fetched."""
+    def __init__(
+        self,
+        client: OperatorClient,
+        system: int,
+        files: Files,
+        folder: Path | None,
+        page: RoverPage | None = None,
+    ) -> None:
+        """folder: where files are stored; None: none are fetched. page: the rover's; None: files come by
+        MAVLink FTP.
+        """
         self._client = client
         self._system = system
         self._files = files
         self._folder = folder
+        self._page = page
+        self._downloads: dict[str, Download] = {}
+        """What is fetched from the rover's page, by name."""
+        self._problems: dict[str, str] = {}
         self._told = Incidents()
         self._asked: dict[int, Pending] = {}
         self._followed_until = self._read_at = float("-inf")
@@ -60,14 +74,24 @@ class RoverIncidents:
 
     def fetch(self, name: str) -> None:
         """Fetch a file, or go on with one that was begun."""
+        if self._page is not None:
+            if name not in self._downloads:
+                self._problems.pop(name, None)
+                self._downloads[name] = Download(self._page, _PATH + name)
+            return
         self._files.want(_PATH + name, Rank.INCIDENT, lambda content: self._take(name, content))
 
     def stop(self, name: str) -> None:
         """Stop fetching a file."""
+        if (download := self._downloads.pop(name, None)) is not None:
+            download.stop()
         self._files.stop(_PATH + name)
 
     def step(self, now: float) -> None:
-        """Read what the rover tells: while a request is followed, and once on a quick link."""
+        """Take downloads, and read what the rover tells: after a request, and once on a quick link."""
+        for name, download in list(self._downloads.items()):
+            if download.done:
+                self._take_download(name, download)
         followed = now < self._followed_until and any(one.applied for one in self._asked.values())
         due = followed and now - self._read_at >= AGAIN_S
         first = self._read_at < 0 and (self._files.rate or 0.0) >= QUICK_FOR_LARGE
@@ -83,6 +107,15 @@ class RoverIncidents:
         """Return how a file can be had."""
         if name in self.stored:
             return {"url": f"/incidents/{self._system}/{name}"}
+        if self._page is not None and self._folder is not None:
+            download = self._downloads.get(name)
+            return {
+                "waits": download is not None,
+                "received": 0 if download is None else download.received,
+                "seconds": None,
+                "problem": self._problems.get(name, ""),
+                "fetchable": True,
+            }
         path, rate = _PATH + name, self._files.rate
         problem = self._files.problems.get(path, "")
         if size > MAX_BYTES:
@@ -102,6 +135,15 @@ class RoverIncidents:
         unsettled = any(not one.settled for one in self._asked.values())
         if self._told.packing is None and not unsettled:
             self._followed_until = float("-inf")
+
+    def _take_download(self, name: str, download: Download) -> None:
+        del self._downloads[name]
+        try:
+            if download.problem:
+                raise DocumentError(download.problem)
+            self._take(name, download.content)
+        except DocumentError as error:
+            self._problems[name] = str(error)
 
     def _take(self, name: str, content: bytes) -> None:
         """Store a file that has come. Raises DocumentError for one that is damaged or cannot be stored."""

@@ -17,6 +17,7 @@ from gcs_plugin.client.rovers import Rover
 from gcs_plugin.console.calls import Stories
 from gcs_plugin.console.fetched import CALLS_PATH, Fetched
 from gcs_plugin.console.incidents import RoverIncidents
+from gcs_plugin.console.rover_page import RoverPage
 from gcs_plugin.console.track import Track
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import ALARM, GOOD, TextOutput, plain
@@ -31,12 +32,18 @@ _PROMPTS_STATE = (ev.StateChanged, ev.PolicyStatusChanged, ev.Acknowledged, ev.C
 class RoverDesk:
     """Follows one rover. `take` its events, then `step`; `document` is what the page shows."""
 
-    def __init__(self, client: OperatorClient, system: int, folder: Path | None = None) -> None:
-        """folder: where incident files are stored; None: none are fetched."""
+    def __init__(
+        self,
+        client: OperatorClient,
+        system: int,
+        folder: Path | None = None,
+        page: RoverPage | None = None,
+    ) -> None:
+        """folder, page: of `RoverIncidents`."""
         self.system = system
         self.stories = Stories(system)
         self.fetched = Fetched(client, system, self.stories)
-        self.incidents = RoverIncidents(client, system, self.fetched.files, folder)
+        self.incidents = RoverIncidents(client, system, self.fetched.files, folder, page)
         self.points: deque[tuple[float, float | None, float | None, float | None, float | None]] = deque(
             maxlen=POINTS
         )

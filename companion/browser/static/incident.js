@@ -8,7 +8,7 @@ let numbered = 0;
 export class Incident {
   // post: posts (kind, content), and returns a promise of "" or of what is wrong.
   constructor(post, say) {
-    Object.assign(this, { post, say, busy: false, asked: false });
+    Object.assign(this, { post, say, busy: false, asked: false, here: 0 });
     this.text = element("p", { id: `incident${++numbered}`, className: "faint" });
     this.ask = element("button", { type: "button", className: "plain", "aria-describedby": this.text.id, onclick: () => this.send("incident", {}) });
     this.problem = element("p", { className: "problem" });
@@ -25,8 +25,10 @@ export class Incident {
     showText(this.ask, `Pack an incident file of ${what}`);
     changed(this.files, data.files, (list) => list.replaceChildren(...data.files.map((file) => element("li", {}, ...(file.url ? saved(file) : this.fetched(file))))));
     changed(this.text, data.text, (part) => part.replaceChildren(data.text));
+    const here = data.files.filter(({ url }) => url).length;
     if (this.asked && this.busy && !data.busy) this.say(`Incident file of ${what}: ${data.text || "it is packed."}`);
-    this.busy = data.busy;
+    else if (this.asked && here > this.here) this.say(`An incident file of ${what} is here.`);
+    Object.assign(this, { busy: data.busy, here });
   }
 
   // A file that is still on the rover.

@@ -21,6 +21,7 @@ from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.requests import read_request
+from gcs_plugin.console.rover_page import RoverPage
 
 JPEG = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffc0001108006000800301220002110103110100")
 WORDS = {"grass": 1.0}
@@ -38,8 +39,9 @@ class Desk:
         summary: Summary,
         more: Mapping[str, Document | ServedFolder] | None = None,
         folder: Path | None = None,
+        pages: Mapping[int, RoverPage] | None = None,
     ) -> None:
-        """more: that it serves. folder: of the console, for incident files."""
+        """more: that it serves. folder, pages: of the console, for incident files."""
         self.files: dict[str, bytes] = {"7.jpg": JPEG + bytes(1400), "7-large.jpg": JPEG + bytes(6000)}
         self.state: dict[str, Any] = {"state": "ok", "words": WORDS, "vocabulary": ["grass", "gravel"]}
 
@@ -53,7 +55,7 @@ class Desk:
         self.link = LoopbackLink(tree=Tree({"state.json": state, "calls": calls, **(more or {})}))
         self.call = replace(call, picture="/calls/7.jpg")
         self.summary = replace(summary, words=ids.words_hash(WORDS))
-        self.console = Console(OperatorClient(), folder=folder)
+        self.console = Console(OperatorClient(), None, folder, pages)
         self.console.client.ids = 255, 190
         self._heard = 0
         self.hears = True

@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import json
 import random
+import time
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,9 @@ from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client.fetch import LIFETIME_S, MAX_BYTES
 from gcs_plugin.console.incidents import MOST_STORED
 from gcs_plugin.console.requests import IncidentFileRequest, IncidentRequest, read_request
+from gcs_plugin.console.rover_page import RoverPage, read_pages
+from tests.companion.web.played import TOKEN
+from tests.companion.web.played import Stage as PageStage
 from tests.gcs_plugin.console.test_console import Desk
 
 NAME = "0003-C7-short.zip"
@@ -41,13 +45,19 @@ PACKED = Packed(3, 7, 12_000_000, len(CONTENT))
 class Rover:
     """A rover that packs what a test says, and the console's desk."""
 
-    def __init__(self, call: CallData, summary: Summary, folder: Path) -> None:
+    def __init__(
+        self,
+        call: CallData,
+        summary: Summary,
+        folder: Path,
+        pages: Mapping[int, RoverPage] | None = None,
+    ) -> None:
         self.told = Incidents()
         self.content = CONTENT
         self.folder = folder / "incidents"
         files = Documents(lambda: {NAME: len(self.content)}, lambda _: self.content)
         document = Document(lambda: json.dumps(self.told.document()).encode())
-        self.desk = Desk(call, summary, {"incidents.json": document, "incidents": files}, self.folder)
+        self.desk = Desk(call, summary, {"incidents.json": document, "incidents": files}, self.folder, pages)
         self.desk.link.link.set_state(State.OK, 0, Policy.HOLD)
         self.desk.announce()
         self.desk.run(5.0)
@@ -249,6 +259,51 @@ def test_the_newest_files_stay_in_the_folder_and_what_is_none_of_ours(rover: Rov
     assert len(list(rover.folder.iterdir())) == MOST_STORED + 1
     assert (rover.folder / "notes.zip").exists()
     assert CONTENT in rover.stored()
+
+
+def test_where_the_rovers_page_is_named_files_come_from_it(
+    thing_call: CallData, quiet_summary: Summary, tmp_path: Path
+) -> None:
+    (tmp_path / "state" / "incidents").mkdir(parents=True)
+    (tmp_path / "state" / "incidents" / NAME).write_bytes(CONTENT)
+    stage = PageStage(tmp_path / "state", token=TOKEN)
+    own = {"authorization": f"Bearer {TOKEN}"}
+    stage.until(lambda: stage.up() and stage.get("/healthz", "GET", own).status == 200)
+    pages = read_pages([f"1={stage.page.url}"], TOKEN)
+    rover = Rover(thing_call, quiet_summary, tmp_path, pages)
+    rover.pack()
+    _, whole = rover.shown()["files"]
+    assert whole["fetchable"], "larger than MAVLink FTP takes"
+    rover.desk.post("fetch", name=NAME)
+    arrives(rover)
+    assert rover.stored() == [CONTENT]
+    rover.desk.post("fetch", name=whole["name"])
+    arrives(rover, whole["name"])
+    _, whole = rover.shown()["files"]
+    assert whole["problem"] == "the rover's page refuses it: status 404"
+    stage.close()
+    rover.desk.post("fetch", name=whole["name"])
+    arrives(rover, whole["name"])
+    assert "the rover's page does not answer" in rover.shown()["files"][1]["problem"]
+
+
+def arrives(rover: Rover, name: str = NAME) -> None:
+    """Wait until a download has ended."""
+    deadline = time.monotonic() + 20.0
+    while name in rover.desk.console.desks[1].incidents._downloads:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+        rover.desk.run(0.05)
+
+
+@pytest.mark.parametrize(
+    "given", ["1=ftp://rover", "rover", "0=http://rover", "1=http://", "\u0661=http://r"]
+)
+def test_a_page_that_cannot_be_is_refused(given: str) -> None:
+    with pytest.raises(ValueError, match="write it as 1=http://rover:8191"):
+        read_pages([given], TOKEN)
+    with pytest.raises(ValueError, match="needs --page-token-file"):
+        read_pages(["1=http://rover"], "")
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,8 @@ def _browser_desk(
         raise DriveError(
             f'the page needs {error.name}: pip install "anytraverse-companion[ground]"; or omit --browser'
         ) from error
+    if not 0 <= port <= 0xFFFF:
+        raise DriveError(f"--port {port} is not in 0..65535")
     return BrowserDesk(judge, config.vocabulary, found, drive, port)
 
 

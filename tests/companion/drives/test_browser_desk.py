@@ -6,6 +6,7 @@ import http.client
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -225,6 +226,14 @@ def test_ctrl_c_keeps_what_was_answered_and_a_page_that_was_closed_can_be_opened
     assert "1 answered" in said
     assert " = dirt path: 1, go\n" in (out / "answers.txt").read_text()
     assert len((out / "memory.jsonl").read_text().splitlines()) == 2
+
+
+def test_a_port_that_there_is_not_or_that_is_taken_is_said(drive: Path, tmp_path: Path) -> None:
+    config = str(drive.parent / "companion.toml")
+    with pytest.raises(DriveError, match="70000 is not in 0"):
+        rehearsing.run(str(drive), file=config, out=str(tmp_path / "out"), port=70_000)
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(OSError, match="in use"):
+        rehearsing.run(str(drive), file=config, out=str(tmp_path / "out"), port=taken.getsockname()[1])
 
 
 def test_without_its_packages_it_says_what_to_install(

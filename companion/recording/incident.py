@@ -132,7 +132,8 @@ def _write(
     packed.writestr("config.toml", config)
     packed.writestr("versions.json", json.dumps(versions(), indent=1))
     most = _LARGEST_SHORT if short else _LARGEST
-    beside = _beside(folder, sorted(told), short=short)
+    pictured = (list(calls) or sorted(told)[-1:]) if short else sorted(told)
+    beside = _beside(folder, sorted(told), pictured, short=short)
     left_out = [left for path in beside if (left := _added(packed, folder, path, most))]
     return Incident(count, tuple(sorted(told)), tuple(left_out))
 
@@ -220,12 +221,12 @@ def _paths(folder: Path, *, event: bool = False) -> list[Path]:
     return [folder / FOLDER / one.name for one in found if one.event or not event]
 
 
-def _beside(folder: Path, calls: Sequence[int], *, short: bool) -> Iterator[Path]:
-    """Yield the files to add that are there."""
+def _beside(folder: Path, calls: Sequence[int], pictured: Sequence[int], *, short: bool) -> Iterator[Path]:
+    """Yield the files to add that are there: records of the calls, pictures of those `pictured`."""
     names = ["status.json", *([] if short else [f"{LOGS}/{LOG}.1"]), f"{LOGS}/{LOG}"]
     pictures = (".jpg", "-raw.jpg") if short else (".jpg", "-large.jpg", "-raw.jpg")
     for number in calls:
-        names += [f"calls/{number}{rest}" for rest in (".json", *pictures)]
+        names += [f"calls/{number}{rest}" for rest in (".json", *(pictures if number in pictured else ()))]
     for name in names:
         if (folder / name).is_file():
             yield folder / name

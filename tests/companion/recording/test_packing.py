@@ -55,14 +55,14 @@ def recorded(folder: Path, seconds: int = 90) -> None:
         tenths = range(0, NS, NS // 10)
         said += [Message(Topic.ASSESSMENT, at + part, as_json({"frame": second})) for part in tenths]
         if second == seconds // 2:
-            said += [opened(7, second)]
+            said += [opened(6, second), opened(7, second)]
     for message in said:
         since = (message.at - BEGAN) / NS
         ring.write(message, since)
         ring.tick(since)
     ring.finish(1e6)
     (folder / "calls").mkdir()
-    for name in ("7.json", "7.jpg", "7-large.jpg", "7-raw.jpg"):
+    for name in ("7.json", "7.jpg", "7-large.jpg", "7-raw.jpg", "6.json", "6-raw.jpg"):
         (folder / "calls" / name).write_bytes(b"of call " + name.encode())
     (folder / "logs").mkdir()
     (folder / "logs" / "companion.log").write_text("a line of the log\n" * 9000)
@@ -128,7 +128,7 @@ def test_two_files_are_packed_and_the_short_one_has_few_small_frames_and_no_maps
         (home / f"{packed.name}{kind}.zip").stat().st_size for kind in ("", SHORT)
     )
     assert packed.short * 10 < packed.size
-    assert set(whole) - set(short) == {"calls/7-large.jpg"}
+    assert set(whole) - set(short) == {"calls/7-large.jpg", "calls/6-raw.jpg"}, "only of the call meant"
     assert len(short["logs/companion.log"]) < 32_000 < len(whole["logs/companion.log"])
     all_of_it, some = topics_of(whole["recording.mcap"]), topics_of(short["recording.mcap"])
     names = {one: TOPICS[one].name for one in Topic}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -61,3 +63,11 @@ def test_whatever_comes_is_read_within_bounds(document: dict[str, Any]) -> None:
 )
 def test_other_names_are_none(name: str) -> None:
     assert read_name(name) is None
+
+
+def test_the_page_names_every_key() -> None:
+    told = Incidents(7, (7, "why"), (Packed(1, 7, 2, 3),)).document()
+    page = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
+    section = page.split("### Incident files")[1].split("\n### ")[0].partition("| key | value |")[2]
+    keys = {*told, *told["failed"], *told["packed"][0]}
+    assert keys == set(re.findall(r"`([a-z]+)`", section))

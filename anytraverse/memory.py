@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
-from anytraverse.history import Embedding, Entry, History, Place
+from anytraverse.history import Embedding, Entry, History, Match, Place
 from anytraverse.perception import Example
 from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.synonyms import Meaning, meaning_of, opposed
@@ -96,6 +96,17 @@ class Memory:
             for word, setting in entry.preferences.settings.items()
             if setting.order > before and self.settled.get(word) != setting.order
         }
+
+    def nearest_answered(self, embedding: Embedding, but: Collection[int]) -> Match | None:
+        """Return the most similar scene that an answer taught; None without one.
+
+        but: ids of calls that are left out.
+        """
+        for match in self.history.nearest(embedding):
+            entry = match.entry
+            if entry.call_id not in but and (entry.call_id or self.taught(entry)):
+                return match
+        return None
 
     def at(self, reference: Embedding | None) -> Memory:
         """Return this memory with another reference, to which no match led. None: none, as at first."""

@@ -1,10 +1,11 @@
 """Measures what recording and the live view cost: CPU of each process, bytes, judging rate, latencies.
 
 The whole companion runs with `builtin` on a folder of frames, at each rate of recorded frames in turn; 0 is
-without a recorder. A word is set every two seconds, so that acknowledgements wait for the disk.
+without a recorder. A word is set every two seconds, so that acknowledgements wait for the disk. --packing:
+seconds after which an incident file of the last minute is packed again; 0: none is.
 With `--viewers` a live view shows frames at each rate to so many viewers, and nothing is recorded.
 Run: python -m bench.recording --frames DIR [--seconds 60] [--rates 0,1,10] [--camera 10] [--rounds 1]
-     [--viewers 2]
+     [--packing 0,12] [--viewers 2]
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from random import Random
 from statistics import median
@@ -28,7 +30,8 @@ from typing import Any
 
 from bench.commit import commit_of
 from bench.link.drive import at
-from companion.wire.answers import SetWord
+from companion.recording.packing import kept
+from companion.wire.answers import PackIncident, SetWord
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
 from gcs_plugin.client.client import OperatorClient
@@ -103,13 +106,16 @@ class Processes:
 class Operator:
     """Sets a word again and again, and takes the times until it is acknowledged."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, packing: float = 0.0) -> None:
+        """packing: s between two incident files that it has packed, 0: none."""
         random = Random(1)
         self._client = OperatorClient(lambda: random.randrange(1, 1 << 32))
         self._runner = Runner(open_connection(f"udpin:127.0.0.1:{port}"), self._client)
         self._pending: Pending | None = None
         self._asked_at = 0.0
         self._count = 0
+        self._packing = packing
+        self._packed_at = 0.0
         self.times: list[float] = []
 
     def step(self, now: float) -> None:
@@ -121,6 +127,9 @@ class Operator:
         if pending is not None and pending.acknowledgement is not None and pending.settled:
             self.times.append(now - self._asked_at)
             self._pending = None
+        if self._packing and _SYSTEM in self._client.rovers and now - self._packed_at >= self._packing:
+            self._client.answer(_SYSTEM, 0, Motion.NONE, (PackIncident(0),), now)
+            self._packed_at = now
         if self._pending is None and _SYSTEM in self._client.rovers and now - self._asked_at >= _EVERY:
             self._count += 1
             word = SetWord("grass", 1.0 - 0.01 * (self._count % 2))
@@ -176,9 +185,18 @@ async def _view_one(url: str, counts: Any) -> None:
 
 
 def measure(
-    frames: Path, camera: float, rate: float, seconds: float, folder: Path, viewers: int | None = None
+    frames: Path,
+    camera: float,
+    rate: float,
+    seconds: float,
+    folder: Path,
+    packing: float = 0.0,
+    viewers: int | None = None,
 ) -> dict[str, Any]:
-    """Measures one run. rate: recorded frames/s, 0: no recorder. viewers: of a live view in its place."""
+    """Measures one run.
+
+    rate: recorded frames/s, 0: no recorder. packing: of `Operator`. viewers: of a live view in its place.
+    """
     port = 20_000 + os.getpid() % 20_000
     state = folder / "state"
     live = f"127.0.0.1:{port + 1}" if rate and viewers is not None else ""
@@ -192,7 +210,7 @@ def measure(
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.DEVNULL,
     )
-    operator, watching = Operator(port), None
+    operator, watching = Operator(port, packing), None
     try:
         processes = Processes(process.pid)
         _step(operator, lambda: bool(_status(state).get("frames")), _READY_WITHIN)
@@ -223,9 +241,15 @@ def measure(
         process.kill()
         process.wait()
     recent = [(judged - captured) * 1e3 for _, captured, judged in _status(state)["recent"]]
-    recorded = after["recording"]
+    recorded, packed = after["recording"], kept(state)
     return {
         "rate": rate,
+        "packing": packing,
+        "packed": {
+            "n": packed[0].number if packed else 0,
+            "MB": round(max((one.size for one in packed), default=0) / 1e6, 2),
+            "short_kB": round(max((one.short for one in packed), default=0) / 1e3, 1),
+        },
         "judged_per_s": round((after["frames"] - before["frames"]) / took, 2),
         "latency_ms": {"p50": at(recent, 0.5), "p99": at(recent, 0.99)},
         "acknowledged_ms": {
@@ -255,10 +279,10 @@ def _pressure() -> dict[str, float]:
 
 
 def medians(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Returns the median of each figure over the runs of a rate: other programs disturb single ones."""
+    """Returns the median of each figure over the runs of a kind: other programs disturb single ones."""
     found = []
-    for rate in dict.fromkeys(run["rate"] for run in runs):
-        own = [run for run in runs if run["rate"] == rate]
+    for kind in dict.fromkeys((run["rate"], run["packing"]) for run in runs):
+        own = [run for run in runs if (run["rate"], run["packing"]) == kind]
         found.append({key: _median([run[key] for run in own]) for key in own[0]} | {"runs": len(own)})
     return found
 
@@ -290,14 +314,15 @@ def main() -> int:
     parser.add_argument("--rates", default="0,1,10")
     parser.add_argument("--camera", type=float, default=10.0)
     parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument("--packing", default="0")
     parser.add_argument("--viewers", type=int, help="of a live view, in place of a recorder")
     given = parser.parse_args()
     runs = []
     for _ in range(given.rounds):
-        for rate in map(float, given.rates.split(",")):
+        for rate, packing in product(*(map(float, one.split(",")) for one in (given.rates, given.packing))):
             with tempfile.TemporaryDirectory(prefix="recording-", dir=ROOT) as folder:
                 arguments = given.frames.resolve(), given.camera, rate, given.seconds, Path(folder)
-                runs.append(measure(*arguments, given.viewers))
+                runs.append(measure(*arguments, packing, given.viewers))
                 print(json.dumps(runs[-1]), flush=True)
     print(json.dumps({"commit": commit_of(ROOT), "medians": medians(runs)}))
     return 0

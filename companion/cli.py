@@ -142,7 +142,9 @@ def _add_rehearse(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     rehearse.add_argument(
         "--memory", metavar="FILE", help="scenes to start with, of `companion memory export`"
     )
-    rehearse.add_argument("--no-ask", action="store_true", help="ask nobody at the terminal")
+    rehearse.add_argument("--no-ask", action="store_true", help="ask nobody")
+    rehearse.add_argument("--browser", action="store_true", help="ask in a browser, not at the terminal")
+    rehearse.add_argument("--port", type=int, default=0, help="of that page; by default any free one")
     rehearse.set_defaults(run=_rehearse)
 
 
@@ -333,6 +335,7 @@ def _rehearse(options: argparse.Namespace) -> int:
             answers=options.answers,
             memory=options.memory,
             ask=not options.no_ask,
+            port=options.port if options.browser else None,
         )
     )
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from anytraverse.memory import Memory
 from companion.answers.store import AnswerStore
@@ -29,6 +29,7 @@ from companion.link.signing import Signing, open_signing
 from companion.live.live import Live
 from companion.policy.hold_gate import require_checkable
 from companion.preflight.report import EVERY, CheckReport
+from companion.recording.packer import IncidentPacker
 from companion.recording.recorder import Recorder
 from companion.settings.mapping import first_words, restored_policy
 from companion.storage import Journal
@@ -49,6 +50,20 @@ from companion.wire.ids import WARNING, State
 log = logging.getLogger(__name__)
 
 _STATUS_PERIOD = 1.0
+
+
+class _Beside(NamedTuple):
+    """The supervisor's ends of the processes beside vision. Nothing waits for them."""
+
+    page: Page
+    video: Video
+    recorder: Recorder
+    live: Live
+    packer: IncidentPacker
+
+    @classmethod
+    def of(cls, config: Config) -> _Beside:
+        return cls(Page(config), Video(config), Recorder(config), Live(config), IncidentPacker(config))
 
 
 def main(
@@ -91,19 +106,19 @@ def _main(
     first_frame = stored_u32(saved.get("frame_id")) + 1
     vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
-    page, video, recorder, live = Page(config), Video(config), Recorder(config), Live(config)
-    closing.callback(page.close)
-    closing.callback(video.close)
-    closing.callback(recorder.close)
-    closing.callback(live.close)
-    page.answer, link.answers.to_page = link.answers.receive_from_page, page.acknowledge
+    beside = _Beside.of(config)
+    for process in beside:
+        closing.callback(process.close)
+    served.show_incidents(beside.packer.document)
+    link.answers.to_page = beside.page.acknowledge
+    beside.page.answer = link.answers.receive_from_page
 
     def poll(now: float) -> None:
-        page.poll(now, _starting)
-        video.poll(now)
-        recorder.poll(now)
-        live.poll(now)
-        link.camera.url = video.url
+        beside.page.poll(now, _starting)
+        beside.video.poll(now)
+        beside.recorder.poll(now)
+        beside.live.poll(now)
+        link.camera.url = beside.video.url
 
     ready = load(vision, link, stop, service, poll)
     if ready is None:
@@ -118,14 +133,14 @@ def _main(
         link.send_text(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
-    daemon.pointing.shown_for = video.shown_for
+    daemon.pointing.shown_for, daemon.pack_incident = beside.video.shown_for, beside.packer.ask
     closing.enter_context(daemon.recording.log_lines())
     report = CheckReport(config)
     served.show_checks(report.document)
     service.ready(time.monotonic())
     try:
         job = closing.enter_context(BackgroundJob())
-        _run(daemon, link, stop, service, writer, report, job, page, video, recorder, live)
+        _run(daemon, link, stop, service, writer, report, job, beside)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
         report_death(link, daemon.calls)
@@ -176,11 +191,9 @@ def _run(
     writer: Writer,
     report: CheckReport,
     background: BackgroundJob,
-    page: Page,
-    video: Video,
-    recorder: Recorder,
-    live: Live,
+    beside: _Beside,
 ) -> None:
+    page, video, recorder, live, packer = beside
     status_at = checked_at = float("-inf")
     figures: dict[str, Any] = {}
 
@@ -193,6 +206,7 @@ def _run(
             "status": figures,
             "state": daemon.state_file(),
             "check": document,
+            "incidents": packer.document(),
         }
 
     while not stop():
@@ -215,6 +229,7 @@ def _run(
         recorder.poll(now, told)
         live.poll(now, told)
         daemon.recording.listeners = recorder.listener, live.listener
+        packer.poll(now)
         page.poll(now, news)
         if page.wanted():
             daemon.live_picture.want()

@@ -90,6 +90,11 @@ def read_answer(told: Mapping[str, Any]) -> AnswerRequest:
     return AnswerRequest(call, motion, operations)
 
 
+def read_incident(told: Mapping[str, Any]) -> int:
+    """Read for which call an incident file is asked; 0: the last minute. Raises RequestError."""
+    return 0 if told.get("call") is None else whole(told, "call", 1, 0xFFFF)
+
+
 def whole(told: Mapping[str, Any], name: str, low: int, high: int) -> int:
     """Return a whole number of a request. Raises RequestError for any other value."""
     value = told.get(name)

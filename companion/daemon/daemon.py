@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -48,7 +50,9 @@ from companion.vehicle.state import Vehicle, VehiclePosition, is_moving
 from companion.vision.client import Applied, Judged, Result, VisionClient
 from companion.vision.messages import Drawn, Encoded, Model
 from companion.wire import notices, texts
-from companion.wire.ids import ERROR, INFO, NOTICE, WARNING, Policy, State
+from companion.wire.answers import Acknowledgement, PackIncident
+from companion.wire.ids import ERROR, INFO, NOTICE, WARNING, Motion, Policy, State, words_hash
+from companion.wire.ids import Result as AckResult
 
 log = logging.getLogger(__name__)
 
@@ -100,6 +104,11 @@ class Daemon:
         self.live_picture = LivePicture(vision)
         self.pointing = Pointing(calls, link)
         self.video_pictures = VideoPictures(vision, self.pointing, self.told, video_rate)
+        self.pack_incident: Callable[[int, float], tuple[AckResult, str]] = lambda _call, _now: (
+            AckResult.REFUSED,
+            "nothing is packed here",
+        )
+        """Has an incident packed: see `IncidentPacker.ask`."""
         self._weak_words = WeakWords()
         self._view = view
         self._active_alert = ActiveAlert(calls)
@@ -228,6 +237,8 @@ class Daemon:
                 self._handle_vehicle(vehicle, now)
             case ParameterRequest() | ResetRequest() | Answer(via=Via.TEXT):
                 self._finish_answer(self.settings.set(event, now), now)
+            case Answer() if any(isinstance(one, PackIncident) for one in event.operations):
+                self._pack_incident(event, now)
             case Answer() if self._test_call.receive(event, now):
                 pass
             case Answer():
@@ -240,6 +251,20 @@ class Daemon:
                 log.info("the autopilot says no to a mode: MAV_RESULT %d", event.result)
             case RcChannels():
                 self._executor.carry_out(self.settings.policy.rc_channels_received(event, now), now)
+
+    def _pack_incident(self, answer: Answer, now: float) -> None:
+        """Have an incident packed. That answers no call, and teaches nothing."""
+        match answer.operations:
+            case (PackIncident(call_id),) if answer.motion is Motion.NONE:
+                result, text = self.pack_incident(call_id, now)
+            case _:
+                result, text = (
+                    AckResult.REFUSED,
+                    "an incident file is asked for alone, without motion or words",
+                )
+        ack = Acknowledgement.without_figures(answer.transaction, 0, result, text)
+        self._link.acknowledge(answer, replace(ack, words=words_hash(self._vision.words)), now)
+        log.info("incident file: %s %s", ack.result.name, ack.text)
 
     def _handle_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)

@@ -257,16 +257,15 @@ class Records:
         memory = self._vision.memory
         if seen.observation is None:
             return None
-        for match in memory.history.nearest(seen.observation.embedding):
-            entry, words = match.entry, memory.taught(match.entry)
-            if entry.call_id != number and (entry.call_id or words):
-                return {
-                    "call": entry.call_id or None,
-                    "similarity": round(match.similarity, 4),
-                    "words": words,
-                    "picture": scene_picture(entry),
-                }
-        return None
+        match = memory.nearest_answered(seen.observation.embedding, {number})
+        if match is None:
+            return None
+        return {
+            "call": match.entry.call_id or None,
+            "similarity": round(match.similarity, 4),
+            "words": memory.taught(match.entry),
+            "picture": scene_picture(match.entry),
+        }
 
     def _store_and_draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
         accepted = self._vision.draw(seen.frame.id, title, state, store=True, roi=seen.roi)

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import json
 import sys
+import threading
 import time
+import webbrowser
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from anytraverse.memory import Memory, first_memory
 from companion.browser.wording import reason_names
 from companion.config import Config, load_config
-from companion.drives.desk import AnswerFile, answer_lines, terminal
-from companion.drives.drive import DriveError
+from companion.drives.desk import AnswerFile, Terminal, answer_lines, terminal
+from companion.drives.drive import Drive, DriveError
 from companion.drives.frames import open_drive
 from companion.drives.judge import DriveJudge
 from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
-from companion.drives.report import page
+from companion.drives.report import page as report_page
 from companion.memory.command import merged, read_checked
 from companion.memory.scene_file import Scene, write_scenes
+
+if TYPE_CHECKING:
+    from companion.drives.browser_desk import BrowserDesk
 
 _TOLD_EVERY = 5.0
 _OURS = ("frames.jsonl", "calls", "calls.json", "answers.txt", "memory.jsonl", "index.html")
@@ -33,11 +39,13 @@ def run(
     answers: str | None = None,
     memory: str | None = None,
     ask: bool = True,
+    port: int | None = None,
 ) -> int:
     """Rehearse a drive, and write what it led to into the folder `out`. Returns 0, 1 without any frame.
 
     file: the configuration. answers: a file of answers. memory: an exported file of scenes that the rover
-    begins with. ask: whether somebody at the terminal is asked.
+    begins with. ask: whether somebody is asked. port: of the page on which that is, 0: any free one; None:
+    it is at the terminal.
     Raises DriveError, ConfigError, AnyTraverseError, MemoryCommandError, SceneFileError, OSError.
     """
     config = load_config(file)
@@ -46,13 +54,17 @@ def run(
     before, pictures = _remembered(config, memory)
     judge = DriveJudge(config, before)
     folder = _made(Path(out))
-    clock, person = judge.engine.memory.clock, terminal(folder) if ask else None
+    clock, found = judge.engine.memory.clock, Rehearsal()
+    person: Terminal | BrowserDesk | None = terminal(folder) if ask and port is None else None
+    page = None
+    if ask and port is not None:
+        page = person = _browser_desk(judge, config, found, drive, port)
 
     def operator(call: AskedCall, problem: str) -> str | None:
         answer = scripted.ask(call, problem) if scripted is not None else None
         return person.ask(call, problem) if answer is None and person is not None else answer
 
-    progress, found = _Progress(drive.count), Rehearsal()
+    progress = _Progress(drive.count)
 
     def keep() -> None:
         _write_text(folder / "answers.txt", answer_lines(found.calls))
@@ -61,9 +73,14 @@ def run(
         progress.frame(number, len(found.calls))
         if found.at_call[-1:] == [number]:
             keep()  # what was typed outlives a terminal that is closed
+        if page is not None:
+            page.progress(number)
 
     try:
-        rehearse(drive, judge, operator, folder, found, told)
+        with page if page is not None else nullcontext():
+            if page is not None:
+                _open(page.url)
+            rehearse(drive, judge, operator, folder, found, told)
     finally:
         keep()
     figures = {
@@ -80,6 +97,27 @@ def run(
         write_scenes(folder / "memory.jsonl", kept.model_id, scenes)
     _report(folder, found, figures, scripted.left() if scripted is not None else [])
     return 0 if found.frames else 1
+
+
+def _browser_desk(
+    judge: DriveJudge, config: Config, found: Rehearsal, drive: Drive, port: int
+) -> BrowserDesk:
+    """Make the page. Raises DriveError where its packages are not installed."""
+    try:
+        from companion.drives.browser_desk import BrowserDesk
+    except ImportError as error:
+        raise DriveError(
+            f'the page needs {error.name}: pip install "anytraverse-companion[ground]"; or omit --browser'
+        ) from error
+    if not 0 <= port <= 0xFFFF:
+        raise DriveError(f"--port {port} is not in 0..65535")
+    return BrowserDesk(judge, config.vocabulary, found, drive, port)
+
+
+def _open(url: str) -> None:
+    """Open a browser, and say where the page is."""
+    print(f"Answer the calls at {url}\nCtrl-C ends the drive, and keeps what was answered.", flush=True)
+    threading.Thread(target=webbrowser.open, args=[url], daemon=True).start()
 
 
 def _remembered(config: Config, source: str | None) -> tuple[Memory | None, Mapping[int, bytes]]:
@@ -110,7 +148,7 @@ def _made(folder: Path) -> Path:
 
 def _write(folder: Path, title: str, found: Rehearsal, figures: dict[str, Any]) -> None:
     listed = [_listed(call) for call in found.calls]
-    shown = page(f"Rehearsal of {title}", found, figures, str(folder / "answers.txt"))
+    shown = report_page(f"Rehearsal of {title}", found, figures, str(folder / "answers.txt"))
     _write_text(folder / "calls.json", json.dumps({**figures, "each": listed}, indent=1) + "\n")
     _write_text(folder / "index.html", shown)
 

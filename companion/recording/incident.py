@@ -11,27 +11,30 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from anytraverse.release import own_version
 from companion.recording.contents import read_json
 from companion.recording.foxglove import NS
 from companion.recording.ring import FOLDER, Recording, recordings
+from companion.recording.shortened import FRAME_WIDTH, FRAMES, Shortened, Window
 from companion.recording.topics import TOPICS, Topic
 from companion.storage.log_file import FOLDER as LOGS
 from companion.storage.log_file import NAME as LOG
+
+if TYPE_CHECKING:
+    from companion.recording.reading import Read
 
 BEFORE, AFTER = 30.0, 30.0
 """Seconds that are taken before and after each thing that happened to a call or hold."""
 _PACKAGES = ("numpy", "onnxruntime", "opencv-python-headless", "pymavlink", "mcap")
 _LARGEST = 4 << 20
 """Bytes of a file beside the recording, at most."""
+_LARGEST_SHORT = 24 << 10
+"""The same in a short file."""
 _STANDING = frozenset(row.name for row in TOPICS.values() if row.standing)
 _ABOUT = {TOPICS[Topic.DECISIONS].name: "id", TOPICS[Topic.ACKNOWLEDGEMENTS].name: "target"}
 """Topics that tell what happened to a call or hold -> the key with its id."""
-
-Window = tuple[int, int]
-"""Begin and end in ns since 1970."""
 
 README = """What a rover's AnyTraverse companion recorded around {what}.
 
@@ -44,6 +47,10 @@ logs/            its log
 versions.json    what was installed
 
 Position, pictures and log are in it. Look through it before you give it to others.
+"""
+README_SHORT = f"""
+This is the short file: of the recording it has {FRAMES} frames at most, {FRAME_WIDTH} pixels wide, no maps,
+and one assessment a second; of the log its end.
 """
 
 
@@ -77,17 +84,25 @@ def last(folder: Path, seconds: float) -> list[Window]:
 
 
 def write_incident(
-    out: Path, folder: Path, config: str, windows: Sequence[Window], calls: Sequence[int], what: str
+    out: Path,
+    folder: Path,
+    config: str,
+    windows: Sequence[Window],
+    calls: Sequence[int],
+    what: str,
+    *,
+    short: bool = False,
 ) -> Incident:
     """Write the zip. It works beside a companion that runs, and with recordings that end anywhere.
 
     folder: the companion's state. config: without secrets, as `format_config` makes it. windows: what is
     taken of the recordings. calls: whose files are taken, beside those of the windows. what: for the reader.
+    short: whether it is for a radio, see `README_SHORT`.
     Raises OSError, FileExistsError where `out` is there already.
     """
     try:
         with out.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed:
-            return _write(packed, out.parent, folder, config, windows, calls, what)
+            return _write(packed, out.parent, folder, config, windows, calls, what, short=short)
     except FileExistsError:
         raise
     except BaseException:
@@ -103,25 +118,30 @@ def _write(
     windows: Sequence[Window],
     calls: Sequence[int],
     what: str,
+    *,
+    short: bool,
 ) -> Incident:
     count, told = 0, set(calls)
     if windows:
         with tempfile.TemporaryFile(dir=scratch) as copied:
-            count = _copy(folder, windows, copied, told)
+            count = _copy(folder, windows, copied, told, short=short)
             copied.seek(0)
             with packed.open("recording.mcap", "w", force_zip64=True) as member:
                 shutil.copyfileobj(copied, member)
-    packed.writestr("README.txt", README.format(what=what))
+    packed.writestr("README.txt", README.format(what=what) + (README_SHORT if short else ""))
     packed.writestr("config.toml", config)
     packed.writestr("versions.json", json.dumps(versions(), indent=1))
-    left_out = [left for path in _beside(folder, sorted(told)) if (left := _added(packed, folder, path))]
+    most = _LARGEST_SHORT if short else _LARGEST
+    pictured = (list(calls) or sorted(told)[-1:]) if short else sorted(told)
+    beside = _beside(folder, sorted(told), pictured, short=short)
+    left_out = [left for path in beside if (left := _added(packed, folder, path, most))]
     return Incident(count, tuple(sorted(told)), tuple(left_out))
 
 
-def _added(packed: zipfile.ZipFile, folder: Path, path: Path) -> str:
-    """Add a file. Return why it is left out, "" where it is not."""
+def _added(packed: zipfile.ZipFile, folder: Path, path: Path, most: int) -> str:
+    """Add a file, of one longer than `most` bytes its end. Return why it is left out, "" where it is not."""
     try:
-        content = _read(path)
+        content = _read(path, most)
     except OSError as error:
         return f"{path}: {(error.strerror or str(error)).lower()}"
     packed.writestr(str(path.relative_to(folder)), content)
@@ -141,11 +161,17 @@ def _version(name: str) -> str:
         return ""
 
 
-def _copy(folder: Path, windows: Sequence[Window], out: IO[bytes], calls: set[int]) -> int:
+def _copy(
+    folder: Path, windows: Sequence[Window], out: IO[bytes], calls: set[int], *, short: bool = False
+) -> int:
     """Copy the messages of the windows, and before each what held at its beginning. Adds ids to `calls`."""
-    from companion.recording.reading import Copy, Read, messages
+    from mcap.writer import CompressionType
 
-    copy = Copy(out)
+    from companion.recording.reading import Copy, messages
+
+    # The zip compresses a short one better as a whole.
+    copy = Copy(out, CompressionType.NONE if short else CompressionType.LZ4)
+    shortened = Shortened(_paths(folder), windows) if short else None
     begin, end = windows[0][0], windows[-1][1]
     standing: dict[str, Read] = {}
     begun = set[int]()
@@ -162,7 +188,8 @@ def _copy(folder: Path, windows: Sequence[Window], out: IO[bytes], calls: set[in
                 for earlier in standing.values():
                     if earlier is not one:
                         copy.add(earlier, at)
-            copy.add(one)
+            if (kept := one if shortened is None else shortened.take(one)) is not None:
+                copy.add(kept)
             if topic in _ABOUT:
                 number = read_json(one.message.data).get(_ABOUT[topic])
                 calls |= {number} if isinstance(number, int) and number else set()
@@ -194,18 +221,19 @@ def _paths(folder: Path, *, event: bool = False) -> list[Path]:
     return [folder / FOLDER / one.name for one in found if one.event or not event]
 
 
-def _beside(folder: Path, calls: Sequence[int]) -> Iterator[Path]:
-    """Yield the files to add that are there."""
-    names = ["status.json", f"{LOGS}/{LOG}.1", f"{LOGS}/{LOG}"]
+def _beside(folder: Path, calls: Sequence[int], pictured: Sequence[int], *, short: bool) -> Iterator[Path]:
+    """Yield the files to add that are there: records of the calls, pictures of those `pictured`."""
+    names = ["status.json", *([] if short else [f"{LOGS}/{LOG}.1"]), f"{LOGS}/{LOG}"]
+    pictures = (".jpg", "-raw.jpg") if short else (".jpg", "-large.jpg", "-raw.jpg")
     for number in calls:
-        names += [f"calls/{number}{rest}" for rest in (".json", ".jpg", "-large.jpg", "-raw.jpg")]
+        names += [f"calls/{number}{rest}" for rest in (".json", *(pictures if number in pictured else ()))]
     for name in names:
         if (folder / name).is_file():
             yield folder / name
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, most: int) -> bytes:
     with path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
-        file.seek(max(0, size - _LARGEST))
-        return file.read(_LARGEST)
+        file.seek(max(0, size - most))
+        return file.read(most)

@@ -208,8 +208,8 @@ def summary(path: Path) -> Summary:
 class Copy:
     """Writes messages of other recordings into a new file."""
 
-    def __init__(self, out: IO[bytes]) -> None:
-        self._writer = Writer(out, compression=CompressionType.LZ4)
+    def __init__(self, out: IO[bytes], compression: CompressionType = CompressionType.LZ4) -> None:
+        self._writer = Writer(out, compression=compression)
         self._writer.start()
         self._channels: dict[str, int] = {}
         self.messages = 0

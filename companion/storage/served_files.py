@@ -1,4 +1,4 @@
-"""Serves files to the ground: folders of the disk, the newest maps, /state.json and /check.json."""
+"""Serves files to the ground: folders of the disk, the newest maps, and documents such as /state.json."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ from companion.storage.served_tree import (
     presentable,
     read_regular_file,
 )
+from companion.wire import incidents
 
 MAX_FILES = 500
 _MAX_SCANNED = 5000
@@ -156,7 +157,7 @@ def _png(grey: NDArray[np.uint8]) -> bytes:
 
 
 class ServedFiles:
-    """Serves /state.json, /check.json, /calls, /maps, /scenes and /logs."""
+    """Serves /state.json, /check.json, /incidents.json, /calls, /maps, /scenes, /logs and /incidents."""
 
     def __init__(self, folder: Path, reader: Reader | None = None) -> None:
         """folder: the journal's. reader: reads what is on the disk."""
@@ -166,14 +167,17 @@ class ServedFiles:
         self._figures: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
         self._newest: Callable[[], Assessment | None] = lambda: None
         self._checks: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
+        self._incidents: Callable[[], Mapping[str, Any]] = incidents.Incidents().document
         self.tree = Tree(
             {
                 "state.json": Document(lambda: _as_json(self._figures())),
                 "check.json": Document(lambda: _as_json(self._checks())),
+                incidents.DOCUMENT: Document(lambda: _as_json(self._incidents())),
                 "calls": Folder(self.calls, PATTERN, reader),
                 "maps": NewestMaps(self._newest_frame).documents(),
                 SCENES: Folder(folder / SCENES, SCENE_PATTERN, reader),
                 "logs": Folder(folder / FOLDER, f"{NAME}*", reader),
+                incidents.FOLDER: Folder(folder / incidents.FOLDER, "*.zip", reader),
             }
         )
 
@@ -189,6 +193,10 @@ class ServedFiles:
     def show_checks(self, checks: Callable[[], Mapping[str, Any]]) -> None:
         """Serve these as /check.json from now on. checks: makes its content."""
         self._checks = checks
+
+    def show_incidents(self, told: Callable[[], Mapping[str, Any]]) -> None:
+        """Serve this as /incidents.json from now on. told: makes its content."""
+        self._incidents = told
 
     def _newest_frame(self) -> Assessment | None:
         return self._newest()

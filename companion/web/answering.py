@@ -7,10 +7,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from companion.browser.given import Answered, undoing
-from companion.browser.requests import RequestError, read_answer, read_object, whole
+from companion.browser.requests import RequestError, read_answer, read_incident, read_object, whole
 from companion.web.calls import OwnAnswers
 from companion.web.news import SILENT, News
-from companion.wire.answers import Acknowledgement, Operation
+from companion.wire.answers import Acknowledgement, Operation, PackIncident
 from companion.wire.delivery import Pending, random_transaction
 from companion.wire.documents import state_from
 from companion.wire.ids import Motion, Result
@@ -44,6 +44,8 @@ class Answering:
         self._answers: deque[Answered] = deque(maxlen=_KEPT)
         self._undone: dict[int, Pending] = {}
         """By call: what takes back the answers to it."""
+        self._incidents: dict[int, Pending] = {}
+        """By call, 0 for the last minute: the newest request for an incident file."""
         self.revision = 0
 
     def answer(self, body: bytes) -> str:
@@ -68,11 +70,25 @@ class Answering:
         operations = undoing(*self._of(number))
         if not operations:
             raise RequestError(f"nothing that was answered on this page to call {number} is left to undo")
-        self._undone[number] = self._begin(0, Motion.NONE, operations)
-        while len(self._undone) > _KEPT:
-            self._undone.pop(next(iter(self._undone)))
+        return self._ask(self._undone, number, operations)
+
+    def incident(self, body: bytes) -> str:
+        """Ask for an incident file. Returns what was done. Raises RequestError."""
+        call = read_incident(read_object(body))
+        self._require_news()
+        return self._ask(self._incidents, call, (PackIncident(call),))
+
+    def _ask(self, requests: dict[int, Pending], call: int, operations: Sequence[Operation]) -> str:
+        """Send what answers no call, and keep it as the newest request about this one."""
+        requests[call] = self._begin(0, Motion.NONE, operations)
+        while len(requests) > _KEPT:
+            requests.pop(next(iter(requests)))
         self.deliver()
         return "asked for"
+
+    def asked_for_incident(self, call: int) -> Pending | None:
+        """Return the newest request for an incident file of a call, 0: of the last minute."""
+        return self._incidents.get(call)
 
     def by_call(self) -> dict[int, OwnAnswers]:
         """Return what was answered to each call."""
@@ -127,5 +143,6 @@ class Answering:
 
     def _unsettled(self) -> list[Pending]:
         """Return what waits for its acknowledgement, in the order in which it is sent."""
-        all_pending = [*(one.pending for one in self._answers), *self._undone.values()]
+        alone = *self._undone.values(), *self._incidents.values()
+        all_pending = [*(one.pending for one in self._answers), *alone]
         return sorted((one for one in all_pending if not one.settled), key=lambda one: one.urgency)

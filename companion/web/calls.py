@@ -11,13 +11,13 @@ from companion.wire.delivery import Pending
 from companion.wire.documents import (
     PICTURES,
     CallRecord,
-    DocumentError,
     StateFile,
     picture_path,
     record_from,
     state_from,
 )
 from companion.wire.ids import PAGE_SENDER, Result
+from companion.wire.json_values import DocumentError
 from companion.wire.parameters import THR_SCENE
 from companion.wire.payloads import CallData
 
@@ -48,13 +48,16 @@ def shown_calls(
     records: Sequence[Mapping[str, Any]],
     address: Callable[[str], str],
     own: Mapping[int, OwnAnswers],
+    incident: Callable[[int], dict[str, Any] | None] = lambda _call: None,
 ) -> dict[str, Any]:
-    """Return the calls, the open call or hold first, then the newest; the names that were used in them; and
-    what became of the newest answer on the page that belongs to none of these calls: words alone, for one.
+    """Return the calls, the open call or hold first, then the newest; the names that were used in them; what
+    became of the newest answer on the page that belongs to none of these calls: words alone, for one; and the
+    incident files of the last minute.
 
     state: what /state.json has. told_at: monotonic seconds when it was so. records: of the newest calls, the
     newest first. address: makes the address of a picture from its path, "" where there is none. own: by call,
-    what was answered on the page.
+    what was answered on the page. incident: returns what is shown of the incident files of a call, 0: of the
+    last minute; None where nobody may ask for one.
     """
     now, kept = state_from(state), {}
     for record in records:
@@ -75,6 +78,8 @@ def shown_calls(
     names: dict[str, float] = {}
     for one in kept.values():
         names = wording.named(one) | names
+    for call in found:
+        call["incident"] = incident(call["id"])
     there = {call["id"] for call in found}
     alone = [one for number, its in own.items() if number not in there for one in its.answers]
     newest = sorted(alone, key=lambda one: one.pending.created)[-1:]
@@ -82,6 +87,7 @@ def shown_calls(
         "calls": found,
         "names": list(names.items())[:_MOST_NAMES],
         "alone": [one.document() for one in newest],
+        "last_minute": incident(0),
     }
 
 

@@ -7,10 +7,12 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from companion.system.regular_file import open_regular
 from companion.wire.ids import newest_first
+from companion.wire.incidents import FOLDER as INCIDENTS
+from companion.wire.incidents import read_name
 
 LISTED = 12
 """Calls that are listed, the newest ones."""
@@ -22,7 +24,8 @@ _RECORD = re.compile(r"([0-9]{1,5})\.json", re.ASCII)
 
 
 class StateFolder:
-    """Reads the daemon's state folder. No name comes from a client: they are made of numbers and hashes here.
+    """Reads the daemon's state folder. No name comes from a client but those of incident files, which are
+    checked; the others are made of numbers and hashes here.
 
     Each method waits for the disk, and raises OSError.
     """
@@ -32,6 +35,7 @@ class StateFolder:
         self._calls = Path(folder, "calls")
         self._scenes = Path(folder, "scenes")
         self._logs = Path(folder, "logs")
+        self._incidents = Path(folder, INCIDENTS)
 
     def picture(self, number: int, size: str = "") -> bytes:
         """Return the picture of a call or hold, as JPEG.
@@ -43,6 +47,12 @@ class StateFolder:
     def scene(self, name: str) -> bytes:
         """Return the picture of a remembered scene that no call taught, JPEG. name: 16 digits of a hash."""
         return _read(self._scenes, f"{name}.jpg", _LARGEST_PICTURE)
+
+    def incident(self, name: str) -> BinaryIO:
+        """Open an incident file. Raises FileNotFoundError for a name that is none of them."""
+        if read_name(name) is None:
+            raise FileNotFoundError(name)
+        return open(open_regular(self._incidents / name, follow=False), "rb", buffering=0)
 
     def address(self, path: str) -> str:
         """Return the address of a picture, which changes with the picture; "" where there is none.

@@ -17,15 +17,16 @@ from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import BoundedSemaphore
-from typing import Any, NoReturn, TypeVar
+from typing import Any, BinaryIO, NoReturn, TypeVar
 
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from companion.browser.access import Gate
+from companion.browser.incidents import shown
 from companion.browser.requests import MOST_POSTED
 from companion.browser.site import EventStreams, Server, as_json, event, posted, static_routes
 from companion.web.answering import Answering
@@ -34,6 +35,8 @@ from companion.web.files import StateFolder
 from companion.web.messages import ALIVE, LARGEST, WANTED, Kind, decode, encode_answer
 from companion.web.metrics import Metrics
 from companion.web.news import SILENT, News
+from companion.wire.incidents import incidents_from
+from companion.wire.json_values import mapping_of
 
 log = logging.getLogger(__name__)
 
@@ -43,6 +46,10 @@ _BEAT = 1.0
 _DISK_PATIENCE = 5.0
 MOST_READING = 16
 """Requests that may wait for the disk."""
+MOST_DOWNLOADS = 4
+"""Incident files that are fetched at once."""
+_PIECE = 64 << 10
+_ZIP = "application/zip"
 _SETUP_WITHIN = 10.0
 _STATIC = Path(__file__).parent / "static"
 _PICTURE = re.compile(r"([0-9]{1,5})(-large|-raw)?\.jpg", re.ASCII)
@@ -61,6 +68,7 @@ class Site:
         self._metrics = Metrics(news)
         self._disk = ThreadPoolExecutor(2, "disk")
         self._reading = BoundedSemaphore(MOST_READING)
+        self._downloads = 0
         self.streams = EventStreams()
 
     def app(self) -> Starlette:
@@ -81,6 +89,8 @@ class Site:
         if self._answering is not None:
             routes.append(Route("/answer", posted(self._answering.answer), methods=["POST"]))
             routes.append(Route("/undo", posted(self._answering.undo), methods=["POST"]))
+            routes.append(Route("/incident", posted(self._answering.incident), methods=["POST"]))
+            routes.append(Route("/incidents/{name}", self._incident))
         return Starlette(routes=routes)
 
     async def _events(self, request: Request) -> Response:
@@ -136,9 +146,46 @@ class Site:
     async def _shown_calls(self, _: Request) -> Response:
         state, told_at = self._news.told.get("state", {}), self._news.told_at
         folder, own = self._folder, self._answering.by_call() if self._answering is not None else {}
+        incident = self._incidents()
         return await self._read(
-            lambda: shown_calls(state, told_at, folder.calls(), folder.address, own), as_json
+            lambda: shown_calls(state, told_at, folder.calls(), folder.address, own, incident), as_json
         )
+
+    def _incidents(self) -> Callable[[int], dict[str, Any] | None]:
+        """Return what tells of the incident files of a call."""
+        answering, told = self._answering, incidents_from(mapping_of(self._news.told.get("incidents")))
+        if answering is None:
+            return lambda _call: None
+        return lambda call: shown(
+            told, call, answering.asked_for_incident(call), lambda name, _size: {"url": f"/incidents/{name}"}
+        )
+
+    async def _incident(self, request: Request) -> Response:
+        """Answer with an incident file, piece by piece: it may be larger than this process."""
+        name = request.path_params["name"]
+        if self._downloads >= MOST_DOWNLOADS:
+            return PlainTextResponse(f"{MOST_DOWNLOADS} files are being fetched: ask again later\n", 503)
+        return await self._read(
+            lambda: self._folder.incident(name), lambda file: self._download(request, name, file)
+        )
+
+    def _download(self, request: Request, name: str, file: BinaryIO) -> Response:
+        headers = {
+            "content-disposition": f'attachment; filename="incident-{name}"',
+            "content-length": str(os.fstat(file.fileno()).st_size),
+        }
+        if request.method == "HEAD":
+            return Response(headers=headers, media_type=_ZIP)
+        return StreamingResponse(self._pieces(file), headers=headers, media_type=_ZIP)
+
+    async def _pieces(self, file: BinaryIO) -> AsyncIterator[bytes]:
+        self._downloads += 1
+        try:
+            while piece := await self._from_disk(lambda: file.read(_PIECE)):
+                yield piece
+        finally:
+            self._downloads -= 1
+            file.close()
 
     async def _log(self, _: Request) -> Response:
         return await self._read(self._folder.log, PlainTextResponse)
@@ -163,16 +210,20 @@ class Site:
 
     async def _read(self, read: Callable[[], _T], shown: Callable[[_T], Response]) -> Response:
         """Answer with what the disk has: 404 without such a file, 503 from a disk that is slow or fails."""
-        if not self._reading.acquire(blocking=False):
-            return PlainTextResponse("the disk is slow: ask again later\n", 503)
-        running = self._disk.submit(read)
-        running.add_done_callback(lambda _: self._reading.release())
         try:
-            return shown(await asyncio.wait_for(asyncio.wrap_future(running), _DISK_PATIENCE))
+            return shown(await self._from_disk(read))
         except FileNotFoundError:
             return PlainTextResponse("there is no such file\n", 404)
         except (OSError, TimeoutError, asyncio.TimeoutError) as error:
             return PlainTextResponse(f"the disk cannot be read: {error or 'it is slow'}\n", 503)
+
+    async def _from_disk(self, read: Callable[[], _T]) -> _T:
+        """Read in a thread. Raises TimeoutError of a disk that is slow, and what `read` raises."""
+        if not self._reading.acquire(blocking=False):
+            raise TimeoutError("too much waits for it: ask again later")
+        running = self._disk.submit(read)
+        running.add_done_callback(lambda _: self._reading.release())
+        return await asyncio.wait_for(asyncio.wrap_future(running), _DISK_PATIENCE)
 
 
 def main(channel: int, listener: int) -> NoReturn:

@@ -35,6 +35,7 @@ class _Code(IntEnum):
     FORGET_CALL = 4
     NEW_EPISODE = 5
     OTHER_PLACE = 6
+    PACK_INCIDENT = 7
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,14 @@ class OtherPlace:
     id: int = 0
 
 
-Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode | OtherPlace
+@dataclass(frozen=True)
+class PackIncident:
+    """Have an incident file packed about the call or hold `id`; 0: about the last minute. It stands alone."""
+
+    id: int = 0
+
+
+Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode | OtherPlace | PackIncident
 
 
 def _pack_operation(operation: Operation) -> bytes:
@@ -106,6 +114,8 @@ def _pack_operation(operation: Operation) -> bytes:
             return _CODE.pack(_Code.NEW_EPISODE)
         case OtherPlace(call_id):
             return _CODE.pack(_Code.OTHER_PLACE) + layouts.OTHER_PLACE.struct.pack(call_id)
+        case PackIncident(call_id):
+            return _CODE.pack(_Code.PACK_INCIDENT) + layouts.PACK_INCIDENT.struct.pack(call_id)
 
 
 def _weight(raw: int) -> float:
@@ -136,6 +146,9 @@ def _read_operation(reader: Reader) -> Operation:
     if code == _Code.OTHER_PLACE:
         (call_id,) = reader.take(layouts.OTHER_PLACE.struct)
         return OtherPlace(call_id)
+    if code == _Code.PACK_INCIDENT:
+        (call_id,) = reader.take(layouts.PACK_INCIDENT.struct)
+        return PackIncident(call_id)
     raise PayloadError(f"operation {code} is unknown: update this end")
 
 

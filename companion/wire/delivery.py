@@ -7,7 +7,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
-from companion.wire.answers import MAX_PAYLOAD, MAX_WORD_BYTES, Acknowledgement, AnswerMessage, Operation
+from companion.wire.answers import (
+    MAX_PAYLOAD,
+    MAX_WORD_BYTES,
+    Acknowledgement,
+    AnswerMessage,
+    Operation,
+    PackIncident,
+)
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.packing import PayloadError, clean
 from companion.wire.texts import percent
@@ -148,6 +155,8 @@ class Pending:
         """Return whether later answers to the same rover must wait for this one."""
         if self.settled or self._closed_at is not None:
             return False
+        if self.operations and all(isinstance(one, PackIncident) for one in self.operations):
+            return False  # it changes nothing, so that no order is to be kept
         return self.first_sent is None or now - self.first_sent < BLOCKS_S
 
     def due(self, now: float) -> bytes | None:

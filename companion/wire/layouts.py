@@ -144,7 +144,20 @@ OTHER_PLACE = Layout(
     Field("H", "id", "of the call whose place matched, 0: whichever did"),
     start=1,
 )
-OPERATIONS = {1: SET, 2: TAP, 3: FORGET_WORD, 4: FORGET_CALL, 5: NEW_EPISODE, 6: OTHER_PLACE}
+PACK_INCIDENT = Layout(
+    "7 PACK INCIDENT: put what is known of a call into a file",
+    Field("H", "id", "of the call or hold, 0: the last minute"),
+    start=1,
+)
+OPERATIONS = {
+    1: SET,
+    2: TAP,
+    3: FORGET_WORD,
+    4: FORGET_CALL,
+    5: NEW_EPISODE,
+    6: OTHER_PLACE,
+    7: PACK_INCIDENT,
+}
 
 ACKNOWLEDGEMENT = Layout(
     "Acknowledgement, 45004",

@@ -1,4 +1,4 @@
-"""Parses an answer as an operator types it: changes, then a motion. Pure.
+"""Parses and formats an answer as an operator types it: changes, then a motion. Pure.
 
 Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
 `forget call 7`, `new episode`, `other place`, `other place 7`. The motion is `go`, `stay` or `look`.
@@ -7,6 +7,7 @@ Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from anytraverse.preferences import check_weight, clean_word
@@ -14,6 +15,7 @@ from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation
 from companion.wire.ids import Motion
 from companion.wire.packing import Fractions
 from companion.wire.payloads import CallData
+from companion.wire.words_text import operation_text
 
 MOTIONS = {
     "go": Motion.GO,
@@ -22,6 +24,7 @@ MOTIONS = {
     "look": Motion.LOOK_AGAIN,
     "look again": Motion.LOOK_AGAIN,
 }
+_TYPED = {Motion.NONE: "", Motion.GO: "go", Motion.STAY: "stay", Motion.LOOK_AGAIN: "look"}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)\Z", re.ASCII)
 _ENDS_WITH_MOTION = re.compile(
     r"(.*[^\s,])[\s,]+(go|ok|stay|look(?:\s+again)?)\s*\Z", re.IGNORECASE | re.DOTALL
@@ -64,6 +67,21 @@ def read_typed(text: str) -> tuple[Motion, tuple[Change, ...]]:
     """Parse an answer. Without a motion it is words alone: Motion.NONE. Raises CommandError."""
     motion, rest = _trailing_motion(text)
     return motion, _changes(rest)
+
+
+def typed(motion: Motion, operations: Sequence[Operation]) -> str:
+    """Format an answer as an operator types it. Raises CommandError for one that would be read otherwise."""
+    changes = "; ".join(map(operation_text, operations))
+    line = ", ".join(filter(None, (changes, _TYPED[motion])))
+    meant = tuple(
+        Tap(one.word, one.weight, one.box) if isinstance(one, TapBox) else one for one in operations
+    )
+    try:
+        if read_typed(line) == (motion, meant):
+            return line
+    except CommandError:
+        pass
+    raise CommandError(f'"{line[:40]}" would be read otherwise: use another word')
 
 
 def operation_of(change: Change, call: CallData | None) -> Operation:

@@ -12,6 +12,7 @@ from companion.wire.answers import (
     NewEpisode,
     Operation,
     OtherPlace,
+    PackIncident,
     SetWord,
     TapBox,
 )
@@ -54,6 +55,8 @@ def operation_text(operation: Operation) -> str:
             return "new episode"
         case OtherPlace(call_id):
             return f"other place {call_id}" if call_id else "other place"
+        case PackIncident(call_id):
+            return f"incident {call_id}" if call_id else "incident"
 
 
 def read_words(text: str) -> tuple[Operation, ...]:

@@ -134,6 +134,14 @@ class OperatorClient:
         """Fetch a file of the rover's companion; the returned object shows the progress. Replaces another."""
         return self._outbox.fetch(system, path, now)
 
+    def resume(self, fetch: Fetch, now: float) -> None:
+        """Go on with a fetch that was replaced, stopped or has failed: only what is missing is fetched."""
+        self._outbox.resume(fetch, now)
+
+    def stop(self, fetch: Fetch) -> None:
+        """Stop a fetch. It may be resumed."""
+        self._outbox.stop(fetch)
+
     def list_folder(self, system: int, path: str, now: float) -> Listing:
         """List a folder of the rover's companion; as `fetch`, which it replaces."""
         return self._outbox.list_folder(system, path, now)

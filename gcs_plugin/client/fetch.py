@@ -184,6 +184,16 @@ class Fetch(Transfer):
         elif reply.opcode == Opcode.ACK and reply.request in _READS and self._opened:
             self._take(reply, now)
 
+    def resume(self, now: float) -> None:
+        """Fetch what is missing, after it has failed or was ended. What was received counts if the file still
+        has its size, so do so only with one whose content never changes.
+        """
+        self.status, self.problem = FetchStatus.WAITING, ""
+        self.session = 1 + secrets.randbelow(255)
+        self._opened = self._session_ended = False
+        self._forget_requests()
+        self._unanswered, self._next_at, self._progress_at = 0, now, now
+
     def settle(self, now: float) -> bool:
         """Apply the time limit, after which no session is left to end."""
         timed_out = super().settle(now)

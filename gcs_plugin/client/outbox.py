@@ -89,6 +89,18 @@ class Outbox:
         self._replace(system, fetch)
         return fetch
 
+    def resume(self, fetch: Fetch, now: float) -> None:
+        """Go on with a fetch that was replaced, stopped or has failed, in place of another from its rover."""
+        fetch.resume(now)
+        self._replace(fetch.system, fetch)
+
+    def stop(self, fetch: Fetch) -> None:
+        """End a fetch, if it is the newest of its rover."""
+        if self._fetches.get(fetch.system) is fetch:
+            del self._fetches[fetch.system]
+            if (end := fetch.end()) is not None:
+                self._ends[fetch.system] = end
+
     def list_folder(self, system: int, path: str, now: float) -> Listing:
         """List a folder, in place of an earlier fetch from this rover."""
         listing = Listing(system, path, now)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from companion.browser.requests import AnswerRequest, RequestError
@@ -14,8 +15,16 @@ from companion.wire.typed_answers import CommandError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.export import Exhibit, pack
-from gcs_plugin.console.requests import FileRequest, PolicyRequest, Request, UndoRequest
+from gcs_plugin.console.requests import (
+    FileRequest,
+    IncidentFileRequest,
+    IncidentRequest,
+    PolicyRequest,
+    Request,
+    UndoRequest,
+)
 from gcs_plugin.console.rover_desk import RoverDesk
+from gcs_plugin.console.rover_page import RoverPage
 from gcs_plugin.terminal.output import Output
 from gcs_plugin.terminal.resolve import choose_rover, current_call
 
@@ -23,9 +32,20 @@ from gcs_plugin.terminal.resolve import choose_rover, current_call
 class Console:
     """The desks of all rovers. revision: rises whenever something that the page shows has changed."""
 
-    def __init__(self, client: OperatorClient, log: Output | None = None) -> None:
-        """log: is told all events."""
+    def __init__(
+        self,
+        client: OperatorClient,
+        log: Output | None = None,
+        folder: Path | None = None,
+        pages: Mapping[int, RoverPage] | None = None,
+    ) -> None:
+        """log: is told all events. folder: where incident files are stored; None: none are fetched.
+
+        pages: the rovers' own ones, by system id, from which these files are fetched.
+        """
         self.client = client
+        self._folder = folder
+        self._pages = pages or {}
         self._log = log
         self.desks: dict[int, RoverDesk] = {}
         self.revision = 0
@@ -37,7 +57,7 @@ class Console:
         rovers = self.client.rovers
         for system in rovers:
             if system not in self.desks:
-                self.desks[system] = RoverDesk(self.client, system)
+                self.desks[system] = RoverDesk(self.client, system, self._folder, self._pages.get(system))
                 self.revision += 1
         for event in happened:
             self._to_log(event, now)
@@ -71,6 +91,11 @@ class Console:
         story = desk.stories.by_id.get(call) if desk is not None else None
         return None if story is None else story.pictures.get(size)
 
+    def incident(self, system: int, name: str) -> Path | None:
+        """Return where an incident file of a rover is stored; None for one that was not fetched."""
+        desk = self.desks.get(system)
+        return None if desk is None else desk.incidents.stored.get(name)
+
     def export(self, system: int, numbers: Sequence[int], now: float, wall: float) -> bytes | None:
         """Pack these calls of a rover, all for none given; None if one of them is not known."""
         desk = self.desks.get(system)
@@ -102,6 +127,12 @@ class Console:
                     if problem:
                         raise RequestError(problem)
                     return "asked for"
+                case IncidentRequest():
+                    desk.incidents.ask(request.call, now)
+                    return "asked for"
+                case IncidentFileRequest(name, stop):
+                    (desk.incidents.stop if stop else desk.incidents.fetch)(name)
+                    return "stopped" if stop else "asked for"
         except (CommandError, PayloadError, KeyError) as error:
             raise RequestError(str(error)) from error
 

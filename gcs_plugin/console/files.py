@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from companion.wire.documents import DocumentError
+from companion.wire.json_values import DocumentError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
 from gcs_plugin.client.listing import Listing
@@ -17,6 +17,8 @@ AGAIN_S = 5.0
 """Seconds before a file that failed is asked for again; with each failure longer."""
 SOON_S = 1.0
 """The same of a call's picture the first time: a rover announces it shortly before it has written it."""
+MOST_BEGUN = 2
+"""Incident files that are kept in part."""
 MEASURED_BYTES = 600
 """A file of fewer bytes says little about the link's rate."""
 
@@ -30,6 +32,8 @@ class Rank(IntEnum):
     LARGE_PICTURE = 3
     CHECK = 4
     OLD = 5
+    INCIDENT = 6
+    """It may take minutes: it makes way for any other file, and goes on where it was."""
 
 
 @dataclass
@@ -41,6 +45,16 @@ class _Wanted:
     not_before: float = 0.0
 
 
+@dataclass
+class _Running:
+    """What is being fetched. began: when it was first asked for. before: bytes that were here already."""
+
+    wanted: _Wanted
+    fetch: Fetch | Listing
+    began: float
+    before: int
+
+
 class Files:
     """What is fetched from one rover. rate: bytes a second of the newest long file, None while not known."""
 
@@ -48,7 +62,9 @@ class Files:
         self._client = client
         self._system = system
         self._wanted: dict[str, _Wanted] = {}
-        self._running: tuple[_Wanted, Fetch | Listing, float] | None = None
+        self._running: _Running | None = None
+        self._begun: dict[str, Fetch] = {}
+        """What has come of incident files that made way, were stopped or failed, by path."""
         self.rate: float | None = None
         self.problems: dict[str, str] = {}
         """Why a file did not come, by path."""
@@ -73,11 +89,22 @@ class Files:
             if one.rank is rank:
                 one.rank = Rank.OLD
 
+    def stop(self, path: str) -> None:
+        """Fetch an incident file no more. What has come of it stays."""
+        self._wanted.pop(path, None)
+        if self._running is not None and self._running.wanted.path == path:
+            self._interrupt()
+
+    def forget(self, path: str) -> None:
+        """Forget what has come of an incident file."""
+        self._begun.pop(path, None)
+
     def progress(self, path: str) -> tuple[int, int | None] | None:
-        """Return the bytes of a file that is being fetched: received, and in all; None: it is not."""
-        if self._running is None or self._running[0].path != path:
-            return None
-        fetch = self._running[1]
+        """Return the bytes of a file that was begun: received, and in all; None: it was not."""
+        running = (
+            self._running.fetch if self._running is not None and self._running.wanted.path == path else None
+        )
+        fetch = running or self._begun.get(path)
         return (fetch.received, fetch.size) if isinstance(fetch, Fetch) else None
 
     def step(self, now: float) -> bool:
@@ -87,35 +114,64 @@ class Files:
         urgent = min(ready, key=lambda one: one.rank, default=None)
         if urgent is None:
             return changed
-        if self._running is not None and (
-            self._running[0].rank <= urgent.rank or urgent.rank is not Rank.CALL_PICTURE
-        ):
-            return changed
-        folder = urgent.path.endswith("/")
-        begin = self._client.list_folder if folder else self._client.fetch
-        self._running = urgent, begin(self._system, urgent.path.rstrip("/"), now), now
+        if self._running is not None:
+            running = self._running.wanted.rank
+            yields = running is Rank.INCIDENT or urgent.rank is Rank.CALL_PICTURE
+            if running <= urgent.rank or not yields:
+                return changed
+            self._interrupt()
+        fetch = self._begin(urgent, now)
+        before = fetch.received if isinstance(fetch, Fetch) else 0
+        self._running = _Running(urgent, fetch, now, before)
         return True
+
+    def _begin(self, wanted: _Wanted, now: float) -> Fetch | Listing:
+        if (begun := self._begun.pop(wanted.path, None)) is not None:
+            self._client.resume(begun, now)
+            return begun
+        folder = wanted.path.endswith("/")
+        begin = self._client.list_folder if folder else self._client.fetch
+        return begin(self._system, wanted.path.rstrip("/"), now)
+
+    def _interrupt(self) -> None:
+        """Stop what is being fetched; of an incident file what has come stays."""
+        assert self._running is not None
+        wanted, fetch = self._running.wanted, self._running.fetch
+        self._running = None
+        if isinstance(fetch, Fetch):
+            self._client.stop(fetch)
+            self._keep(wanted, fetch)
+
+    def _keep(self, wanted: _Wanted, fetch: Fetch) -> None:
+        if wanted.rank is Rank.INCIDENT:
+            self._begun[wanted.path] = fetch
+            while len(self._begun) > MOST_BEGUN:
+                self._begun.pop(next(iter(self._begun)))
 
     def _finish(self, now: float) -> bool:
         if self._running is None:
             return False
-        wanted, fetch, began = self._running
+        running = self._running
+        wanted, fetch = running.wanted, running.fetch
         if fetch.status is FetchStatus.WAITING:
-            self._running = wanted, fetch, now
+            running.began = now
         if not fetch.settled:
             return False
         self._running = None
+        if isinstance(fetch, Fetch):
+            self._keep(wanted, fetch)
         problem = fetch.problem
         if fetch.status is FetchStatus.DONE:
             content = fetch.content if isinstance(fetch, Fetch) else "\n".join(fetch.names).encode()
-            if isinstance(fetch, Fetch) and len(content) >= MEASURED_BYTES:
-                self.rate = len(content) / max(0.02, now - began)
+            if isinstance(fetch, Fetch) and len(content) - running.before >= MEASURED_BYTES:
+                self.rate = (len(content) - running.before) / max(0.02, now - running.began)
             try:
                 wanted.use(content)
             except DocumentError as error:
                 problem = str(error)
         if not problem:
             self._wanted.pop(wanted.path, None)
+            self.forget(wanted.path)
             return True
         wanted.failures += 1
         soon = wanted.rank is Rank.CALL_PICTURE and wanted.failures == 1

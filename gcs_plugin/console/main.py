@@ -22,11 +22,12 @@ from companion.wire.signing_key import SigningKeyError, read_key
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.links import Links
+from gcs_plugin.console.rover_page import read_pages
 from gcs_plugin.console.track import Background, read_background
 from gcs_plugin.terminal.connection import EXAMPLES, LinkError, open_connection
 from gcs_plugin.terminal.main import NOBODY, SILENT_S, UNSIGNED, identity, open_log
 from gcs_plugin.terminal.output import JsonOutput
-from gcs_plugin.terminal.signing import open_signing
+from gcs_plugin.terminal.signing import open_signing, state_folder
 
 DEFAULT_LINK = "udpin:0.0.0.0:14550"
 EXTRA = "the console needs starlette and uvicorn: pip install 'anytraverse-companion[ground]'"
@@ -45,11 +46,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         chosen = options.connect or [DEFAULT_LINK]
         if len(chosen) > MOST_LINKS:
             raise OptionError(f"at most {MOST_LINKS} --connect")
+        pages = read_pages(options.page or [], _token(options.page_token_file))
         background = None if options.background is None else _background(options.background)
         key = None if options.signing_key is None else read_key(options.signing_key)
         taken = listen.bind()
         connections = [open_connection(link) for link in chosen]
-    except (LinkError, SigningKeyError, OptionError) as error:
+    except (LinkError, SigningKeyError, ValueError) as error:
         print(f"anytraverse-console: {error}", file=sys.stderr)
         return 2
     except OSError as error:
@@ -82,7 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         threading.Thread(
             target=webbrowser.open, args=(listen.url() + (f"?token={token}" if token else ""),), daemon=True
         ).start()
-    console = Console(client, None if log is None else JsonOutput(log, time.monotonic()))
+    told = None if log is None else JsonOutput(log, time.monotonic())
+    console = Console(client, told, options.incidents, pages)
     try:
         asyncio.run(_run(taken, listen, token, options.origin, links, console, background))
     finally:
@@ -167,7 +170,7 @@ def _listen(options: argparse.Namespace) -> tuple[Listen, str]:
     """Return where to listen, and the token, "" for none. Raises OptionError."""
     try:
         listen = read_listen(f"{options.host}:{options.port}")
-        token = "" if options.token_file is None else options.token_file.read_text().strip()
+        token = _token(options.token_file)
         check_token(token)
     except (ValueError, OSError) as error:
         raise OptionError(str(error)) from error
@@ -182,6 +185,14 @@ def _listen(options: argparse.Namespace) -> tuple[Listen, str]:
             "or leave --host away and use ssh -L"
         )
     return listen, token
+
+
+def _token(file: Path | None) -> str:
+    """Return the token in a file, "" for none. Raises OptionError."""
+    try:
+        return "" if file is None else file.read_text().strip()
+    except (OSError, ValueError) as error:
+        raise OptionError(str(error)) from error
 
 
 def _background(text: str) -> Background:
@@ -211,6 +222,20 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--no-browser", action="store_true", help="do not open a browser")
     parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="write events to a file, for programs")
+    parser.add_argument(
+        "--incidents",
+        type=Path,
+        default=state_folder() / "incidents",
+        metavar="FOLDER",
+        help="where incident files are stored that are fetched (default %(default)s)",
+    )
+    parser.add_argument(
+        "--page",
+        action="append",
+        metavar="SYSTEM=URL",
+        help="a rover's own page, from which incident files come by HTTP: 1=http://rover:8191",
+    )
+    parser.add_argument("--page-token-file", type=Path, metavar="FILE", help="the token of these pages")
     parser.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
     parser.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
     parser.add_argument(

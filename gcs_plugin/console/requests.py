@@ -5,8 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from companion.browser.requests import AnswerRequest, RequestError, read_answer, read_object, whole
+from companion.browser.requests import (
+    AnswerRequest,
+    RequestError,
+    read_answer,
+    read_incident,
+    read_object,
+    whole,
+)
 from companion.wire.ids import Policy
+from companion.wire.incidents import read_name
 
 FILES = ("large", "check", "calls")
 
@@ -33,7 +41,22 @@ class FileRequest:
     call: int
 
 
-Request = AnswerRequest | PolicyRequest | UndoRequest | FileRequest
+@dataclass(frozen=True)
+class IncidentRequest:
+    """Has an incident packed on the rover. call: its id, 0: the last minute."""
+
+    call: int
+
+
+@dataclass(frozen=True)
+class IncidentFileRequest:
+    """Fetches an incident file that is packed, or stops that. name: of the file."""
+
+    name: str
+    stop: bool
+
+
+Request = AnswerRequest | PolicyRequest | UndoRequest | FileRequest | IncidentRequest | IncidentFileRequest
 
 
 def read_request(kind: str, body: bytes) -> tuple[int, Request]:
@@ -46,6 +69,13 @@ def read_request(kind: str, body: bytes) -> tuple[int, Request]:
         return rover, PolicyRequest(_policy(told.get("policy")))
     if kind == "undo":
         return rover, UndoRequest(whole(told, "call", 1, 0xFFFF))
+    if kind == "incident":
+        return rover, IncidentRequest(read_incident(told))
+    if kind == "stop" or (kind == "fetch" and "name" in told):
+        name = told.get("name")
+        if not isinstance(name, str) or read_name(name) is None:
+            raise RequestError("name is that of an incident file")
+        return rover, IncidentFileRequest(name, stop=kind == "stop")
     if kind == "fetch":
         what = told.get("what")
         if what not in FILES:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 from collections import deque
+from pathlib import Path
 from typing import Any
 
+from companion.wire.delivery import STATUS_TEXTS
 from companion.wire.ids import Policy, State
 from companion.wire.packing import clean
 from companion.wire.parameters import ROI, THR_ROI, THR_SCENE, THR_TILE, THR_TRAV
@@ -14,6 +16,8 @@ from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.console.calls import Stories
 from gcs_plugin.console.fetched import CALLS_PATH, Fetched
+from gcs_plugin.console.incidents import RoverIncidents
+from gcs_plugin.console.rover_page import RoverPage
 from gcs_plugin.console.track import Track
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import ALARM, GOOD, TextOutput, plain
@@ -28,10 +32,18 @@ _PROMPTS_STATE = (ev.StateChanged, ev.PolicyStatusChanged, ev.Acknowledged, ev.C
 class RoverDesk:
     """Follows one rover. `take` its events, then `step`; `document` is what the page shows."""
 
-    def __init__(self, client: OperatorClient, system: int) -> None:
+    def __init__(
+        self,
+        client: OperatorClient,
+        system: int,
+        folder: Path | None = None,
+        page: RoverPage | None = None,
+    ) -> None:
+        """folder, page: of `RoverIncidents`."""
         self.system = system
         self.stories = Stories(system)
         self.fetched = Fetched(client, system, self.stories)
+        self.incidents = RoverIncidents(client, system, self.fetched.files, folder, page)
         self.points: deque[tuple[float, float | None, float | None, float | None, float | None]] = deque(
             maxlen=POINTS
         )
@@ -64,6 +76,8 @@ class RoverDesk:
     def step(self, now: float, wall: float) -> bool:
         """Follow the rover's calls and files. Returns whether something changed."""
         rover = self.rover
+        if rover.alive(now):
+            self.incidents.step(now)
         moved = rover.position is not None and self.track.follow(rover.position)
         return self.fetched.step(rover, self.stories.follow(rover, wall, now), now) or moved
 
@@ -123,7 +137,13 @@ class RoverDesk:
             ],
             "checked": fetched.checked,
             "earlier": "unknown" if lost else fetched.earlier,
-            "calls": [call | fetched.pictures_of(call["id"]) for call in calls],
+            "calls": [
+                call
+                | fetched.pictures_of(call["id"])
+                | {"incident": self.incidents.document(call["id"])}
+                for call in calls
+            ],
+            "last_minute": self.incidents.document(0),
             "texts": [
                 {"severity": severity, "text": clean(text)}
                 for _, severity, text in list(rover.texts)[-6:]
@@ -145,6 +165,10 @@ class RoverDesk:
             case ev.CallOpened(call=data) | ev.CallChanged(call=data):
                 call = data.id
                 lines, tone = [wording.headline(data, data.age_s)], "call"
+            case ev.Acknowledged(acknowledgement=ack) if self.incidents.asked(ack.transaction):
+                lines, tone = [f"incident file: {clean(ack.text)}"], ""
+            case ev.AnswerStatusChanged() if self.incidents.asked(event.transaction):
+                lines, tone = [f"incident file: {STATUS_TEXTS[event.status]}"], ""
             case _:
                 lines, colour = self._output.lines(event, now)
                 tone = _TONES.get(colour, "")

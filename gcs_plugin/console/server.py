@@ -12,7 +12,7 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from anytraverse.release import own_version
@@ -47,11 +47,13 @@ class Site:
         """Make the application."""
         posts = [
             Route(f"/{kind}", posted(partial(self._carry_out, kind)), methods=["POST"])
-            for kind in ("answer", "policy", "undo", "fetch")
+            for kind in ("answer", "policy", "undo", "fetch", "incident", "stop")
         ]
         pictures = Route("/pictures/{system:int}/{call:int}/{name}", self._picture)
         export = Route("/export/{system:int}/{name}", self._export)
-        gets = [Route("/events", self._events), Route("/background", self._show_background), pictures, export]
+        incident = Route("/incidents/{system:int}/{name}", self._incident)
+        background = Route("/background", self._show_background)
+        gets = [Route("/events", self._events), background, pictures, export, incident]
         return Starlette(routes=[*gets, *posts, *static_routes(_STATIC)])
 
     def _carry_out(self, kind: str, body: bytes) -> str:
@@ -77,6 +79,13 @@ class Site:
         which = "calls" if named is None or named[1] is None or "," in named[1] else f"call-{int(named[1])}"
         saved_as = f'attachment; filename="rover-{system}-{which}.zip"'
         return Response(packed, media_type="application/zip", headers={"content-disposition": saved_as})
+
+    async def _incident(self, request: Request) -> Response:
+        system, name = request.path_params["system"], request.path_params["name"]
+        path = self._console.incident(system, name)
+        if path is None or not path.is_file():
+            return PlainTextResponse("there is no such file\n", 404)
+        return FileResponse(path, media_type="application/zip", filename=path.name)
 
     async def _show_background(self, _: Request) -> Response:
         if self._background is None:

@@ -55,6 +55,7 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
         "companion",
         "companion.browser",
         "companion.browser.given",
+        "companion.browser.incidents",
         "companion.browser.listen",
         "companion.browser.requests",
         "companion.browser.wording",

@@ -2,6 +2,7 @@
 
 import { changed, element, showText } from "./elements.js";
 import { CallView } from "./call_view.js";
+import { Incident } from "./incident.js";
 import { capital, signed, weightText } from "./wording.js";
 
 const READ = 2; // seconds for which a call that took another's place takes no answer: it may be meant for that one
@@ -19,7 +20,8 @@ export class AnswerCard extends CallView {
     this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
     this.problem = element("p", { className: "problem" });
     this.becoming.before(this.todo, this.first, this.form(), this.problem);
-    this.ask.append(this.undo);
+    this.incident = new Incident(send, say);
+    this.ask.append(this.undo, this.incident.part);
   }
 
   form() {
@@ -64,6 +66,7 @@ export class AnswerCard extends CallView {
     const last = data.answers.at(-1);
     changed(this.ask, last, () => before && last?.settled && this.say(`${data.name}: ${last.text}`));
     this.undo.hidden = !data.undo;
+    this.incident.show(data.name, { rover: this.system, call: data.id }, data.test ? null : data.incident);
   }
 
   showNames(rover) {

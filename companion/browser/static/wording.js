@@ -25,6 +25,7 @@ export function duration(seconds) {
 
 export const percent = (share) => (share == null ? "not known" : `${Math.round(100 * share)} %`);
 export const capital = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}` : "");
+export const size = (bytes) => (bytes < 10_000 ? `${bytes} B` : bytes < 1e6 ? `${Math.round(bytes / 1000)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 export const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString("en-GB");
 export const signed = (weight) => `${weight > 0 ? "+" : weight < 0 ? "−" : ""}${Math.abs(weight)}`;
 

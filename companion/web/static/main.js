@@ -9,7 +9,8 @@ import { poster } from "./sending.js";
 import * as views from "./views.js";
 
 const send = poster("the rover does not answer. See what it says at the top.");
-const opened = (content) => [content?.state?.open?.id, content?.state?.open?.stage, content?.state?.open?.holding];
+// What /shown-calls.json changes with.
+const opened = (content) => [content?.state?.open?.id, content?.state?.open?.stage, content?.state?.open?.holding, content?.incidents];
 const now = () => performance.now() / 1000;
 const picture = document.getElementById("picture");
 let news = null;
@@ -57,6 +58,7 @@ function tick() {
   views.showAhead(news, points, time);
   views.showCalls({ calls: told.calls, names: told.names, words: model.words(news) }, time);
   views.showAlone(told.alone);
+  views.showLastMinute(told.last_minute);
 }
 
 const feed = new Feed((kind, content, late) => {

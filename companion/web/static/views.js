@@ -4,6 +4,7 @@ import { AnswerCard } from "./answer_card.js";
 import { CallView, legend } from "./call_view.js";
 import { Cards } from "./cards.js";
 import { changed, element, showText } from "./elements.js";
+import { Incident } from "./incident.js";
 import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
 import { say } from "./sending.js";
@@ -33,7 +34,7 @@ document.querySelector("#view figcaption").append(legend("look here"));
 document.getElementById("ahead").append(fan.part, drivable.part, unexplained.part);
 const [open, past] = ["open", "past"].map((id) => document.getElementById(id));
 const pastTitle = past.firstElementChild;
-let known = null, words = null, cards = null; // until it is known whether the page may answer
+let known = null, words = null, cards = null, lastMinute = null; // until it is known whether the page may answer
 
 // send: posts an answer; null where the page only shows.
 export function begin(send) {
@@ -42,6 +43,8 @@ export function begin(send) {
   cards = new Cards(() => (send ? new AnswerCard("", send, say, words.staged, "h2") : new CallView()));
   document.getElementById("views").append(known.part);
   document.getElementById("words").append(words.part);
+  lastMinute = send && new Incident(send, say);
+  if (send) document.getElementById("log").before(lastMinute.part);
 }
 
 export const firstCard = () => cards && [...cards.byKey.values()].find((card) => card.data?.open);
@@ -62,6 +65,11 @@ export function showPlace({ state }) {
 export function showCalls(rover, time) {
   words.show({ ...rover, words_known: true });
   past.hidden = !cards.show(rover.calls, { front: open, past, before: [pastTitle] }, (card, call) => card.show(call, rover, time));
+}
+
+// data: what is shown of the incident files of the last minute.
+export function showLastMinute(data) {
+  lastMinute?.show("the last minute", { call: null }, data);
 }
 
 // What became of the newest answer that is on no card: words alone, for one.

@@ -1,6 +1,6 @@
 // Turns what the console tells into what a person reads. Pure: no page, no network, no clock.
 
-import { POLICIES, STATES, capital, duration, percent } from "./wording.js";
+import { POLICIES, STATES, capital, duration, percent, size } from "./wording.js";
 
 const MOST_ENTRIES = 300;
 const OLD = 3; // seconds after which what was heard is old
@@ -25,7 +25,7 @@ export function facts(rover, time) {
     ["mode", vehicle ? `${vehicle.mode}, ${vehicle.armed ? "armed" : "disarmed"}` : "no autopilot is heard on this link"],
     ["last heard", age === null ? "never" : age < OLD ? "just now" : `${duration(age)} ago`],
     ["loss", link.lost === null ? "not known" : `${percent(link.lost)} of summaries${link.dropped ? `, ${link.dropped} left out for want of budget` : ""}`],
-    ["received", `${bytes(link.bytes)}${link.rate ? `, files at ${bytes(link.rate)} a second` : ""}`],
+    ["received", `${size(link.bytes)}${link.rate ? `, files at ${size(link.rate)} a second` : ""}`],
     ["picture", ahead ? `${ahead.frame_age} ms old when told` : ""],
     ["held by", rover.held_by],
     ["computer", rover.computer],
@@ -85,10 +85,6 @@ export function fresh(rovers) {
 }
 
 export const aloud = (rover, call, several) => `${several ? `Rover ${rover.system} calls. ` : ""}${call.name}. ${call.reason} ${call.stands} ${call.todo}`;
-
-function bytes(count) {
-  return count < 10_000 ? `${count} B` : count < 10_000_000 ? `${Math.round(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`;
-}
 
 const METRES = 111320; // of a degree of latitude
 const LEAST = 20; // metres across that are shown at least

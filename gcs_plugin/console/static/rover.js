@@ -4,6 +4,7 @@ import { changed, element, showFacts, showText } from "./elements.js";
 import * as model from "./model.js";
 import { Cards } from "./cards.js";
 import { ConsoleCard } from "./console_card.js";
+import { Incident } from "./incident.js";
 import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
 import { Track } from "./track.js";
@@ -32,6 +33,7 @@ export class RoverView {
     this.facts = element("dl", { className: "facts" });
     this.faults = element("ul", { className: "faults" });
     this.check = element("button", { type: "button", className: "plain", onclick: () => send("fetch", { rover: system, what: "check" }) }, "Ask it what is wrong");
+    this.lastMinute = new Incident(send, say);
     this.past = element("div", { className: "past" });
     this.pastTitle = element("h3", {}, "Earlier calls");
     this.more = element("button", { type: "button", className: "plain", onclick: () => send("fetch", { rover: system, what: "calls" }) });
@@ -44,7 +46,7 @@ export class RoverView {
         this.tracked = box("Track", this.track.part),
         box("Words", this.words.part),
         box("Policy", this.policy, this.policyText),
-        box("What is wrong", this.faults, this.check),
+        box("What is wrong", this.faults, this.check, this.lastMinute.part),
         box("Rover and link", this.facts),
         box("Timeline", this.timeline)),
       this.past);
@@ -60,6 +62,7 @@ export class RoverView {
     showText(this.title, state.title);
     showText(this.text, `${state.text} ${model.mode(rover)}`);
     this.showCalls(rover, time);
+    this.lastMinute.show("the last minute", { rover: rover.system, call: null }, rover.last_minute);
     this.fan.show(rover.ahead);
     this.traversability.show(points, rover.thresholds.trav, time);
     this.uncertainty.show(points, rover.thresholds.unc, time);

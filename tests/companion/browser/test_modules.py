@@ -1,4 +1,4 @@
-"""The modules of both pages fit each other: what one imports, another exports. No browser is needed."""
+"""The modules of all pages fit each other: what one imports, another exports. No browser is needed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 SHARED = ROOT / "companion" / "browser" / "static"
-PAGES = [ROOT / "companion" / "web" / "static", ROOT / "gcs_plugin" / "console" / "static"]
+PAGES = [ROOT / place / "static" for place in ("companion/web", "gcs_plugin/console", "companion/drives")]
 _EXPORT = re.compile(r"^export (?:async )?(?:function|class|const) (\w+)", re.MULTILINE)
 _NAMED = re.compile(r'^import \{([^}]*)\} from "\./([\w.]+)";', re.MULTILINE)
 _WHOLE = re.compile(r'^import \* as (\w+) from "\./([\w.]+)";', re.MULTILINE)
@@ -20,7 +20,7 @@ def modules(page: Path) -> dict[str, str]:
     return {file.name: file.read_text() for folder in (SHARED, page) for file in folder.glob("*.js")}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=["rover", "console"])
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal"])
 def test_what_a_module_imports_is_exported(page: Path) -> None:
     found = modules(page)
     exported = {name: set(_EXPORT.findall(text)) for name, text in found.items()}
@@ -34,7 +34,7 @@ def test_what_a_module_imports_is_exported(page: Path) -> None:
             assert set(re.findall(rf"\b{alias}\.(\w+)\(", text)) <= exported[source], (name, source)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=["rover", "console"])
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal"])
 def test_a_page_has_no_file_of_the_name_of_a_shared_one_and_loads_all_its_own(page: Path) -> None:
     assert {file.name for file in page.iterdir()}.isdisjoint(file.name for file in SHARED.iterdir())
     index = (page / "index.html").read_text()
@@ -49,13 +49,13 @@ def test_a_page_has_no_file_of_the_name_of_a_shared_one_and_loads_all_its_own(pa
     assert used | {"main.js"} >= {file.name for file in page.glob("*.js")}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=["rover", "console"])
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal"])
 def test_what_is_told_is_never_markup(page: Path) -> None:
     for name, text in modules(page).items():
         for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval("):
             assert word not in text, name
 
 
-@pytest.mark.parametrize("page", PAGES, ids=["rover", "console"])
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal"])
 def test_a_page_stays_small_enough_for_a_slow_link(page: Path) -> None:
     assert sum(file.stat().st_size for folder in (SHARED, page) for file in folder.iterdir()) < 200_000

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import threading
 import time
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,9 @@ from companion import run
 from companion.config import load_config
 from companion.preflight.table import CHECKS
 from companion.vision.pictures import LIMIT
-from companion.wire.ids import COMPONENT_ID, TUNNEL_CALL
+from companion.wire.answers import AnswerMessage, PackIncident
+from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, TUNNEL_CALL, Motion
+from companion.wire.incidents import Incidents, read_incidents
 from companion.wire.payloads import CallData
 from tests.companion.daemon.painted_drive import to_a_drum
 from tests.companion.vision import painted
@@ -65,7 +69,9 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
         assert client.process_ftp_reply("Get", timeout=20).error_code == 0
         return copy.read_bytes()
 
-    assert listed("/").keys() == {"@PARAM", "state.json", "check.json", "calls", "maps", "scenes", "logs"}
+    files = {"state.json", "check.json", "incidents.json"}
+    folders = {"@PARAM", "calls", "maps", "scenes", "logs", "incidents"}
+    assert listed("/").keys() == files | folders
     number = call.id
     wanted, deadline = (
         {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg", f"{number}-raw.jpg"},
@@ -82,4 +88,22 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
     small = fetched(call.picture)
     assert len(small) <= LIMIT
     assert cv2.imdecode(np.frombuffer(small, np.uint8), cv2.IMREAD_COLOR) is not None
+    assert read_incidents(fetched("/incidents.json")) == Incidents()
+    asked = AnswerMessage(4711, 0, Motion.NONE, (PackIncident(number),)).pack()
+    ground.mav.tunnel_send(1, COMPONENT_ID, TUNNEL_ANSWER, len(asked), asked.ljust(128, b"\0"))
+    deadline = time.monotonic() + 20.0
+    while not (packed := read_incidents(fetched("/incidents.json"))).packed and time.monotonic() < deadline:
+        time.sleep(0.1)
+    (incident,) = packed.packed
+    assert (incident.call, incident.note) == (
+        number,
+        "without a recording: switched off by [recording] size",
+    )
+    content = fetched(f"/incidents/{incident.name}-short.zip")
+    with zipfile.ZipFile(io.BytesIO(content)) as found:
+        assert found.testzip() is None
+        assert {f"calls/{number}.json", "config.toml", "versions.json"} <= set(found.namelist())
+    assert len(content) == incident.short
+    client.cmd_get(["/incidents/../status.json", str(tmp_path / "copy")])
+    assert client.process_ftp_reply("Get", timeout=20).error_code == 10
     assert fetched("/maps/uncertainty.png").startswith(b"\x89PNG")

@@ -23,10 +23,11 @@ from mcap.reader import make_reader
 
 from companion.cli import main
 from companion.recording import command, incident
-from companion.recording.incident import AFTER, BEFORE, README, Window
+from companion.recording.incident import AFTER, BEFORE, README
 from companion.recording.mcap_file import McapFile
 from companion.recording.messages import Message
 from companion.recording.ring_writer import RingWriter
+from companion.recording.shortened import Window
 from companion.recording.topics import TOPICS
 from tests.companion.recording.made import BEGAN, NS, frame, opened, status, words
 

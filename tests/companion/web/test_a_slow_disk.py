@@ -33,7 +33,7 @@ def test_only_so_many_wait_for_a_disk_that_hangs(tmp_path: Path, monkeypatch: py
         first = await asyncio.gather(*(ask(site) for _ in range(server.MOST_READING + 4)))
         texts = [bytes(one.body) for one in first]
         assert [one.status_code for one in first] == [503] * len(first)
-        assert texts.count(b"the disk is slow: ask again later\n") == 4
+        assert texts.count(b"the disk cannot be read: too much waits for it: ask again later\n") == 4
         assert (await ask(site)).status_code == 503
         answers.set()
         for _ in range(100):

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from companion.web.page import missing
-from companion.wire.answers import Acknowledgement, AnswerMessage, TapBox
+from companion.wire.answers import Acknowledgement, AnswerMessage, PackIncident, TapBox
 from companion.wire.ids import Motion, Result
+from companion.wire.incidents import Incidents, Packed
 from tests.companion.web import played
 from tests.companion.web.played import Stage
 
@@ -147,6 +148,20 @@ def held(stage: Stage, tab: Any, given: list[bytes], key: str) -> set[Motion]:
     return {AnswerMessage.unpack(one).motion for one in given}
 
 
+def have_it_packed(stage: Stage, card: Any, given: list[bytes]) -> None:
+    """Ask for an incident file of call 7, which is packed then: it can be saved."""
+    stay = AnswerMessage.unpack(given[-1])
+    stage.page.acknowledge(Acknowledgement.without_figures(stay.transaction, 7, Result.APPLIED, "noted"))
+    card.get_by_role("button", name="Pack an incident file of C7").click()
+    stage.until(lambda: AnswerMessage.unpack(given[-1]).operations == (PackIncident(7),))
+    packed = Packed(3, 7, 5_100_000, 84_000, "without a recording: switched off")
+    stage.news["incidents"] = Incidents(packed=(packed,)).document()
+    stage.until(card.get_by_text("Save the whole file (5.1 MB)").is_visible)
+    saved = [one.get_attribute("href") for one in card.locator(".incident a").all()]
+    assert saved == ["/incidents/0003-C7-short.zip", "/incidents/0003-C7.zip"]
+    assert "It is without a recording: switched off." in card.inner_text()
+
+
 def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -192,6 +207,7 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         given.clear()
         tab.locator("#state-title").click()
         assert held(stage, tab, given, "s") == {Motion.STAY}
+        have_it_packed(stage, card, given)
         stage.news["state"]["open"] = None
         stage.until(lambda: "closed" in card.inner_text())
         assert tab.evaluate("document.documentElement.scrollWidth") <= 360

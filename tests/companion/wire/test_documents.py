@@ -10,14 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.wire.documents import (
-    LONGEST,
-    DocumentError,
     NearestScene,
     read_checks,
     read_record,
     read_state,
 )
 from companion.wire.ids import Kind, Reasons, Stage
+from companion.wire.json_values import LONGEST, DocumentError
 from companion.wire.payloads import CallData
 
 STATE: dict[str, Any] = {

@@ -14,6 +14,7 @@ from companion.wire.answers import (
     NewEpisode,
     Operation,
     OtherPlace,
+    PackIncident,
     SetWord,
     TapBox,
 )
@@ -98,6 +99,7 @@ OPERATIONS: st.SearchStrategy[Operation] = st.one_of(
     st.builds(ForgetCall, U16),
     st.just(NewEpisode()),
     st.builds(OtherPlace, U16),
+    st.builds(PackIncident, U16),
 )
 ANSWERS = st.builds(
     AnswerMessage,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,13 +14,14 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.answers.answer import Answer
 from companion.browser.requests import RequestError
 from companion.sim.loopback_link import LoopbackLink
-from companion.storage.served_tree import Document, Documents, MissingError, Tree
+from companion.storage.served_tree import Document, Documents, MissingError, ServedFolder, Tree
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, ForgetCall, ForgetWord, SetWord, TapBox
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.requests import read_request
+from gcs_plugin.console.rover_page import RoverPage
 
 JPEG = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffc0001108006000800301220002110103110100")
 WORDS = {"grass": 1.0}
@@ -31,7 +33,15 @@ BOX = [0.41, 0.55, 0.6, 0.81]
 class Desk:
     """A console, and the link of a companion that has state, records and pictures."""
 
-    def __init__(self, call: CallData, summary: Summary) -> None:
+    def __init__(
+        self,
+        call: CallData,
+        summary: Summary,
+        more: Mapping[str, Document | ServedFolder] | None = None,
+        folder: Path | None = None,
+        pages: Mapping[int, RoverPage] | None = None,
+    ) -> None:
+        """more: that it serves. folder, pages: of the console, for incident files."""
         self.files: dict[str, bytes] = {"7.jpg": JPEG + bytes(1400), "7-large.jpg": JPEG + bytes(6000)}
         self.state: dict[str, Any] = {"state": "ok", "words": WORDS, "vocabulary": ["grass", "gravel"]}
 
@@ -42,10 +52,10 @@ class Desk:
 
         calls = Documents(lambda: {name: len(told) for name, told in self.files.items()}, read)
         state = Document(lambda: json.dumps(self.state).encode())
-        self.link = LoopbackLink(tree=Tree({"state.json": state, "calls": calls}))
+        self.link = LoopbackLink(tree=Tree({"state.json": state, "calls": calls, **(more or {})}))
         self.call = replace(call, picture="/calls/7.jpg")
         self.summary = replace(summary, words=ids.words_hash(WORDS))
-        self.console = Console(OperatorClient())
+        self.console = Console(OperatorClient(), None, folder, pages)
         self.console.client.ids = 255, 190
         self._heard = 0
         self.hears = True

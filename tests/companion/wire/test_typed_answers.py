@@ -1,0 +1,54 @@
+"""What is formatted as an operator types it is read back as the same answer, or refused."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.wire.answers import ForgetWord, SetWord, TapBox
+from companion.wire.ids import Motion
+from companion.wire.typed_answers import CommandError, operation_of, read_typed, typed
+from tests.companion.link.payloads import CALL
+
+WORD = st.from_regex(r"[a-z]{1,8}( (go|look|[a-z]{1,4}))?", fullmatch=True)
+WEIGHT = st.integers(-100, 100).map(lambda hundredths: hundredths / 100)
+SIDE = st.integers(0, 4_000)
+BOX = st.tuples(SIDE, SIDE, SIDE, SIDE).map(
+    lambda one: (one[0] / 1e4, one[1] / 1e4, (one[2] + 5_000) / 1e4, (one[3] + 5_000) / 1e4)
+)
+
+
+@given(st.lists(WORD, max_size=4, unique=True), WEIGHT, BOX, st.sampled_from(Motion))
+def test_an_answer_is_read_back_as_it_was(
+    words: list[str], weight: float, box: tuple[float, float, float, float], motion: Motion
+) -> None:
+    kinds = (
+        lambda word: SetWord(word, weight),
+        lambda word: TapBox(4711, box, word, weight),
+        ForgetWord,
+    )
+    operations = tuple(kinds[number % 3](word) for number, word in enumerate(words))
+    try:
+        line = typed(motion, operations)
+    except CommandError:
+        return
+    read, changes = read_typed(line)
+    assert read is motion
+    assert [type(one).__name__ for one in changes] == [
+        "Tap" if isinstance(one, TapBox) else type(one).__name__ for one in operations
+    ]
+    assert [one.word for one in changes if hasattr(one, "word")] == words
+
+
+def test_a_tap_keeps_its_box() -> None:
+    tap = TapBox(CALL.frame_id, (0.4012, 0.5, 0.6, 0.8), "drum", -1.0)
+    line = typed(Motion.GO, (tap,))
+    assert line == "tap drum: -1 0.4012 0.5000 0.6000 0.8000, go"
+    assert operation_of(read_typed(line)[1][0], CALL) == tap
+
+
+@pytest.mark.parametrize("word", ["look", "call 7", "go"])
+def test_a_word_that_would_be_a_command_is_refused(word: str) -> None:
+    with pytest.raises(CommandError, match="read otherwise"):
+        typed(Motion.NONE, (ForgetWord(word),))

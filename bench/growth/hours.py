@@ -1,0 +1,116 @@
+"""Runs an hour's frames as fast as they go, and measures whether memory, disk or times rise with them.
+
+In virtual time and one process: the daemon as it ships with journal, log, pictures and link, and the engine
+with `builtin`. Calls are opened and answered, a parameter is set every two seconds, and the link is cut for
+half a minute of every five: the rover and the operator are those of `bench.faults.endurance`.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import math
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.faults.endurance import PERIOD, TURNS, CutRadio, Endurance, Operator
+from bench.growth.memory import own_mb
+from bench.link.lossy import virtual_time
+from bench.link.radio_model import LinkConditions
+from bench.series import Series
+from companion.storage.log_file import log_to_file
+
+FRAMES = 36_000
+QUICK = 2_000
+_SAMPLES = 50
+_BLOCKS = 8
+_SETTLING = 0.2
+"""Share of the frames that do not count for the slope: the memory of scenes and pictures fills meanwhile."""
+_T_975 = {2: 4.303, 3: 3.182, 4: 2.776, 5: 2.571, 6: 2.447, 7: 2.365, 8: 2.306}
+"""Degrees of freedom -> Student's t of a 95 % interval."""
+
+
+class Slope(NamedTuple):
+    """A rise per 100,000 frames, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
+    """Measures an hour at ten frames/s; quick: three minutes. `bundle` is not needed."""
+    del bundle
+    with tempfile.TemporaryDirectory(prefix="growth-") as folder:
+        return drive(QUICK if quick else FRAMES, Path(folder))
+
+
+def drive(frames: int, folder: Path) -> list[Series]:
+    """Judges so many frames, and returns memory, disk and times over them."""
+    logging.getLogger().setLevel(logging.INFO)
+    memory = Series("Memory of daemon and engine", "frames", "MB")
+    disk = Series("Files of the rover", "frames", "MB")
+    times = Series("Time of a frame, and of the daemon's turns in it", "frames", "ms of CPU")
+    every = max(1, frames // _SAMPLES)
+    judged, turned = list[float](), list[float]()
+    with virtual_time() as clock, ExitStack() as closed:
+        radio = CutRadio(LinkConditions(), "1")
+        rover = closed.enter_context(closing(Endurance(folder, radio, 1)))
+        closed.enter_context(log_to_file(folder, rover.writer))
+        operator = Operator(radio)
+        for number in range(1, frames + 1):
+            radio.cut = number % 3000 >= 2700
+            begun = time.process_time()
+            rover.frame(thing=number % 300 >= 260)
+            judged.append((time.process_time() - begun) * 1e3)
+            if number % 20 == 0:
+                operator.set_parameter()
+            begun = time.process_time()
+            for _ in range(TURNS):
+                clock.now += PERIOD / TURNS
+                radio.carry(clock.now)
+                rover.turn()
+                radio.carry(clock.now)
+                operator.step(clock.now)
+            turned.append((time.process_time() - begun) * 1e3)
+            if number % every == 0:
+                gc.collect()
+                memory.add("own memory", number, [own_mb()])
+                disk.add("journal, log, calls, pictures", number, [_bytes_in(folder) / 1e6])
+                for name, found in (("judged", judged), ("turns of the daemon", turned)):
+                    times.add(f"{name}, median", number, [median(found)])
+                    times.add(f"{name}, 99 %", number, [float(np.quantile(found, 0.99))])
+                    found.clear()
+        print(f"{frames} frames, {operator.calls} calls, {operator.acknowledged} acknowledged", flush=True)
+    return [memory, disk, times]
+
+
+def _bytes_in(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def slope(points: Sequence[Sequence[float]]) -> Slope:
+    """Returns the rise of the points' medians by blocks, after the first fifth of the frames.
+
+    Neighbouring samples resemble each other, medians of blocks hardly: so the interval is not too narrow.
+    """
+    frames = np.array([point[0] for point in points])
+    values = np.array([point[1] for point in points])
+    settled = frames > _SETTLING * frames[-1]
+    blocks = min(_BLOCKS, int(settled.sum()))
+    x = np.array([part.mean() for part in np.array_split(frames[settled], blocks)])
+    y = np.array([np.median(part) for part in np.array_split(values[settled], blocks)])
+    away = x - x.mean()
+    rise = float(away @ y / (away @ away))
+    rest = y - y.mean() - rise * away
+    error = math.sqrt(float(rest @ rest) / (blocks - 2) / float(away @ away))
+    half = _T_975[blocks - 2] * error
+    low, value, high = (round(1e5 * one, 3) for one in (rise - half, rise, rise + half))
+    return Slope(value, low, high)

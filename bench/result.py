@@ -1,0 +1,145 @@
+"""Defines the one form that the result of every benchmark takes, in memory and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+FORM = 1
+"""Raise it when a field changes its meaning."""
+RAN, SKIPPED, FAILED = "ran", "skipped", "failed"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Holds one measured figure. low, high: its spread, None where that is not known.
+
+    better: "less" or "more"; "" where neither is.
+    """
+
+    value: float
+    unit: str
+    better: str = ""
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def spread(self) -> tuple[float, float] | None:
+        """Its least and greatest value; None where that is not known."""
+        return None if self.low is None or self.high is None else (self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Result:
+    """Holds what became of a benchmark.
+
+    command: as a person types it. state: `RAN`, `SKIPPED` or `FAILED`, with the reason in `why`. seconds:
+    that it took. run: commit, time and machine, as of `describe_run`. figures: text -> figure. series: plots,
+    as of `bench.series`. told: the benchmark's whole last line, None where it was no JSON object.
+    """
+
+    name: str
+    measures: str
+    command: str
+    quick: bool
+    state: str
+    why: str
+    seconds: float
+    run: Mapping[str, Any]
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    series: tuple[Mapping[str, Any], ...] = ()
+    told: Mapping[str, Any] | None = None
+
+
+class RubbishError(ValueError):
+    """Reports a last line that is not what the benchmark should print. The text says why."""
+
+
+@dataclass(frozen=True)
+class Quoted:
+    """Says where a figure stands in the last line: keys with dots between. spread: of [low, high]."""
+
+    path: str
+    what: str
+    unit: str
+    better: str = ""
+    spread: str = ""
+
+    def found(self, told: Mapping[str, Any]) -> Figure | None:
+        """Returns the figure; None where it is null or absent. Raises RubbishError."""
+        value = _at(told, self.path)
+        if value is None:
+            return None
+        low, high = _at(told, self.spread) or (None, None)
+        numbers = [one for one in (value, low, high) if one is not None]
+        if not all(isinstance(one, (int, float)) and math.isfinite(one) for one in numbers):
+            raise RubbishError(f"{self.path} is {value!r}, and no number")
+        return Figure(value, self.unit, self.better, low, high)
+
+
+def _at(told: Mapping[str, Any], path: str) -> Any:
+    found: Any = told
+    for key in path.split("."):
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return found
+
+
+def last_line(text: str) -> dict[str, Any]:
+    """Reads the last line of an output. Raises RubbishError when that is no JSON object."""
+    lines = text.strip().splitlines()
+    if not lines:
+        raise RubbishError("it printed nothing")
+    try:
+        told = json.loads(lines[-1])
+    except ValueError:
+        told = None
+    if not isinstance(told, dict):
+        raise RubbishError(f"its last line is no JSON object: {lines[-1][:120]}")
+    return told
+
+
+def figures_of(told: Mapping[str, Any], quoted: tuple[Quoted, ...]) -> dict[str, Figure]:
+    """Returns the quoted figures, and each point of the series. Raises RubbishError."""
+    found = {one.what: figure for one in quoted if (figure := one.found(told)) is not None}
+    try:
+        return found | dict(_points(told.get("series", ())))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RubbishError(f"its series cannot be read: {error!r}") from error
+
+
+def _points(all_series: Any) -> Iterator[tuple[str, Figure]]:
+    for series in all_series:
+        for line, points in series["lines"].items():
+            for x, *figures in points:
+                value, low, high = map(float, figures)
+                if not all(map(math.isfinite, (x, value, low, high))):
+                    raise ValueError(f"{line} at {x} is not finite")
+                what = f"{series['title']}: {line}, {x:,} {series['x']}"
+                yield what, Figure(value, series["unit"], "less", low, high)
+
+
+def write_result(folder: Path, result: Result) -> Path:
+    """Writes NAME.json, and returns its path."""
+    path = folder / f"{result.name}.json"
+    path.write_text(json.dumps({"form": FORM, **asdict(result)}, indent=1) + "\n", encoding="utf-8")
+    return path
+
+
+def read_results(folder: Path) -> dict[str, Result]:
+    """Reads all results of a folder, by name. Files of another form are left out."""
+    found = {}
+    for path in sorted(folder.glob("*.json")):
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if not isinstance(content, dict) or content.pop("form", None) != FORM:
+                continue
+            content["figures"] = {what: Figure(**one) for what, one in content["figures"].items()}
+            content["series"] = tuple(content["series"])
+            found[path.stem] = Result(**content)
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            continue
+    return found

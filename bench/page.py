@@ -74,7 +74,7 @@ def _summary(results: Mapping[str, Result]) -> str:
         state = f'<span class="{one.state}">{one.state}</span>{quick}'
         why = f'<br><span class="faint">{escape(one.why)}</span>' if one.why else ""
         link = f'<a href="#{escape(name)}">{escape(name)}</a>' if one.state in (RAN, FAILED) else escape(name)
-        run = one.run | {"when": str(one.run.get("when", ""))[:16].replace("T", " ")}
+        run = {**one.run, "when": str(one.run.get("when", ""))[:16].replace("T", " ")}
         told = [
             f"{one.seconds:.0f}" if one.seconds else "",
             *(run.get(key, "") for key in ("load", "commit", "when")),

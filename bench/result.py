@@ -75,10 +75,13 @@ class Quoted:
         if value is None:
             return None
         low, high = _at(told, self.spread) or (None, None)
-        numbers = [one for one in (value, low, high) if one is not None]
-        if not all(isinstance(one, (int, float)) and math.isfinite(one) for one in numbers):
+        if not all(_is_number(one) for one in (value, low, high) if one is not None):
             raise RubbishError(f"{self.path} is {value!r}, and no number")
         return Figure(value, self.unit, self.better, low, high)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _at(told: Mapping[str, Any], path: str) -> Any:
@@ -105,6 +108,8 @@ def last_line(text: str) -> dict[str, Any]:
 def figures_of(told: Mapping[str, Any], quoted: tuple[Quoted, ...]) -> dict[str, Figure]:
     """Returns the quoted figures, and each point of the series. Raises RubbishError."""
     found = {one.what: figure for one in quoted if (figure := one.found(told)) is not None}
+    if quoted and not found and "skipped" not in told:
+        raise RubbishError(f"its last line has none of its figures, such as {quoted[0].path}")
     try:
         return found | dict(_points(told.get("series", ())))
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -17,6 +17,8 @@ from bench.benches import OUT, Bench
 from bench.machine import ROOT, describe_run
 from bench.result import FAILED, RAN, SKIPPED, Figure, Result, RubbishError, figures_of, last_line
 
+SLACK = 60.0
+"""Seconds that any benchmark may take beyond three times what it usually takes."""
 _ENDING = 15.0
 """Seconds that a benchmark gets to end after SIGTERM: some print what they have."""
 _READ = 4 << 20
@@ -26,7 +28,7 @@ _READ = 4 << 20
 def run(name: str, bench: Bench, out: Path, *, quick: bool = False, rounds: int = 1) -> Result:
     """Runs a benchmark so often; its output goes to NAME.log and NAME.err in `out`, a folder.
 
-    Its deadline is three times what it takes, and a minute. With several rounds each figure is the median,
+    Its deadline is three times what it takes, and `SLACK`. With several rounds each figure is the median,
     and its spread is from the least to the greatest. An exit code that is not 0 is a failure; what it printed
     is told nevertheless.
     """
@@ -44,12 +46,12 @@ def run(name: str, bench: Bench, out: Path, *, quick: bool = False, rounds: int 
         taken.append(_once(result, bench, [sys.executable, *command], out, quick=quick))
         if taken[-1].state != RAN:
             break
-    seconds = round(time.monotonic() - begun, 1)
+    seconds = round(time.monotonic() - begun, 2)
     return replace(taken[-1], figures=_together(taken), seconds=seconds)
 
 
 def _once(result: Result, bench: Bench, command: list[str], out: Path, *, quick: bool) -> Result:
-    deadline = 60.0 + 3 * 60.0 * bench.minutes[quick]
+    deadline = SLACK + 3 * 60.0 * bench.minutes[quick]
     log, errors = out / f"{result.name}.log", out / f"{result.name}.err"
     code = _process(command, log, errors, deadline)
     if code is None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from companion.vision.client import VisionClient
 from companion.vision.codec import decode, decode_trusted, encode
 from companion.vision.memory_copy import MemoryCopy, update_from, updated
 from companion.vision.messages import Scenes, Start
+from companion.vision.process import Port, receive_start
 
 COUNTS = (10, 100, 256, 1000, 3000, 10_000)
 """256 is the limit as configured, 10,000 the highest that may be configured."""
@@ -152,7 +154,7 @@ def _measure_start(memory: Memory, count: int, rounds: int, series: Series) -> N
     """Measures what the supervisor sends to a new vision process, and what that does with it."""
     parts = list(_handed_over(memory))
     series.add("supervisor: encode", count, cpu_ms(lambda: list(_handed_over(memory)), rounds))
-    series.add("vision: decode and join", count, cpu_ms(lambda: _joined(parts), rounds))
+    series.add("vision: receive", count, cpu_ms(lambda: receive_start(_Sent(parts)), rounds))
     meaning = NumberPerceiver().meaning
     words = memory.configured
     series.add(
@@ -168,11 +170,15 @@ def _handed_over(memory: Memory) -> Iterator[bytes]:
         yield encode(Scenes(scenes))
 
 
-def _joined(parts: list[bytes]) -> Start:
-    start: Start = decode_trusted(parts[0][4:])
-    for part in parts[1:]:
-        start = start.joined(decode_trusted(part[4:]).entries)
-    return start
+class _Sent(Port):
+    """The vision process's end, with all that it was sent."""
+
+    def __init__(self, parts: list[bytes]) -> None:
+        self._parts = parts
+
+    def requests(self, timeout: float) -> list[Any]:
+        del timeout
+        return [decode_trusted(part[4:]) for part in self._parts]
 
 
 def _measure_turns(memory: Memory, count: int, folder: Path, series: Series) -> None:

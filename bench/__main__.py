@@ -9,6 +9,7 @@ spread of both. Run: make bench, or python -m bench [growth link] [--quick] [--a
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
 
@@ -97,5 +98,10 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     return given
 
 
+def _end(number: int, _frame: object) -> None:
+    raise SystemExit(128 + number)
+
+
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, _end)  # so that the benchmark that runs is ended, too
     sys.exit(main())

@@ -7,7 +7,6 @@ half a minute of every five: the rover and the operator are those of `bench.faul
 
 from __future__ import annotations
 
-import gc
 import logging
 import math
 import tempfile
@@ -20,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.faults.endurance import PERIOD, TURNS, CutRadio, Endurance, Operator
-from bench.growth.memory import own_mb
+from bench.faults.endurance import PERIOD, TURNS, CutRadio, Endurance, Operator, own_memory
 from bench.link.lossy import virtual_time
 from bench.link.radio_model import LinkConditions
 from bench.series import Series
@@ -81,8 +79,7 @@ def drive(frames: int, folder: Path) -> list[Series]:
                 operator.step(clock.now)
             turned.append((time.process_time() - begun) * 1e3)
             if number % every == 0:
-                gc.collect()
-                memory.add("own memory", number, [own_mb()])
+                memory.add("own memory", number, [own_memory()])
                 disk.add("journal, log, calls, pictures", number, [_bytes_in(folder) / 1e6])
                 for name, found in (("judged", judged), ("turns of the daemon", turned)):
                     times.add(f"{name}, median", number, [median(found)])

@@ -22,8 +22,8 @@ def describe_run() -> dict[str, Any]:
     """Return commit, time (UTC), load and machine. Call it before measuring: both may change meanwhile.
 
     cpu_flags: those that matter to networks. cores: those that this process may use. memory_mb: 10^6 bytes.
-    governor: of the first core, None where the kernel does not tell. load: processes that ran or waited, over
-    the last minute. A package that is not installed is left out.
+    governor: of the first core. load: processes that ran or waited, over the last minute. A governor that the
+    kernel does not tell, and packages that are not installed, are left out.
     """
     machine = this_machine()
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -36,17 +36,17 @@ def describe_run() -> dict[str, Any]:
         "architecture": machine.architecture,
         "cores": len(os.sched_getaffinity(0)),
         "memory_mb": round(memory / 1e6),
-        "governor": _governor(),
+        **_governor(),
         "os": _system(),
         "python": platform.python_version(),
         **_versions(),
     }
 
 
-def _governor() -> str | None:
+def _governor() -> dict[str, str]:
     with suppress(OSError):
-        return _GOVERNOR.read_text(encoding="ascii").strip()
-    return None
+        return {"governor": _GOVERNOR.read_text(encoding="ascii").strip()}
+    return {}
 
 
 def _system() -> str:

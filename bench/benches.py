@@ -1,7 +1,7 @@
 """Lists all benchmarks: what each measures, how it is started, how long it takes, what it needs.
 
-Tools that make or show something, and measure nothing, are not listed: `cutouts`, `labelled_field`,
-`worst_frames`, `builtin_field`, `fit_lexicon`, `false_stops`, `still_pictures`.
+Tools that a person reads are not listed: `builtin_field`, `cutouts`, `fit_lexicon`, `labelled_field`,
+`still_pictures`, `worst_frames`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from bench.result import Quoted
 
-OUT = "{out}"
+OUT = "@out@"
 """In an argument: the folder of the results."""
 LESS, MORE = "less", "more"
 
@@ -85,9 +85,9 @@ def _camera(kind: str, needs: Callable[[], str] = str) -> Bench:
         ("--kind", kind, "--losses", "3"),
         needs,
         (
-            Quoted("noticed_s.max", "noticed, the latest", "s", LESS),
-            Quoted("back_s.p50", "back, median", "s", LESS),
-            Quoted("back_s.max", "back, the latest", "s", LESS),
+            Quoted("noticed_s/max", "noticed, the latest", "s", LESS),
+            Quoted("back_s/p50", "back, median", "s", LESS),
+            Quoted("back_s/max", "back, the latest", "s", LESS),
             Quoted("stale", "stale pictures taken for fresh", "", LESS),
         ),
     )
@@ -102,16 +102,16 @@ def _ratio(key: str, what: str) -> Quoted:
 
 
 def _rise(name: str, what: str, unit: str) -> Quoted:
-    return Quoted(f"rise.{name}.value", what, f"{unit} per 100,000 frames", LESS, f"rise.{name}.interval")
+    return Quoted(f"rise/{name}/value", what, f"{unit} per 100,000 frames", LESS, f"rise/{name}/interval")
 
 
 _LINK = (
-    Quoted("lossy.all of it.lost", "calls lost over a bad radio", "", LESS),
-    Quoted("lossy.all of it.twice", "calls answered twice over a bad radio", "", LESS),
-    Quoted("lossy.all of it.known_s.p99", "the operator knows the outcome over a bad radio, 99 %", "s", LESS),
-    Quoted("speed.handled.us_a_frame", "a MAVLink frame handled", "µs of CPU", LESS),
-    Quoted("speed.share_at_1_hz", "the link at one summary/s", "% of a core", LESS),
-    Quoted("speed.seeing_at_1_hz.judged_to_wire_ms.p99", "from judged to the wire, 99 %", "ms", LESS),
+    Quoted("lossy/all of it/lost", "calls lost over a bad radio", "", LESS),
+    Quoted("lossy/all of it/twice", "calls answered twice over a bad radio", "", LESS),
+    Quoted("lossy/all of it/known_s/p99", "the operator knows the outcome over a bad radio, 99 %", "s", LESS),
+    Quoted("speed/handled/us_a_frame", "a MAVLink frame handled", "µs of CPU", LESS),
+    Quoted("speed/share_at_1_hz", "the link at one summary/s", "% of a core", LESS),
+    Quoted("speed/seeing_at_1_hz/judged_to_wire_ms/p99", "from judged to the wire, 99 %", "ms", LESS),
 )
 _PERCEPTION = (
     Quoted("iou_home", "drivable IoU, home", "", MORE),
@@ -169,6 +169,20 @@ BENCHES = {
         _frames,
         _PERCEPTION,
     ),
+    "false-stops": Bench(
+        "bench.false_stops",
+        "clean frames of held-out drives that are not OK",
+        (1, 0),
+        (
+            "../shared/data/trail",
+            "--drivable",
+            "smooth_trail,rough_trail,grass",
+            "--unlabelled",
+            "../shared/data/sequence",
+        ),
+        needs=_frames,
+        figures=(Quoted("not_ok/clean 0.85", "of 100 clean frames not OK", "", LESS),),
+    ),
     "field-goal": Bench(
         "bench.field_goal",
         "simulated trails: things that are called for, and false calls",
@@ -183,8 +197,8 @@ BENCHES = {
         "a frame of the simulated trail",
         (0.6, 0),
         figures=(
-            Quoted("320x240.ms", "320x240, mean", "ms of CPU", LESS),
-            Quoted("640x480.ms", "640x480, mean", "ms of CPU", LESS),
+            Quoted("320x240/ms", "320x240, mean", "ms of CPU", LESS),
+            Quoted("640x480/ms", "640x480, mean", "ms of CPU", LESS),
         ),
     ),
     "link": Bench(
@@ -202,8 +216,8 @@ BENCHES = {
         figures=(
             Quoted("lost", "answers lost", "", LESS),
             Quoted("twice", "answers applied twice", "", LESS),
-            Quoted("return_s.p50", "vision is back, median", "s", LESS),
-            Quoted("return_s.max", "vision is back, the latest", "s", LESS),
+            Quoted("return_s/p50", "vision is back, median", "s", LESS),
+            Quoted("return_s/max", "vision is back, the latest", "s", LESS),
         ),
     ),
     "cameras-pipe": _camera("pipe"),
@@ -237,7 +251,7 @@ BENCHES = {
         (5, 0.2),
         quick=("--kills", "8", "--cuts", "25"),
         needs=_compiler,
-        figures=(Quoted("killed.changes", "changes of files in a drive", ""),),
+        figures=(Quoted("killed/changes", "changes of files in a drive", ""),),
     ),
     "recording": Bench(
         "bench.recording",
@@ -252,8 +266,8 @@ BENCHES = {
         (3, 0),
         needs=_browser,
         figures=(
-            Quoted("actions.go.median", "go", "actions", LESS),
-            Quoted("actions.tap and name.median", "tap and name", "actions", LESS),
+            Quoted("actions/go/median", "go", "actions", LESS),
+            Quoted("actions/tap and name/median", "tap and name", "actions", LESS),
         ),
     ),
     "console-latency": Bench(
@@ -263,8 +277,8 @@ BENCHES = {
         quick=("--calls", "20"),
         needs=_browser,
         figures=(
-            Quoted("ms.p50", "from the radio to the page, median", "ms", LESS),
-            Quoted("ms.p99", "from the radio to the page, 99 %", "ms", LESS),
+            Quoted("ms/p50", "from the radio to the page, median", "ms", LESS),
+            Quoted("ms/p99", "from the radio to the page, 99 %", "ms", LESS),
         ),
     ),
     "console-radio": Bench(
@@ -279,9 +293,9 @@ BENCHES = {
         (15, 0),
         needs=_root,
         figures=(
-            Quoted("install.install_s", "install", "s", LESS),
-            Quoted("reboot.sees_after_s", "after a boot the first frame is judged", "s", LESS),
-            Quoted("hang.back_s", "back after a hang", "s", LESS),
+            Quoted("install/install_s", "install", "s", LESS),
+            Quoted("reboot/sees_after_s", "after a boot the first frame is judged", "s", LESS),
+            Quoted("hang/back_s", "back after a hang", "s", LESS),
         ),
     ),
     "mutants": Bench(
@@ -297,8 +311,8 @@ BENCHES = {
         quick=(),
         figures=(
             Quoted("floors", "floors of imports", "", LESS),
-            Quoted("frame to summary.files", "files from a frame to its summary", "", LESS),
-            Quoted("fault to hold.files", "files from a fault to its hold", "", LESS),
+            Quoted("frame to summary/files", "files from a frame to its summary", "", LESS),
+            Quoted("fault to hold/files", "files from a fault to its hold", "", LESS),
         ),
     ),
 }

@@ -17,7 +17,6 @@ _STYLE = (
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 td, th { text-align: left; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid var(--line);
   vertical-align: top; }
-td.n, th.n { text-align: right; white-space: nowrap; }
 .wide { overflow-x: auto; }
 .plots { display: grid; gap: 1rem 2.5rem;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 30rem), 1fr)); }
@@ -108,18 +107,13 @@ def _result(name: str, result: Result, before: Mapping[tuple[str, str], Change])
     ]
     if result.why:
         parts.append(f'<p class="{result.state}">{escape(result.why)}</p>')
-    in_plots = {f"{series['title']}: " for series in result.series}
+    in_plots = tuple(f"{series['title']}: " for series in result.series)
     rows = []
     for what, figure in result.figures.items():
-        if not any(what.startswith(title) for title in in_plots):
+        if not what.startswith(in_plots):
             change = before.get((name, what))
-            rows.append(
-                [
-                    escape(what),
-                    _value(figure),
-                    *([_value(change.before), _share(change)] if change else ["", ""]),
-                ]
-            )
+            earlier = [_value(change.before), _share(change)] if change else ["", ""]
+            rows.append([escape(what), _value(figure), *earlier])
     if rows:
         heads = ("figure", "measured", "before", "change") if before else ("figure", "measured")
         parts.append(_table(heads, [row[: len(heads)] for row in rows]))

@@ -37,9 +37,10 @@ class Figure:
 class Result:
     """Holds what became of a benchmark.
 
-    command: as a person types it. state: `RAN`, `SKIPPED` or `FAILED`, with the reason in `why`. seconds:
-    that it took. run: commit, time and machine, as of `describe_run`. figures: text -> figure. series: plots,
-    as of `bench.series`. told: the benchmark's whole last line, None where it was no JSON object.
+    command: as a person types it, with OUT for the folder of the results. state: `RAN`, `SKIPPED` or
+    `FAILED`, with the reason in `why`. seconds: that it took. run: commit, time and machine, as of
+    `describe_run`. figures: text -> figure. series: plots, as of `bench.series`. told: the benchmark's whole
+    last line, None where it was no JSON object.
     """
 
     name: str
@@ -61,7 +62,7 @@ class RubbishError(ValueError):
 
 @dataclass(frozen=True)
 class Quoted:
-    """Says where a figure stands in the last line: keys with dots between. spread: of [low, high]."""
+    """Says where a figure stands in the last line: keys with / between. spread: of [low, high]."""
 
     path: str
     what: str
@@ -86,7 +87,7 @@ def _is_number(value: object) -> bool:
 
 def _at(told: Mapping[str, Any], path: str) -> Any:
     found: Any = told
-    for key in path.split("."):
+    for key in path.split("/"):
         found = found.get(key) if isinstance(found, Mapping) else None
     return found
 

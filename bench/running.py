@@ -33,17 +33,18 @@ def run(name: str, bench: Bench, out: Path, *, quick: bool = False, rounds: int 
     is told nevertheless.
     """
     arguments = bench.quick if quick else bench.arguments
-    command = ["-m", bench.module, *(one.replace(OUT, str(out)) for one in arguments or ())]
-    typed = shlex.join(["python", *command])
+    asked = ["-m", bench.module, *(arguments or ())]
+    typed = shlex.join(["python", *asked]).replace(OUT, "OUT")
     result = Result(name, bench.measures, typed, quick, SKIPPED, "", 0.0, describe_run())
     if arguments is None:
         return replace(result, why=f"has no quick form: python -m bench {name}")
     if missing := bench.needs():
         return replace(result, why=missing)
+    command = [sys.executable, *(one.replace(OUT, str(out)) for one in asked)]
     begun = time.monotonic()
     taken: list[Result] = []
     for _ in range(rounds):
-        taken.append(_once(result, bench, [sys.executable, *command], out, quick=quick))
+        taken.append(_once(result, bench, command, out, quick=quick))
         if taken[-1].state != RAN:
             break
     seconds = round(time.monotonic() - begun, 2)

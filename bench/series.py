@@ -14,6 +14,8 @@ from bench.ratios import spread
 _ENOUGH = 20e-3
 """Seconds of CPU time that one measured run lasts at least: what is shorter is repeated within it."""
 _MOST = 1000
+_APART = 1.5
+"""Least factor between two places of which `power` can be told."""
 
 
 @dataclass
@@ -41,8 +43,11 @@ class Series:
 
 
 def power(points: Sequence[Sequence[float]]) -> float | None:
-    """Returns p where the last two points are as x ** p: 0 flat, 1 linear, 2 quadratic; None for fewer."""
-    if len(points) < 2 or min(points[-2][1], points[-1][1]) <= 0:
+    """Returns p where the last two points are as x ** p: 0 flat, 1 linear, 2 quadratic.
+
+    None where there are fewer, or where they are too near to tell.
+    """
+    if len(points) < 2 or min(points[-2][1], points[-1][1]) <= 0 or points[-1][0] < _APART * points[-2][0]:
         return None
     return round(float(np.log(points[-1][1] / points[-2][1]) / np.log(points[-1][0] / points[-2][0])), 2)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from anytraverse.assessment import Assessment, Observation
+from anytraverse.assessment import Assessment
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame, Image
 from anytraverse.judging import Settings
@@ -17,6 +17,7 @@ from anytraverse.memory import first_memory
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
+from bench.growth.words import judge_new
 from bench.series import Series, cpu_ms
 from companion.sim.field.render import Camera
 from companion.sim.field.things import World
@@ -46,14 +47,8 @@ def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
         seen = engine.judge(engine.observe(frame), 0.0)
         rounds = 3 if quick else 7
         times.add("encode and embed", pixels, cpu_ms(partial(engine.observe, frame), rounds))
-        observation = seen.observation
-        assert observation is not None
-
-        def judge(observation: Observation = observation) -> None:
-            observation.attended = {}
-            engine.judge(observation, 0.0)
-
-        times.add("attend and judge", pixels, cpu_ms(judge, rounds))
+        assert seen.observation is not None
+        times.add("attend and judge", pixels, cpu_ms(partial(judge_new, engine, seen.observation), rounds))
         for name, make in _pictures(seen, engine).items():
             bytes_.add(name, pixels, [len(make()) / 1e3])
             times.add(name, pixels, cpu_ms(make, rounds))

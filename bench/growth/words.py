@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,41 +50,26 @@ def _random_bundle(out: Path) -> Path:
 def _measure(name: str, rounds: int, times: Series, kept: Series) -> None:
     perceiver = make_perceiver(name, Runtime(threads=1, precision="fp32"))
     kind = name.partition(":")[0]
-    image = make_frame(640, 480, 0)
     for count in COUNTS:
-        words = Preferences.of({word: 1.0 - 2.0 * (place % 2) for place, word in enumerate(_words(count))})
-        engine = AnyTraverse(
-            perceiver, Settings.of(perceiver.defaults), first_memory(perceiver.model_id, words)
-        )
-        frame = Frame(1, time.monotonic(), image)
+        words = {word: 1.0 - 2.0 * (place % 2) for place, word in enumerate(list(GROUND_WORDS)[:count])}
+        memory = first_memory(perceiver.model_id, Preferences.of(words))
+        engine = AnyTraverse(perceiver, Settings.of(perceiver.defaults), memory)
+        frame = Frame(1, 0.0, make_frame(640, 480, 0))
+        engine.step(frame, 0.0)  # which becomes the reference
         seen = engine.observe(frame)
-
-        def judge(engine: AnyTraverse = engine, seen: Observation = seen) -> None:
-            _forget(seen)
-            engine.judge(seen, seen.frame.captured_at)
-
-        def again(engine: AnyTraverse = engine, seen: Observation = seen) -> None:
-            engine.judge(seen, seen.frame.captured_at)
-
-        def encode(engine: AnyTraverse = engine, frame: Frame = frame) -> None:
-            engine.observe(frame)
-
-        times.add(f"{kind}, encode and embed", count, cpu_ms(encode, rounds))
-        times.add(f"{kind}, attend and judge", count, cpu_ms(judge, rounds))
-        times.add(f"{kind}, judge again", count, cpu_ms(again, rounds))
-        kept.add(kind, count, [_megabytes(engine.judge(seen, frame.captured_at))])
+        times.add(f"{kind}, encode and embed", count, cpu_ms(partial(engine.observe, frame), rounds))
+        times.add(f"{kind}, attend and judge", count, cpu_ms(partial(judge_new, engine, seen), rounds))
+        times.add(f"{kind}, judge again", count, cpu_ms(partial(engine.judge, seen, 0.0), rounds))
+        kept.add(kind, count, [_megabytes(engine.judge(seen, 0.0))])
         print(f"{kind}, {count} words: {times.lines[f'{kind}, attend and judge'][-1][1]} ms", flush=True)
 
 
-def _words(count: int) -> list[str]:
-    return list(GROUND_WORDS)[:count]
-
-
-def _forget(seen: Observation) -> None:
-    """Drops the maps that were made of a frame before, as if it were new."""
+def judge_new(engine: AnyTraverse, seen: Observation) -> None:
+    """Judges a frame as if no maps had been made of it before."""
     seen.attended = {}
     if hasattr(seen.features, "maps"):
         seen.features.maps = {}
+    engine.judge(seen, 0.0)
 
 
 def _megabytes(found: Any) -> float:

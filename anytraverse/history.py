@@ -199,6 +199,6 @@ class History(Sequence[Entry]):
 
 
 _COMPARABLE: WeakKeyDictionary[History, tuple[int, list[Entry], _Rows]] = WeakKeyDictionary()
-"""History -> what `_comparable` found, since a changed scene is compared in every frame. No attribute: those are
-sent from process to process.
+"""History -> length, entries and rows of `_comparable`, since every frame of a changed scene is compared.
+They are no attribute: attributes are sent from process to process.
 """

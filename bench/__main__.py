@@ -3,7 +3,7 @@
 Each leaves NAME.json in the folder of the results, in one form: command, commit, time, machine, figures with
 units and spread, and whether it ran, was skipped or failed, and why. Of all results in the folder it makes
 one page, index.html. The exit code is 1 if one failed, or became worse than in --against by more than the
-spread of both. Run: make bench, or python -m bench [growth link] [--quick] [--against FOLDER]
+spread of both and 15 %. Run: make bench, or python -m bench [growth link] [--quick] [--against FOLDER]
 """
 
 from __future__ import annotations

@@ -8,6 +8,9 @@ from typing import NamedTuple
 from bench.result import RAN, Figure, Result
 
 WORSE, BETTER, ALIKE, UNKNOWN = "worse", "better", "within the spread", "spread not known"
+RUN_TO_RUN = 0.15
+"""Share by which a figure may differ whatever its spread, which is that of one run. Another one of the same
+code, half an hour later, differed by up to 12 % beyond the quartiles of both."""
 _LIKE_FOR_LIKE = ("cpu", "cores", "architecture")
 
 
@@ -38,6 +41,8 @@ def changes(results: Mapping[str, Result], earlier: Mapping[str, Result]) -> Ite
 def _verdict(before: Figure, now: Figure) -> str:
     if before.spread is None or now.spread is None:
         return ALIKE if before.value == now.value else UNKNOWN
+    if abs(now.value - before.value) <= RUN_TO_RUN * abs(before.value):
+        return ALIKE
     if now.spread[0] > before.spread[1]:
         return WORSE if now.better == "less" else BETTER
     if now.spread[1] < before.spread[0]:

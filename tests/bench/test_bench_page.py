@@ -48,11 +48,14 @@ def figure(value: float, low: float | None, high: float | None, better: str = "l
         (figure(5, 4, 6), figure(7, 6, 8), ALIKE),
         (figure(5, 4, 6, "more"), figure(8, 7, 9, "more"), BETTER),
         (figure(8, 7, 9, "more"), figure(5, 4, 6, "more"), WORSE),
+        (figure(100, 99, 101), figure(112, 111, 113), ALIKE),
         (figure(5, None, None), figure(50, 49, 51), UNKNOWN),
         (figure(0, None, None), figure(0, None, None), ALIKE),
     ],
 )
-def test_a_figure_is_worse_only_beyond_the_spread_of_both(before: Figure, now: Figure, verdict: str) -> None:
+def test_a_figure_is_worse_only_beyond_the_spread_of_both_and_what_runs_differ_by(
+    before: Figure, now: Figure, verdict: str
+) -> None:
     (change,) = changes({"link": result(step=now)}, {"link": result(step=before)})
     assert change.verdict == verdict
 

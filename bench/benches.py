@@ -133,8 +133,8 @@ BENCHES = {
         (12, 0.4),
         _rise("own memory", "memory rises", "MB"),
         _rise("journal, log, calls, pictures", "files rise", "MB"),
-        _rise("judged, median", "a judged frame rises", "ms"),
-        _rise("turns of the daemon, median", "the daemon's turns rise", "ms"),
+        _rise("judged", "a judged frame rises", "times the yardstick"),
+        _rise("turns of the daemon", "the daemon's turns rise", "times the yardstick"),
     ),
     "cost": Bench(
         "bench.perception.cost",

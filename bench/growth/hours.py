@@ -2,7 +2,8 @@
 
 In virtual time and one process: the daemon as it ships with journal, log, pictures and link, and the engine
 with `builtin`. Calls are opened and answered, a parameter is set every two seconds, and the link is cut for
-half a minute of every five: the rover and the operator are those of `bench.faults.endurance`.
+half a minute of every five: the rover and the operator are those of `bench.faults.endurance`. Other programs
+slow down a computer for minutes; so times are compared with those of a yardstick, the network on one picture.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import logging
 import math
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from statistics import median
@@ -19,6 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from anytraverse.perception import make_perceiver
+from anytraverse.perception.runtime import Runtime
 from bench.faults.endurance import PERIOD, TURNS, CutRadio, Endurance, Operator, own_memory
 from bench.link.lossy import virtual_time
 from bench.link.radio_model import LinkConditions
@@ -56,8 +59,10 @@ def drive(frames: int, folder: Path) -> list[Series]:
     memory = Series("Memory of daemon and engine", "frames", "MB")
     disk = Series("Files of the rover", "frames", "MB")
     times = Series("Time of a frame, and of the daemon's turns in it", "frames", "ms of CPU")
+    against = Series("The same, in times of the yardstick", "frames", "times")
     every = max(1, frames // _SAMPLES)
-    judged, turned = list[float](), list[float]()
+    judged, turned, measured = list[float](), list[float](), list[float]()
+    measure_yardstick = _yardstick()
     with virtual_time() as clock, ExitStack() as closed:
         radio = CutRadio(LinkConditions(), "1")
         rover = closed.enter_context(closing(Endurance(folder, radio, 1)))
@@ -70,6 +75,8 @@ def drive(frames: int, folder: Path) -> list[Series]:
             judged.append((time.process_time() - begun) * 1e3)
             if number % 20 == 0:
                 operator.set_parameter()
+            if number % min(20, every) == 0:
+                measured.append(measure_yardstick())
             begun = time.process_time()
             for _ in range(TURNS):
                 clock.now += PERIOD / TURNS
@@ -81,12 +88,28 @@ def drive(frames: int, folder: Path) -> list[Series]:
             if number % every == 0:
                 memory.add("own memory", number, [own_memory()])
                 disk.add("journal, log, calls, pictures", number, [_bytes_in(folder) / 1e6])
+                times.add("yardstick, median", number, [median(measured)])
                 for name, found in (("judged", judged), ("turns of the daemon", turned)):
                     times.add(f"{name}, median", number, [median(found)])
                     times.add(f"{name}, 99 %", number, [float(np.quantile(found, 0.99))])
+                    against.add(name, number, [median(found) / median(measured)])
                     found.clear()
+                measured.clear()
         print(f"{frames} frames, {operator.calls} calls, {operator.acknowledged} acknowledged", flush=True)
-    return [memory, disk, times]
+    return [memory, disk, times, against]
+
+
+def _yardstick() -> Callable[[], float]:
+    """Returns what measures the ms of CPU time of the network on one picture, always the same."""
+    perceiver = make_perceiver("builtin", Runtime(threads=1))
+    picture = np.random.default_rng(0).integers(0, 256, (96, 128, 3), dtype=np.uint8)
+
+    def measure_it() -> float:
+        begun = time.process_time()
+        perceiver.encode(picture)
+        return (time.process_time() - begun) * 1e3
+
+    return measure_it
 
 
 def _bytes_in(folder: Path) -> int:

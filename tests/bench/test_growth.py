@@ -52,10 +52,11 @@ def test_a_frame_and_its_pictures_are_measured_by_size(monkeypatch: pytest.Monke
 
 def test_a_drive_is_measured_over_its_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hours, "_SAMPLES", 10)
-    memory, disk, times = drive(30, tmp_path)
+    memory, disk, times, against = drive(30, tmp_path)
     _has(memory, list(range(3, 31, 3)), 1)
     _has(disk, list(range(3, 31, 3)), 1)
-    _has(times, list(range(3, 31, 3)), 4)
+    _has(times, list(range(3, 31, 3)), 5)
+    _has(against, list(range(3, 31, 3)), 2)
     assert slope(memory.lines["own memory"]).low <= slope(memory.lines["own memory"]).value
 
 

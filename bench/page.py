@@ -56,7 +56,7 @@ def _machine(results: Sequence[Result]) -> str:
     """Tells of each machine what the results of it share."""
     told: dict[str, list[str]] = {}
     for one in results:
-        facts = [f"{key} {one.run[key]}" for key in _FACTS if key in one.run]
+        facts = [f"{key} {one.run[key]}" for key in _FACTS if one.run.get(key) is not None]
         told.setdefault(", ".join(facts), []).append(one.name)
     lines = [
         f"{escape(facts)}{': ' + escape(', '.join(names)) if len(told) > 1 else ''}"

@@ -80,10 +80,14 @@ def _colour(number: int) -> str:
 
 
 def _axis(values: Sequence[float], *, own_ticks: bool) -> _Axis:
-    """Makes a logarithmic axis where values differ much, else one from 0. own_ticks: one for each of few."""
+    """Makes a logarithmic axis where values differ much, else one from 0.
+
+    own_ticks: each of few values has one; many are samples, and lie on an axis from 0.
+    """
     least, most = min(values), max(values)
     own = tuple(sorted(set(values))) if own_ticks and len(set(values)) <= _FEW else ()
-    if least > 0 and most >= (_FACTOR_OF_FEW if own else _FACTOR) * least:
+    factor = _FACTOR_OF_FEW if own else math.inf if own_ticks else _FACTOR
+    if least > 0 and most >= factor * least:
         low, high = math.log10(least), math.log10(most)
         if not own:
             low, high = math.floor(low), math.ceil(high)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from bench.result import RAN, Figure, Result
+from bench.result import RAN, Figure, Result, points_of
 
 WORSE, BETTER, ALIKE, UNKNOWN = "worse", "better", "within the spread", "spread not known"
 RUN_TO_RUN = 0.15
 """Share by which a figure may differ whatever its spread, which is that of one run. Another one of the same
 code, half an hour later, differed by up to 12 % beyond the quartiles of both."""
+_FEW = 12
+"""Points that a line has at most where each is a figure to compare; more are samples over time."""
 _LIKE_FOR_LIKE = ("cpu", "cores", "architecture")
 
 
@@ -31,11 +33,17 @@ def changes(results: Mapping[str, Result], earlier: Mapping[str, Result]) -> Ite
         before = earlier.get(name)
         if before is None or {before.state, result.state} != {RAN} or before.command != result.command:
             continue
-        for what, now in result.figures.items():
-            old = before.figures.get(what)
+        known = _figures(before)
+        for what, now in _figures(result).items():
+            old = known.get(what)
             if old is not None and now.better and old.unit == now.unit:
                 share = now.value / old.value - 1 if old.value else None
                 yield Change(name, what, old, now, _verdict(old, now), share)
+
+
+def _figures(result: Result) -> dict[str, Figure]:
+    """Returns the figures, and the points of the series but for samples over time."""
+    return {**result.figures, **dict(points_of(result.series, _FEW))}
 
 
 def _verdict(before: Figure, now: Figure) -> str:

@@ -107,13 +107,11 @@ def _result(name: str, result: Result, before: Mapping[tuple[str, str], Change])
     ]
     if result.why:
         parts.append(f'<p class="{result.state}">{escape(result.why)}</p>')
-    in_plots = tuple(f"{series['title']}: " for series in result.series)
     rows = []
     for what, figure in result.figures.items():
-        if not what.startswith(in_plots):
-            change = before.get((name, what))
-            earlier = [_value(change.before), _share(change)] if change else ["", ""]
-            rows.append([escape(what), _value(figure), *earlier])
+        change = before.get((name, what))
+        earlier = [_value(change.before), _share(change)] if change else ["", ""]
+        rows.append([escape(what), _value(figure), *earlier])
     if rows:
         heads = ("figure", "measured", "before", "change") if before else ("figure", "measured")
         parts.append(_table(heads, [row[: len(heads)] for row in rows]))

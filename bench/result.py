@@ -39,8 +39,8 @@ class Result:
 
     command: as a person types it, with OUT for the folder of the results. state: `RAN`, `SKIPPED` or
     `FAILED`, with the reason in `why`. seconds: that it took. run: commit, time and machine, as of
-    `describe_run`. figures: text -> figure. series: plots, as of `bench.series`. told: the benchmark's whole
-    last line, None where it was no JSON object.
+    `describe_run`. figures: text -> figure. series: plots, as of `bench.series`. told: the rest of
+    the benchmark's last line, None where that was no JSON object.
     """
 
     name: str
@@ -107,20 +107,22 @@ def last_line(text: str) -> dict[str, Any]:
 
 
 def figures_of(told: Mapping[str, Any], quoted: tuple[Quoted, ...]) -> dict[str, Figure]:
-    """Returns the quoted figures, and each point of the series. Raises RubbishError."""
+    """Returns the quoted figures, and checks the series. Raises RubbishError."""
     found = {one.what: figure for one in quoted if (figure := one.found(told)) is not None}
     if quoted and not found and "skipped" not in told:
         raise RubbishError(f"its last line has none of its figures, such as {quoted[0].path}")
     try:
-        return found | dict(_points(told.get("series", ())))
+        list(points_of(told.get("series", ())))
+        return found
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RubbishError(f"its series cannot be read: {error!r}") from error
 
 
-def _points(all_series: Any) -> Iterator[tuple[str, Figure]]:
+def points_of(all_series: Any, most: float = math.inf) -> Iterator[tuple[str, Figure]]:
+    """Yields each point of the lines that have at most so many; what it is, and the figure."""
     for series in all_series:
         for line, points in series["lines"].items():
-            for x, *figures in points:
+            for x, *figures in points if len(points) <= most else ():
                 value, low, high = map(float, figures)
                 if not all(map(math.isfinite, (x, value, low, high))):
                     raise ValueError(f"{line} at {x} is not finite")

@@ -63,7 +63,7 @@ def _once(result: Result, bench: Bench, command: list[str], out: Path, *, quick:
     except RubbishError as error:
         ended = f"it ended with {code}, and " if code else ""
         return replace(result, state=FAILED, why=f"{ended}{error}{_last_words(errors, code)}")
-    result = replace(result, told=told, figures=found, series=tuple(told.get("series", ())))
+    result = replace(result, told=told, figures=found, series=tuple(told.pop("series", ())))
     if "skipped" in told:
         return replace(result, state=SKIPPED, why=str(told["skipped"]))
     if code:

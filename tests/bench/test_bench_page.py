@@ -69,6 +69,17 @@ def test_only_figures_of_the_same_command_and_unit_that_have_a_better_side_are_c
     assert not list(changes({"link": now}, {"vision": before}))
 
 
+def test_points_of_plots_are_compared_but_not_samples_over_time() -> None:
+    def plotted(factor: float, count: int) -> Result:
+        points = [[float(x), x * factor, x * factor, x * factor] for x in range(1, count + 1)]
+        return replace(RESULT, series=(Series("T", "words", "ms", {"a": points}).as_json(),))
+
+    changed = list(changes({"link": plotted(2, 3)}, {"link": plotted(1, 3)}))
+    assert [one.what for one in changed] == ["T: a, 1.0 words", "T: a, 2.0 words", "T: a, 3.0 words"]
+    assert {one.verdict for one in changed} == {WORSE}
+    assert not list(changes({"link": plotted(2, 50)}, {"link": plotted(1, 50)}))
+
+
 def test_another_machine_is_told() -> None:
     slow = replace(RESULT, run={**MACHINE, "cpu": "slow"})
     assert other_machine({"link": RESULT}, {"link": slow, "vision": RESULT}) == "cpu a fast one, before slow"

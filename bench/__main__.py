@@ -37,7 +37,8 @@ def main(arguments: list[str] | None = None) -> int:
         ran.append(result)
         _say(f"{name}: {result.state} in {result.seconds:.0f} s{': ' * bool(result.why)}{result.why}")
         _write_page(given.out, given.against)
-    worse = [one for one in _write_page(given.out, given.against) if one.verdict == WORSE]
+    changed = _write_page(given.out, given.against)
+    worse = [one for one in changed if one.verdict == WORSE and one.name in given.names]
     for one in worse:
         _say(f"worse: {one.name}: {one.what}: {one.before.value:g}, now {one.now.value:g} {one.now.unit}")
     _say(f"the page: {given.out / 'index.html'}")

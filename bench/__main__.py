@@ -11,12 +11,13 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from bench.benches import BENCHES, Bench, chosen
 from bench.comparing import WORSE, Change, changes, other_machine
 from bench.page import page
-from bench.result import FAILED, read_results, write_result
+from bench.result import FAILED, Result, read_results, write_result
 from bench.running import run
 
 OUT = Path("bench-out") / "results"
@@ -29,15 +30,15 @@ def main(arguments: list[str] | None = None) -> int:
         _list(given.names)
         return 0
     given.out.mkdir(parents=True, exist_ok=True)
-    ran = []
+    earlier = read_results(given.against) if given.against is not None else {}
+    ran, changed = list[Result](), list[Change]()
     for name, bench in given.names.items():
         _say(f"{name}: about {_minutes(bench.minutes[given.quick] * given.rounds)}")
         result = run(name, bench, given.out, quick=given.quick, rounds=given.rounds)
         write_result(given.out, result)
         ran.append(result)
         _say(f"{name}: {result.state} in {result.seconds:.0f} s{': ' * bool(result.why)}{result.why}")
-        _write_page(given.out, given.against)
-    changed = _write_page(given.out, given.against)
+        changed = _write_page(given.out, str(given.against or ""), earlier)
     worse = [one for one in changed if one.verdict == WORSE and one.name in given.names]
     for one in worse:
         _say(f"worse: {one.name}: {one.what}: {one.before.value:g}, now {one.now.value:g} {one.now.unit}")
@@ -45,13 +46,12 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if worse or any(one.state == FAILED for one in ran) else 0
 
 
-def _write_page(out: Path, against: Path | None) -> list[Change]:
-    """Makes the page of all results in the folder, and returns what changed."""
+def _write_page(out: Path, against: str, earlier: Mapping[str, Result]) -> list[Change]:
+    """Makes the page of all results in the folder, and returns what changed since the earlier ones."""
     found = read_results(out)
     results = {name: found[name] for name in BENCHES if name in found}
-    earlier = read_results(against) if against is not None else {}
     changed = list(changes(results, earlier))
-    text = page(results, changed, str(against or ""), other_machine(results, earlier))
+    text = page(results, changed, against, other_machine(results, earlier))
     (out / "index.html").write_text(text, encoding="utf-8")
     return changed
 

@@ -162,6 +162,7 @@ def test_a_run_goes_on_after_a_failure_and_ends_with_1(
     assert [one.state for one in read_results(out).values()] == [RAN, FAILED]
     assert "its last line is no JSON object" in (out / "index.html").read_text()
     assert bench.__main__.main(["house", "--out", str(out), "--against", str(out)]) == 0
+    assert "Compared with" in (out / "index.html").read_text()
     assert "the page: " in capsys.readouterr().out
     for wrong in (["speed"], ["house", "--rounds", "0"], ["house", "--against", str(tmp_path)]):
         with pytest.raises(SystemExit):

@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo console test lint types check interop bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants house faults service vm deb clean
+.PHONY: help demo console test lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants house faults service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -31,6 +31,9 @@ check: lint types test ## all three, as before a commit
 
 interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.2 GB of packages); ARGS as for test
 	@INTEROP=.venv-interop $(PYTHON_IN_VENV) -m pytest tests/interop $(ARGS)
+
+bench: ready-dev ## run all benchmarks (many hours), or some: ARGS=--quick (minutes), "growth link", --list; a page is made
+	@$(PYTHON_IN_VENV) -m bench $(ARGS) $${OUT:+--out "$$OUT"}
 
 bench-clipseg: ready-export ## time the bundles of any word against the authors' step (GBs of packages and models); ARGS=--quick, OUT=folder
 	@$(PYTHON_IN_VENV) -m bench.clipseg $(ARGS) $${OUT:+--out "$$OUT"}

@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,15 +92,22 @@ def cosine(one: Embedding, other: Embedding) -> float:
     """
     if one.ndim != 1 or one.shape != other.shape:
         return math.nan
-    return float(_cosines(one[np.newaxis], other)[0])
+    return float(_Rows(one[np.newaxis]).cosines(other)[0])
 
 
-def _cosines(rows: NDArray[np.float32], vector: Embedding) -> NDArray[np.float64]:
-    wide, long = rows.astype(np.float64), vector.astype(np.float64)
-    norms = np.linalg.norm(wide, axis=1) * np.linalg.norm(long)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        similarities = np.clip(wide @ long / norms, -1.0, 1.0)
-    return np.where(np.isfinite(norms), similarities, np.nan)
+class _Rows:
+    """Holds embeddings of one length, one a row, ready to be compared with many frames."""
+
+    def __init__(self, rows: NDArray[np.float32]) -> None:
+        self._wide = rows.astype(np.float64)
+        self._norms = np.linalg.norm(self._wide, axis=1)
+
+    def cosines(self, vector: Embedding) -> NDArray[np.float64]:
+        long = vector.astype(np.float64)
+        norms = self._norms * np.linalg.norm(long)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            similarities = np.clip(self._wide @ long / norms, -1.0, 1.0)
+        return np.where(np.isfinite(norms), similarities, np.nan)
 
 
 def _refuses(entry: Entry, embedding: Embedding, similarity: float) -> bool:
@@ -141,14 +149,25 @@ class History(Sequence[Entry]):
 
     def nearest(self, embedding: Embedding) -> Iterator[Match]:
         """Yield all entries, the most similar first, but for those that `matches` leaves out."""
-        fitting = [entry for entry in reversed(self._entries) if entry.embedding.shape == embedding.shape]
-        if not fitting or embedding.ndim != 1:
+        if embedding.ndim != 1:
             return
-        similarities = _cosines(np.stack([entry.embedding for entry in fitting]), embedding)
+        fitting, rows = self._comparable(embedding.size)
+        if not fitting:
+            return
+        similarities = rows.cosines(embedding)
         for index in np.argsort(-similarities, kind="stable"):  # NaN comes last
             entry, similarity = fitting[index], float(similarities[index])
             if math.isfinite(similarity) and not _refuses(entry, embedding, similarity):
                 yield Match(entry, similarity)
+
+    def _comparable(self, length: int) -> tuple[list[Entry], _Rows]:
+        """Return the entries whose embeddings have this length, the newest first, and these embeddings."""
+        known = _COMPARABLE.get(self)
+        if known is None or known[0] != length:
+            fitting = [entry for entry in reversed(self._entries) if entry.embedding.shape == (length,)]
+            rows = np.array([entry.embedding for entry in fitting], np.float32).reshape(len(fitting), length)
+            known = _COMPARABLE[self] = (length, fitting, _Rows(rows))
+        return known[1], known[2]
 
     def refusing(self, orders: Collection[int], embedding: Embedding) -> History:
         """Return this history with a frame of another place noted at the entries of these stamps.
@@ -177,3 +196,9 @@ class History(Sequence[Entry]):
     def without_call(self, call_id: int) -> History:
         """Return this history without the entry that the answer to one call made."""
         return History([entry for entry in self._entries if entry.call_id != call_id], self.limit)
+
+
+_COMPARABLE: WeakKeyDictionary[History, tuple[int, list[Entry], _Rows]] = WeakKeyDictionary()
+"""History -> length, entries and rows of `_comparable`, since every frame of a changed scene is compared.
+They are no attribute: attributes are sent from process to process.
+"""

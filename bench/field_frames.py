@@ -1,8 +1,11 @@
-"""Measures how long the simulated field's camera takes for a frame: `python bench/field_frames.py`."""
+"""Measures how long the simulated field's camera takes for a frame: `python -m bench.field_frames`.
+
+The last line is one JSON object.
+"""
 
 from __future__ import annotations
 
-import sys
+import json
 import time
 
 import cv2
@@ -16,6 +19,7 @@ from companion.sim.field.trail import ZONES
 def main(seeds: tuple[int, ...] = (1, 2, 3), frames: int = 200) -> None:
     """Prints milliseconds of CPU time for a frame on one core, over laps of several worlds."""
     cv2.setNumThreads(1)
+    found = {}
     for width, height in ((320, 240), (640, 480)):
         spent: dict[str, list[float]] = {zone: [] for zone in ZONES}
         for seed in seeds:
@@ -28,10 +32,13 @@ def main(seeds: tuple[int, ...] = (1, 2, 3), frames: int = 200) -> None:
                 spent[trail.zone(s)].append(1e3 * (time.process_time() - begin))
         every = np.concatenate([np.asarray(times) for times in spent.values()])
         zones = ", ".join(f"{zone} {np.mean(times):.1f}" for zone, times in spent.items())
-        sys.stdout.write(
+        slow = float(np.percentile(every, 95))
+        found[f"{width}x{height}"] = {"ms": round(float(every.mean()), 2), "ms_p95": round(slow, 2)}
+        print(
             f"{width}x{height}: {every.mean():.1f} ms a frame ({1e3 / every.mean():.0f}/s), "
-            f"95 % below {np.percentile(every, 95):.1f}, worst {every.max():.1f}; {zones}\n"
+            f"95 % below {slow:.1f}, worst {every.max():.1f}; {zones}"
         )
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ import argparse
 import json
 import logging
 import os
-import platform
 import random
 import signal
 import sys
@@ -205,8 +204,7 @@ def main() -> int:
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
     figures = losses(options.kind, options.losses, options.seed)
-    machine = f"{os.cpu_count()} cores {platform.machine()}, load {os.getloadavg()[0]:.0f}"
-    print(json.dumps({"kind": options.kind, "machine": machine, **figures}))
+    print(json.dumps({"kind": options.kind, **figures}))
     missed = figures["noticed_s"].get("max", 0.0) == float("inf")
     return int(missed or bool(figures["stale"] or figures["back_late"]))
 

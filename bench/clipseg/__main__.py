@@ -3,7 +3,7 @@
 It makes checkpoints with random weights and the true architectures, exports bundles (CLIPSeg in three sizes,
 SigLIP 2, TIPSv2), and runs all contestants in turn, each in a process of its own; together they take some
 7 GB of memory, and the models 6 GB of disk. A full run writes bench/results/clipseg.md and .json; any run
-writes them and clipseg.png into the folder --out. The last line of the output is one JSON object.
+writes them into the folder --out. The last line of the output is one JSON object.
 Run: make bench-clipseg, or python -m bench.clipseg [--quick] [--tiny] [--out FOLDER]
 """
 
@@ -15,13 +15,14 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 from bench.clipseg.contestants import Plan
 from bench.clipseg.frames import COUNTS, SIZES
 from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE, bundle_of
-from bench.clipseg.machine import describe_machine, describe_run
 from bench.clipseg.measuring import measure
 from bench.clipseg.results import Results, figures
+from bench.machine import describe_run
 
 PREPARING = 1800.0
 """Deadline in seconds for making the checkpoints, or the bundles."""
@@ -80,11 +81,10 @@ def _prepare(module: str, *arguments: str) -> None:
         sys.exit(f"{module} failed: what went wrong stands above")
 
 
-def _publish(results: Results, models: Path, given: argparse.Namespace, run: dict[str, str]) -> None:
-    from bench.clipseg.plot import draw
+def _publish(results: Results, models: Path, given: argparse.Namespace, run: dict[str, Any]) -> None:
     from bench.clipseg.report import SHOWN, count_work, write_report
 
-    machine = {**run, **describe_machine(), "threads": given.threads}
+    machine = {**run, "threads": given.threads}
     text = write_report(results, machine, count_work(models, SHOWN[1], given.tiny))
     line = figures(results) | machine
     places = [given.out]
@@ -93,9 +93,8 @@ def _publish(results: Results, models: Path, given: argparse.Namespace, run: dic
     for place in places:
         (place / "clipseg.md").write_text(f"{text}\n")
         (place / "clipseg.json").write_text(json.dumps(line, indent=1) + "\n")
-    draw(results, given.out / "clipseg.png")
     print(text)
-    print(f"\nclipseg.md, clipseg.json in {' and '.join(map(str, places))}; clipseg.png in {given.out}\n")
+    print(f"\nclipseg.md, clipseg.json in {' and '.join(map(str, places))}\n")
     print(json.dumps(line))
 
 

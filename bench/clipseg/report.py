@@ -8,9 +8,9 @@ from typing import Any
 
 from bench.clipseg.frames import COUNTS, SIZES
 from bench.clipseg.lineup import BUNDLES, CONTESTANTS, OURS, REFERENCE
-from bench.clipseg.ratios import spread
 from bench.clipseg.results import Results
 from bench.clipseg.work import ClipSegWork, Transformer, dense_image, dense_scores, read_clip, read_clipseg
+from bench.ratios import spread
 
 SHOWN = (SIZES[0], 4)
 """The case whose parts are shown."""

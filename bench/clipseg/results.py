@@ -12,7 +12,8 @@ from bench.clipseg.contestants import Sample
 from bench.clipseg.frames import COUNTS, SIZES
 from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE
 from bench.clipseg.measuring import Samples
-from bench.clipseg.ratios import Spread, ratio, spread
+from bench.ratios import Spread, ratio, spread
+from bench.series import Series
 
 EMBEDDING_PARTS = ("scene", "tail")
 
@@ -126,7 +127,17 @@ def figures(results: Results) -> dict[str, Any]:
         ):
             if value is not None:
                 line[f"{key}_{name}"] = round(value, digits)
-    return line
+    return line | {"series": [_times(results, size).as_json() for size in results.sizes]}
+
+
+def _times(results: Results, size: tuple[int, int]) -> Series:
+    """Returns the CPU time of a step by the number of prompts, for a plot."""
+    series = Series(f"A step at {size[0]}x{size[1]}", "prompts", "ms of CPU")
+    for name in results.names:
+        for count in COUNTS:
+            if seconds := results.cpu(name, size, count):
+                series.add(CONTESTANTS[name].label, count, [1e3 * one for one in seconds])
+    return series
 
 
 def _ratio(

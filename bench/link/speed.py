@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import select
 import socket
 import time
@@ -77,13 +76,11 @@ def share_at(rate: float, seconds: float) -> float:
 
 
 def run(seconds: float, folder: Path) -> dict[str, Any]:
-    """Runs all measurements, each CPU share over `seconds` s. load: of the machine, over the last minute."""
+    """Runs all measurements, each CPU share over `seconds` s."""
     return {
         "handled": handled(),
         "share_at_1_hz": share_at(1.0, seconds),
         "share_at_5_hz": share_at(5.0, seconds),
         "seeing_at_1_hz": seeing(1.0, 6 * seconds, folder / "1"),
         "seeing_at_5_hz": seeing(5.0, 3 * seconds, folder / "5"),
-        "load": round(os.getloadavg()[0], 1),
-        "cores": len(os.sched_getaffinity(0)),
     }

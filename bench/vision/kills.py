@@ -170,8 +170,9 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
     assert memory is not None
     kept = {word: round(memory.preferences[word], 3) for word in memory.preferences}
     lost = [word for word, weight in told.items() if abs(kept.get(word, 9.0) - weight) > 1e-3]
-    # The clock counts the first reference, each return of the process, and each answer that was applied.
-    twice = memory.clock - 1 - returns.count - answers
+    # The clock counts the first reference, if a frame was judged at all between the kills, each return of the
+    # process, and each answer that was applied.
+    twice = memory.clock - (memory.reference is not None) - returns.count - answers
     return {
         "kills": killed,
         "answers": answers,

@@ -16,6 +16,7 @@ from functools import partial
 from typing import NoReturn
 
 from anytraverse.errors import AnyTraverseError
+from anytraverse.history import Entry
 from companion.cameras import open_camera
 from companion.cameras.newest import CameraThread, Patience
 from companion.system.child_process import end_with, step_back
@@ -118,7 +119,7 @@ def main(descriptor: int, parent: int) -> NoReturn:
 
 
 def _serve(port: Port) -> None:
-    start = _receive_start(port)
+    start = receive_start(port)
     camera, freshness = start.config.camera, start.config.freshness
     reader = CameraThread(
         partial(open_camera, camera.source, start.config.camera_options),
@@ -157,15 +158,17 @@ def _send_alive(port: Port, reader: CameraThread) -> None:
     port.send(Alive(reader.status, reader.delivered_at))
 
 
-def _receive_start(port: Port) -> Start:
+def receive_start(port: Port) -> Start:
+    """Wait for the first message, and for all remembered scenes that follow it."""
     start: Start | None = None
-    while start is None or start.more:
+    scenes: list[Entry] = []
+    while start is None or len(scenes) < start.more:
         for request in port.requests(timeout=10.0):
             if isinstance(request, Start):
                 start = request
-            elif isinstance(request, Scenes) and start is not None:
-                start = start.joined(request.entries)
-    return start
+            elif isinstance(request, Scenes):
+                scenes += request.entries
+    return start.joined(tuple(scenes)) if scenes else start
 
 
 def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anytraverse.history import Embedding, Entry, History, cosine, is_embedding
+from anytraverse.history import _COMPARABLE, Embedding, Entry, History, cosine, is_embedding
 from anytraverse.preferences import Preferences
 
 
@@ -98,3 +99,28 @@ def test_what_one_call_taught_is_forgotten_and_the_rest_stays() -> None:
     assert [one.call_id for one in history.without_call(7)] == [0, 8]
     assert history.without_call(9).limit == history.limit
     assert len(history) == 3
+
+
+def test_a_history_is_compared_again_with_scenes_of_any_length_and_follows_its_changes() -> None:
+    history = History([entry(at(0), 1), entry(vector(0, 0, 1), 2), entry(at(90), 3)])
+    for seen, order in ((at(10), 1), (vector(0, 1, 1), 2), (at(80), 3), (at(10), 1)):
+        best = history.best(seen)
+        assert best is not None
+        assert best.entry.order == order
+    assert history.best(vector(1, 0, 0, 0)) is None
+    after = history.added(entry(at(10), 4))
+    assert [
+        one.matches(at(10), 0.999)[0].entry.order for one in (after, history.added(entry(at(11), 5)))
+    ] == [4, 5]
+    assert not history.matches(at(10), 0.999)
+
+
+def test_what_a_history_was_compared_by_goes_with_it_and_is_not_sent() -> None:
+    history = History([entry(at(0), 1)])
+    known = len(_COMPARABLE)
+    history.best(at(5))
+    assert len(_COMPARABLE) == known + 1
+    assert vars(history).keys() == vars(History()).keys()
+    del history
+    gc.collect()
+    assert len(_COMPARABLE) <= known

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.clipseg.ratios import ratio, spread
+from bench.ratios import ratio, spread
 
 
 def test_a_ratio_is_the_median_of_pairs_not_of_medians() -> None:

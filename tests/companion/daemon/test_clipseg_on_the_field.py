@@ -26,6 +26,7 @@ from anytraverse.pace import Pace
 from companion.sim.demo.child import Child
 from companion.sim.demo.operator import start_operator
 from companion.sim.field.control import FieldControl
+from companion.vision.worker import STORED_FRAMES
 
 SECONDS = float(os.environ.get("ANYTRAVERSE_FIELD_SECONDS", "14"))
 RATE = 2.0
@@ -34,8 +35,12 @@ SLACK = 6.0
 SHORTEST_FRESHNESS, LONGEST_FRESHNESS = 2.0, 10.0
 READY_WITHIN = 120.0
 PEAK_MB = 900.0
-GROWTH_MB = 40.0
-"""In half a drive: 6 to 10 were measured on a quiet machine, and once 23.6 on a busy one."""
+FRAME_MB = 8.4
+"""What a judged frame keeps with four words, for answers to its call: `python -m bench.growth words`."""
+ALLOCATOR_MB = 16.0
+"""What the allocator keeps of one frame's work, and gives back and takes again from frame to frame."""
+GROWTH_MB = STORED_FRAMES * FRAME_MB + ALLOCATOR_MB
+"""In half a drive: of how many calls frames are stored in it depends on how late a busy machine calls."""
 
 CLI = [sys.executable, "-m", "anytraverse.cli"]
 CONFIG = """

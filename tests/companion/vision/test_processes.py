@@ -12,13 +12,22 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 
-from companion.vision.process import Port, _Lines
+from anytraverse.history import Entry, History
+from anytraverse.memory import first_memory
+from anytraverse.preferences import Preferences
+from companion.config import Config
+from companion.vision.codec import encode
+from companion.vision.memory_copy import MemoryCopy
+from companion.vision.messages import Scenes, Start
+from companion.vision.process import Port, _Lines, receive_start
 from tests.companion.daemon.rig import picture
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -113,6 +122,24 @@ def test_a_line_of_the_log_that_cannot_be_made_costs_that_line_only(
             handler.handle(logging.LogRecord("x", logging.INFO, "", 0, "%d of %s", (number, "n"), None))
         assert [line.text for line in port.lines] == ["1 of n", "3 of n"]
     assert "Arguments: ('two', 'n')" in capsys.readouterr().err
+
+
+def test_a_new_vision_process_waits_until_it_has_all_remembered_scenes() -> None:
+    words = Preferences.parse("grass: 1")
+    scenes = [Entry(np.ones(2, np.float32), words, order, order, order) for order in range(1, 151)]
+    memory = replace(first_memory("eyes", words, 200), history=History(scenes, 200), clock=150)
+    copy = MemoryCopy(memory)
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        first, more = copy.first_part()
+        theirs.sendall(encode(Start(Config(), first, 7, 1, more)))
+        while part := copy.next_scenes():
+            theirs.sendall(encode(Scenes(part)))
+        start = receive_start(Port(ours))
+    assert start.more == 0
+    assert start.revision == 7
+    assert start.memory is not None
+    assert [entry.order for entry in start.memory.history] == list(range(1, 151))
 
 
 @pytest.mark.parametrize("order", ["", "lock"], ids=["well", "hung with the lock"])

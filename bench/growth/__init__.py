@@ -1,0 +1,1 @@
+"""How the cost of judging, remembering and storing grows."""

@@ -1,0 +1,136 @@
+"""Runs an hour's frames as fast as they go, and measures whether memory, disk or times rise with them.
+
+In virtual time and one process: the daemon as it ships with journal, log, pictures and link, and the engine
+with `builtin`. Calls are opened and answered, a parameter is set every two seconds, and the link is cut for
+half a minute of every five: the rover and the operator are those of `bench.faults.endurance`. Other programs
+slow down a computer for minutes; so times are compared with those of a yardstick, the network on one picture.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+
+from anytraverse.perception import make_perceiver
+from anytraverse.perception.runtime import Runtime
+from bench.faults.endurance import PERIOD, TURNS, CutRadio, Endurance, Operator, own_memory
+from bench.link.lossy import virtual_time
+from bench.link.radio_model import LinkConditions
+from bench.series import Series
+from companion.storage.log_file import log_to_file
+
+FRAMES = 36_000
+QUICK = 600
+_SAMPLES = 50
+_BLOCKS = 8
+_SETTLING = 0.2
+"""Share of the frames that do not count for the slope: the memory of scenes and pictures fills meanwhile."""
+_T_975 = {2: 4.303, 3: 3.182, 4: 2.776, 5: 2.571, 6: 2.447, 7: 2.365, 8: 2.306}
+"""Degrees of freedom -> Student's t of a 95 % interval."""
+
+
+class Slope(NamedTuple):
+    """A rise per 100,000 frames, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
+    """Measures an hour at ten frames/s; quick: one minute. `bundle` is not needed."""
+    del bundle
+    with tempfile.TemporaryDirectory(prefix="growth-") as folder:
+        return drive(QUICK if quick else FRAMES, Path(folder))
+
+
+def drive(frames: int, folder: Path) -> list[Series]:
+    """Judges so many frames, and returns memory, disk and times over them."""
+    logging.getLogger().setLevel(logging.INFO)
+    memory = Series("Memory of daemon and engine", "frames", "MB")
+    disk = Series("Files of the rover", "frames", "MB")
+    times = Series("Time of a frame, and of the daemon's turns in it", "frames", "ms of CPU")
+    against = Series("The same, in times of the yardstick", "frames", "times")
+    every = max(1, frames // _SAMPLES)
+    judged, turned, measured = list[float](), list[float](), list[float]()
+    measure_yardstick = _yardstick()
+    with virtual_time() as clock, ExitStack() as closed:
+        radio = CutRadio(LinkConditions(), "1")
+        rover = closed.enter_context(closing(Endurance(folder, radio, 1)))
+        closed.enter_context(log_to_file(folder, rover.writer))
+        operator = Operator(radio)
+        for number in range(1, frames + 1):
+            radio.cut = number % 3000 >= 2700
+            begun = time.process_time()
+            rover.frame(thing=number % 300 >= 260)
+            judged.append((time.process_time() - begun) * 1e3)
+            if number % 20 == 0:
+                operator.set_parameter()
+            if number % min(20, every) == 0:
+                measured.append(measure_yardstick())
+            begun = time.process_time()
+            for _ in range(TURNS):
+                clock.now += PERIOD / TURNS
+                radio.carry(clock.now)
+                rover.turn()
+                radio.carry(clock.now)
+                operator.step(clock.now)
+            turned.append((time.process_time() - begun) * 1e3)
+            if number % every == 0:
+                memory.add("own memory", number, [own_memory()])
+                disk.add("journal, log, calls, pictures", number, [_bytes_in(folder) / 1e6])
+                times.add("yardstick, median", number, [median(measured)])
+                for name, found in (("judged", judged), ("turns of the daemon", turned)):
+                    times.add(f"{name}, median", number, [median(found)])
+                    times.add(f"{name}, 99 %", number, [float(np.quantile(found, 0.99))])
+                    against.add(name, number, [median(found) / median(measured)])
+                    found.clear()
+                measured.clear()
+        print(f"{frames} frames, {operator.calls} calls, {operator.acknowledged} acknowledged", flush=True)
+    return [memory, disk, times, against]
+
+
+def _yardstick() -> Callable[[], float]:
+    """Returns what measures the ms of CPU time of the network on one picture, always the same."""
+    perceiver = make_perceiver("builtin", Runtime(threads=1))
+    picture = np.random.default_rng(0).integers(0, 256, (96, 128, 3), dtype=np.uint8)
+
+    def measure_it() -> float:
+        begun = time.process_time()
+        perceiver.encode(picture)
+        return (time.process_time() - begun) * 1e3
+
+    return measure_it
+
+
+def _bytes_in(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def slope(points: Sequence[Sequence[float]]) -> Slope:
+    """Returns the rise of the points' medians by blocks, after the first fifth of the frames.
+
+    Neighbouring samples resemble each other, medians of blocks hardly: so the interval is not too narrow.
+    """
+    frames = np.array([point[0] for point in points])
+    values = np.array([point[1] for point in points])
+    settled = frames > _SETTLING * frames[-1]
+    blocks = min(_BLOCKS, int(settled.sum()))
+    x = np.array([part.mean() for part in np.array_split(frames[settled], blocks)])
+    y = np.array([np.median(part) for part in np.array_split(values[settled], blocks)])
+    away = x - x.mean()
+    rise = float(away @ y / (away @ away))
+    rest = y - y.mean() - rise * away
+    error = math.sqrt(float(rest @ rest) / (blocks - 2) / float(away @ away))
+    half = _T_975[blocks - 2] * error
+    low, value, high = (round(1e5 * one, 3) for one in (rise - half, rise, rise + half))
+    return Slope(value, low, high)

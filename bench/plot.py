@@ -1,0 +1,110 @@
+"""Draws series as SVG, which a page holds. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+from typing import Any, NamedTuple
+
+STYLE = """
+svg { display: block; font-size: 12px; max-width: 100%; height: auto; } svg text { fill: var(--faint); }
+svg .grid { stroke: var(--line); } svg polyline, svg .spread { fill: none; stroke-width: 2; }
+.key { display: inline-block; width: .8em; height: .8em; border-radius: 2px; margin-right: .35em; }
+.legend span { margin-right: 1.2rem; white-space: nowrap; }
+"""
+_COLOURS = ("--green", "--blue", "--red", "--violet", "--grey", "--faint", "--ink")
+_WIDTH, _HEIGHT, _LEFT, _TOP = 500, 260, 56, 12
+_FEW = 10
+"""Points of a line up to which each has a tick of its own."""
+_FACTOR, _FACTOR_OF_FEW = 30.0, 8.0
+"""Least factor between the ends of an axis that is logarithmic, and of one with few ticks of its own."""
+
+
+class _Axis(NamedTuple):
+    """Places values from 0 to 1. ticks: the values that are written."""
+
+    place: Callable[[float], float]
+    ticks: tuple[float, ...]
+
+
+def plot(series: Mapping[str, Any]) -> str:
+    """Draws the lines of a series with their quartiles, and a legend."""
+    lines: Mapping[str, Sequence[Sequence[float]]] = series["lines"]
+    points = [point for line in lines.values() for point in line]
+    if not points:
+        return ""
+    across = _axis([point[0] for point in points], own_ticks=True)
+    up = _axis([value for point in points for value in point[1:]], own_ticks=False)
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return _LEFT + across.place(x) * _WIDTH, _TOP + (1 - up.place(y)) * _HEIGHT
+
+    label = f"{series['unit']} over {series['x']}"
+    parts = [
+        f'<svg viewBox="0 0 {_WIDTH + _LEFT + 40} {_HEIGHT + 52}" width="{_WIDTH + _LEFT + 40}" role="img">'
+    ]
+    parts.append(f"<title>{escape(series['title'])}: {escape(label)}</title>")
+    for tick in up.ticks:
+        y = _TOP + (1 - up.place(tick)) * _HEIGHT
+        parts.append(f'<line class="grid" x1="{_LEFT}" y1="{y:.1f}" x2="{_LEFT + _WIDTH}" y2="{y:.1f}"/>')
+        parts.append(f'<text x="{_LEFT - 8}" y="{y + 4:.1f}" text-anchor="end">{_short(tick)}</text>')
+    for tick in across.ticks:
+        x = _LEFT + across.place(tick) * _WIDTH
+        parts.append(
+            f'<text x="{x:.1f}" y="{_TOP + _HEIGHT + 18}" text-anchor="middle">{_short(tick)}</text>'
+        )
+    middle, below = _LEFT + _WIDTH / 2, _TOP + _HEIGHT + 38
+    parts.append(f'<text x="{middle}" y="{below}" text-anchor="middle">{escape(label)}</text>')
+    for number, line in enumerate(lines.values()):
+        colour = f'style="stroke:var({_colour(number)})"'
+        for x, _, low, high in line:
+            if high > low:
+                (left, bottom), (_, top) = at(x, low), at(x, high)
+                parts.append(f'<path class="spread" d="M{left:.1f} {bottom:.1f}V{top:.1f}" {colour}/>')
+        drawn = " ".join("{:.1f},{:.1f}".format(*at(x, value)) for x, value, *_ in line)
+        parts.append(f'<polyline points="{drawn}" {colour}/>')
+    return "".join(parts) + "</svg>" + _legend(list(lines))
+
+
+def _legend(names: Sequence[str]) -> str:
+    marks = (
+        f'<span><i class="key" style="background:var({_colour(number)})"></i>{escape(name)}</span>'
+        for number, name in enumerate(names)
+    )
+    return f'<p class="legend faint">{" ".join(marks)}</p>'
+
+
+def _colour(number: int) -> str:
+    return _COLOURS[number % len(_COLOURS)]
+
+
+def _axis(values: Sequence[float], *, own_ticks: bool) -> _Axis:
+    """Makes a logarithmic axis where values differ much, else one from 0.
+
+    own_ticks: each of few values has one; many are samples, and lie on an axis from 0.
+    """
+    least, most = min(values), max(values)
+    own = tuple(sorted(set(values))) if own_ticks and len(set(values)) <= _FEW else ()
+    factor = _FACTOR_OF_FEW if own else math.inf if own_ticks else _FACTOR
+    if least > 0 and most >= factor * least:
+        low, high = math.log10(least), math.log10(most)
+        if not own:
+            low, high = math.floor(low), math.ceil(high)
+        decades = tuple(10.0**power for power in range(math.ceil(low), math.floor(high) + 1))
+        return _Axis(lambda value: (math.log10(value) - low) / (high - low), own or decades)
+    bottom, top = min(0.0, least), most if most > min(0.0, least) else 1.0
+    step = _step((top - bottom) / 5)
+    first, last = math.floor(bottom / step), math.ceil(top / step - 1e-9)
+    ticks = tuple(number * step for number in range(first, last + 1))
+    return _Axis(lambda value: (value - ticks[0]) / (ticks[-1] - ticks[0]), own or ticks)
+
+
+def _step(least: float) -> float:
+    """Returns the smallest of 1, 2 and 5 times a power of ten that is at least so much."""
+    decade = 10.0 ** math.floor(math.log10(least))
+    return next(factor * decade for factor in (1.0, 2.0, 5.0, 10.0) if factor * decade >= least * (1 - 1e-9))
+
+
+def _short(value: float) -> str:
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"

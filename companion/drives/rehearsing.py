@@ -20,6 +20,7 @@ from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
 from companion.drives.report import page
 from companion.memory.command import merged, read_checked
 from companion.memory.scene_file import Scene, write_scenes
+from companion.vision.warm_up import load_engine
 
 _TOLD_EVERY = 5.0
 _OURS = ("frames.jsonl", "calls", "calls.json", "answers.txt", "memory.jsonl", "index.html")
@@ -44,7 +45,7 @@ def run(
     drive = open_drive(where, config.camera.rate)
     scripted = AnswerFile(Path(answers)) if answers else None
     before, pictures = _remembered(config, memory)
-    judge = DriveJudge(config, before)
+    judge = DriveJudge(config, load_engine(config, before)[0])
     folder = _made(Path(out))
     clock, person = judge.engine.memory.clock, terminal(folder) if ask else None
 

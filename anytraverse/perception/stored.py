@@ -1,0 +1,201 @@
+"""Keeps what a perceiver saw of frames on disk, so that each is perceived once, by however many settings it
+is judged."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.frame import Image
+from anytraverse.perception import DefaultThresholds, Example, Features, Perceiver, Prompt
+from anytraverse.regions import Box
+
+MOST_BYTES = 4_000_000_000
+_NAME = "*/*.npy"
+
+Array = NDArray[np.float32]
+
+
+class PerceptionStore:
+    """Holds arrays in a folder: one .npy file for each frame and what was asked of it, float32 as they were.
+
+    Several processes may use one folder at a time. It holds about `most` bytes. Beyond that it removes what
+    was used least recently, but nothing that was used since this store was opened: what does not fit beside
+    that is not stored.
+    """
+
+    def __init__(self, folder: Path, identity: str, most: int = MOST_BYTES) -> None:
+        """identity: names all that the arrays depend on besides frame and question. Raises OSError."""
+        self._root = folder
+        self._folder = folder / _digest(identity.encode())
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._most = most
+        self._opened = time.time()
+        self._bytes = sum(size for _, _, size in self._files())
+
+    def get(self, frame: str, asked: str) -> Array | None:
+        """Return an array; None where it is not stored, or its file is damaged."""
+        path = self._path(frame, asked)
+        try:
+            array = np.load(path, allow_pickle=False)
+            os.utime(path)
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, EOFError):
+            path.unlink(missing_ok=True)
+            return None
+        return array if array.dtype == np.float32 else None
+
+    def put(self, frame: str, asked: str, array: Array) -> None:
+        """Store an array, whole or not at all. A full disk is no error: the next run perceives it again."""
+        if self._bytes + array.nbytes > self._most:
+            self._make_room(array.nbytes)
+        if self._bytes + array.nbytes > self._most:
+            return
+        path = self._path(frame, asked)
+        partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            with partial.open("wb") as file:
+                np.save(file, array, allow_pickle=False)
+            os.replace(partial, path)
+        except OSError:
+            partial.unlink(missing_ok=True)
+            return
+        self._bytes += array.nbytes
+
+    def _path(self, frame: str, asked: str) -> Path:
+        return self._folder / f"{frame}-{asked}.npy"
+
+    def _files(self) -> Iterator[tuple[float, Path, int]]:
+        """Yield when each file was last used, where it is, and its bytes."""
+        for path in self._root.glob(_NAME):
+            try:
+                state = path.stat()
+            except FileNotFoundError:  # another process removed it
+                continue
+            yield state.st_mtime, path, state.st_size
+
+    def _make_room(self, needed: int) -> None:
+        """Remove the files that were used least recently before this run, and a tenth more than needed."""
+        files = sorted(self._files())
+        self._bytes = sum(size for _, _, size in files)
+        wanted = self._most * 0.9 - needed
+        for used, path, size in files:
+            if self._bytes <= wanted or used >= self._opened:
+                return
+            path.unlink(missing_ok=True)
+            self._bytes -= size
+
+
+class StoredFeatures:
+    """Holds a frame, and what was asked of it. The perceiver encodes it only where something is not stored.
+
+    made: what is computed from the maps, by keys of the caller's own. It goes with the frame.
+    """
+
+    def __init__(self, image: Image, perceiver: Perceiver, store: PerceptionStore) -> None:
+        self.made = dict[Any, Any]()
+        self._image = image
+        self._perceiver = perceiver
+        self._store = store
+        self._frame = _digest(repr(image.shape).encode(), np.ascontiguousarray(image).data)
+        self._encoded: Features = None
+        self._attended = dict[tuple[Prompt, ...], Array]()
+        self._embedding: Array | None = None
+
+    @property
+    def encoded(self) -> Features:
+        """The perceiver's own features. Raises PerceiverError."""
+        if self._encoded is None:
+            self._encoded = self._perceiver.encode(self._image)
+        return self._encoded
+
+    def attend(self, prompts: tuple[Prompt, ...]) -> Array:
+        """Return the attention maps. Raises as the perceiver does."""
+        if prompts not in self._attended:
+            asked = _digest(*map(_told, prompts))
+            array = self._store.get(self._frame, asked)
+            if array is None:
+                array = np.asarray(self._perceiver.attend(self.encoded, prompts), np.float32)
+                self._store.put(self._frame, asked, array)
+            self._attended[prompts] = array
+        return self._attended[prompts]
+
+    def embed(self) -> Array:
+        """Return the scene's embedding. Raises PerceiverError."""
+        if self._embedding is None:
+            array = self._store.get(self._frame, "scene")
+            if array is None:
+                array = np.asarray(self._perceiver.embed(self.encoded), np.float32)
+                self._store.put(self._frame, "scene", array)
+            self._embedding = array
+        return self._embedding
+
+
+class StoredPerceiver:
+    """Sees what another perceiver sees, and asks it only for what is not stored."""
+
+    def __init__(self, perceiver: Perceiver, store: PerceptionStore) -> None:
+        self.perceiver = perceiver
+        self._store = store
+        self._newest: StoredFeatures | None = None
+        self._image: Image | None = None
+        self.independent: bool = getattr(perceiver, "independent", False)
+
+    @property
+    def model_id(self) -> str:
+        """As the perceiver's own."""
+        return self.perceiver.model_id
+
+    @property
+    def vocabulary(self) -> tuple[str, ...] | None:
+        """As the perceiver's own."""
+        return self.perceiver.vocabulary
+
+    @property
+    def defaults(self) -> DefaultThresholds:
+        """As the perceiver's own."""
+        return self.perceiver.defaults
+
+    def meaning(self, word: str) -> str:
+        """Return the perceiver's own."""
+        return self.perceiver.meaning(word)
+
+    def encode(self, image: Image) -> StoredFeatures:
+        """Return features that the perceiver has not made yet. Those of the newest image are made once."""
+        if self._newest is None or image is not self._image:
+            self._image, self._newest = image, StoredFeatures(image, self.perceiver, self._store)
+        return self._newest
+
+    def attend(self, features: StoredFeatures, prompts: Sequence[Prompt]) -> Array:
+        """Return attention maps, which several callers may share: they must not change them."""
+        return features.attend(tuple(prompts))
+
+    def embed(self, features: StoredFeatures) -> Array:
+        """Return the scene's embedding."""
+        return features.embed()
+
+    def example(self, features: StoredFeatures, box: Box) -> Example:
+        """Make an example, by the perceiver's own features."""
+        return self.perceiver.example(features.encoded, box)
+
+
+def _told(prompt: Prompt) -> bytes:
+    """Return all that a prompt asks."""
+    vectors = b"".join(example.model_id.encode() + example.vector.tobytes() for example in prompt.examples)
+    return repr((prompt.word, prompt.drivable, len(prompt.examples))).encode() + vectors
+
+
+def _digest(*parts: Any) -> str:
+    hashed = hashlib.blake2b(digest_size=12)
+    for part in parts:
+        hashed.update(len(part).to_bytes(8, "little"))
+        hashed.update(part)
+    return hashed.hexdigest()

@@ -1,0 +1,135 @@
+"""Judges an episode by all combinations: first every frame is perceived once, then the trials are run."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.errors import PerceiverError
+from anytraverse.evaluation.progress import Progress
+from anytraverse.evaluation.seeing import maps_identity
+from anytraverse.evaluation.spreading import spread
+from anytraverse.frame import Frame
+from anytraverse.perception.stored import PerceptionStore, StoredPerceiver
+from companion.config import Config
+from companion.drives.judge import DriveJudge
+from companion.tuning.episode import Episode
+from companion.tuning.trial import Combination, Outcome, Trial, TrialEngine, run_trials
+from companion.vision.warm_up import load_engine
+
+_MANY = 40
+"""Combinations from which they are judged in smaller parts, so that the progress is seen."""
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True)
+class Where:
+    """Says where work is done. cache: folder of what was seen. most: its bytes. dask: a scheduler."""
+
+    cache: Path
+    most: int
+    processes: int = 1
+    dask: str | None = None
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part of the work. number, of: which of how many equal parts of the frames are perceived."""
+
+    config: Config
+    episode: Episode
+    where: Where
+    number: int
+    of: int
+    combinations: tuple[Combination, ...] = ()
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Holds what became of an episode. Seconds as they passed."""
+
+    outcomes: list[Outcome]
+    frames: int
+    perceiving_s: float
+    judging_s: float
+
+
+def default_cache() -> Path:
+    """Return the folder for what was seen, as XDG has it."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anytraverse"
+
+
+def run_episode(
+    config: Config, episode: Episode, combinations: Sequence[Combination], where: Where
+) -> Judged:
+    """Judge an episode by all combinations, whose outcomes keep their order. Shows the progress on stderr.
+
+    Raises DriveError, AnyTraverseError, OSError.
+    """
+    parts = max(1, where.processes)
+    if parts > 1 or where.dask:  # each process has one core
+        config = replace(config, perceiver=replace(config.perceiver, threads=1))
+    began = time.monotonic()
+    shares = [_Part(config, episode, where, number, parts) for number in range(parts)]
+    frames = sum(_spread(_perceive, shares, where, "parts perceived"))
+    seen = time.monotonic()
+    # trials of one region share its figures, so they stay together
+    order = sorted(range(len(combinations)), key=lambda one: repr(combinations[one].region))
+    count = parts if len(order) < _MANY else 2 * parts
+    chunks = [order[len(order) * part // count : len(order) * (part + 1) // count] for part in range(count)]
+    jobs = [
+        _Part(config, episode, where, number, parts, tuple(combinations[one] for one in chunk))
+        for number, chunk in enumerate(chunks)
+        if chunk
+    ]
+    found = [one for outcomes in _spread(_judge, jobs, where, "parts judged") for one in outcomes]
+    placed = dict(zip(order, found, strict=True))
+    outcomes = [placed[number] for number in range(len(combinations))]
+    return Judged(outcomes, frames, seen - began, time.monotonic() - seen)
+
+
+def _spread(
+    work: Callable[[_Part], _Result], parts: Sequence[_Part], where: Where, unit: str
+) -> list[_Result]:
+    progress = Progress(len(parts), unit)
+    try:
+        return spread(work, parts, processes=where.processes, dask=where.dask, done=progress.step)
+    finally:
+        progress.close()
+
+
+def _engine(part: _Part) -> AnyTraverse:
+    """Load the engine of the configuration, with a perceiver that asks the cache first."""
+    engine, _ = load_engine(part.config, None)
+    identity = maps_identity(part.config.perceiver.name, engine.perceiver)
+    store = PerceptionStore(part.where.cache, identity, part.where.most)
+    return AnyTraverse(StoredPerceiver(engine.perceiver, store), engine.settings, engine.memory)
+
+
+def _perceive(part: _Part) -> int:
+    """See a share of the frames, so that they are in the cache. Return how many frames can be read."""
+    engine, (drive, _) = _engine(part), part.episode.opened()
+    seen = 0
+    for number, frame in enumerate(drive.frames()):
+        if number % part.of != part.number or frame.image is None:
+            continue
+        seen += 1
+        try:
+            engine.maps_of(engine.observe(Frame(number + 1, frame.at, frame.image)))
+        except PerceiverError:
+            continue  # each trial finds it a fault
+    return seen
+
+
+def _judge(part: _Part) -> list[Outcome]:
+    engine, (drive, operator) = _engine(part), part.episode.opened()
+    trials = []
+    for one in part.combinations:
+        own = TrialEngine(engine.perceiver, one.applied(engine.settings), engine.memory)
+        trials.append(Trial(one, DriveJudge(part.config, own), operator))
+    return run_trials(trials, drive.frames())

@@ -109,6 +109,7 @@ class StoredFeatures:
         self._encoded: Features = None
         self._attended = dict[tuple[Prompt, ...], Array]()
         self._embedding: Array | None = None
+        self._examples = dict[Box, Example]()
 
     @property
     def encoded(self) -> Features:
@@ -137,6 +138,13 @@ class StoredFeatures:
                 self._store.put(self._frame, "scene", array)
             self._embedding = array
         return self._embedding
+
+
+    def example(self, box: Box) -> Example:
+        """Return the example of a box: one object, so that words learnt from it are asked for once."""
+        if box not in self._examples:
+            self._examples[box] = self._perceiver.example(self.encoded, box)
+        return self._examples[box]
 
 
 class StoredPerceiver:
@@ -184,7 +192,7 @@ class StoredPerceiver:
 
     def example(self, features: StoredFeatures, box: Box) -> Example:
         """Make an example, by the perceiver's own features."""
-        return self.perceiver.example(features.encoded, box)
+        return features.example(box)
 
 
 def _told(prompt: Prompt) -> bytes:

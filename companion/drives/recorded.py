@@ -20,10 +20,13 @@ from companion.drives.drive import DriveError, DriveFrame
 from companion.recording.contents import read_json
 from companion.recording.foxglove import jpeg_of
 from companion.recording.topics import TOPICS, Topic
+from companion.wire.answers import ForgetWord, SetWord, TapBox
+from companion.wire.words_text import operation_text
 
 _NS = 1_000_000_000
 _LONGEST_GAP = 3600.0
 _JUMP = 1.0
+_MOTIONS = {"go": "go", "stay": "stay", "look_again": "look"}
 _NEEDED = (Topic.CAMERA, Topic.ASSESSMENT, Topic.WORDS, Topic.SETTINGS, Topic.SETUP)
 
 
@@ -121,6 +124,51 @@ class Recording:
         clock, named = _DriveClock(), Counter[int]()
         for path in self._paths:
             yield from _of_file(path, clock, named)
+
+    def answers(self) -> list[tuple[float, str]]:
+        """Read the answers to calls: when the call opened, in seconds of the drive, and the answer as typed.
+
+        Only words, taps and motions are told: what forgets a call or a place means nothing on another drive.
+        """
+        from companion.recording.reading import messages
+
+        topics = {TOPICS[one].name: one for one in (Topic.CAMERA, Topic.DECISIONS, Topic.REQUESTS)}
+        clock, found = _DriveClock(), list[tuple[float, str]]()
+        for path in self._paths:
+            told = sorted(
+                (one.message.log_time, topics[one.channel.topic], read_json(one.message.data))
+                for one in messages(path, list(topics))
+            )
+            opened, newest = dict[int, float](), 0
+            for at, topic, content in told:
+                if topic is Topic.CAMERA:
+                    clock.at_next(at)
+                elif content.get("decision") == "call opened":
+                    newest = content.get("id", 0)
+                    opened[newest] = clock.at
+                elif content.get("request") == "Answer":
+                    line = _typed(content)
+                    since = opened.get(content.get("target") or newest)
+                    if line and since is not None:
+                        found.append((since, line))
+        return found
+
+
+def _typed(content: Mapping[str, Any]) -> str:
+    """Return a recorded answer as an operator types it; "" where nothing is left of it."""
+    parts = list[str]()
+    operations = content.get("operations")
+    for one in operations if isinstance(operations, list) else []:
+        match one:
+            case {"word": str(word), "weight": float() | int() as weight, "box": [left, top, right, bottom]}:
+                box = float(left), float(top), float(right), float(bottom)
+                parts.append(operation_text(TapBox(0, box, word, weight)))
+            case {"word": str(word), "weight": float() | int() as weight}:
+                parts.append(operation_text(SetWord(word, weight)))
+            case {"word": str(word)}:
+                parts.append(operation_text(ForgetWord(word)))
+    motion = _MOTIONS.get(content.get("motion", ""), "")
+    return ", ".join(filter(None, ("; ".join(parts), motion)))
 
 
 def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[RecordedFrame]:

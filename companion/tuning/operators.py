@@ -118,7 +118,8 @@ class GivenAnswers:
         nearest = min(self._answers, key=lambda one: abs(one.at - frame.at), default=None)
         if nearest is None or abs(nearest.at - frame.at) > NEAR_S:
             return go(judge, call, frame)
-        motion, changes = read_typed(nearest.line)
-        told = judge.told(call)
-        operations = [operation_of(change, told) for change in changes]
-        return operations, motion if motion is not Motion.NONE else Motion.GO
+        told, operations = judge.told(call), list[Operation]()
+        for one in self._answers:
+            if one.at == nearest.at:
+                operations += [operation_of(change, told) for change in read_typed(one.line)[1]]
+        return operations, Motion.GO

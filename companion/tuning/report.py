@@ -79,7 +79,12 @@ def combination(one: Combination) -> dict[str, Any]:
 
 def csv_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the rows for a table: without lists, but for the region as text."""
-    return [{key: _cell(row[key]) for key in _COLUMNS} for row in rows]
+    return csv_rows_of([{key: row[key] for key in _COLUMNS} for row in rows])
+
+
+def csv_rows_of(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows with all their values as cells of a table."""
+    return [{key: _cell(value) for key, value in row.items()} for row in rows]
 
 
 def _cell(value: Any) -> Any:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import PerceiverError
@@ -91,6 +91,35 @@ def run_episode(
     placed = dict(zip(order, found, strict=True))
     outcomes = [placed[number] for number in range(len(combinations))]
     return Judged(outcomes, frames, seen - began, time.monotonic() - seen)
+
+
+class Figures(NamedTuple):
+    """Holds figures of a drive's frames by the settings in force, one of each frame that has it."""
+
+    seconds: float
+    similarities: list[float]
+    uncertainties: list[float]
+    tiles: list[float]
+
+
+def figures_of(config: Config, episode: Episode, where: Where) -> Figures:
+    """Judge a drive by the settings in force. Raises DriveError, AnyTraverseError, OSError."""
+    part = _Part(config, episode, where, 0, 1)
+    engine, (drive, operator) = _engine(part), episode.opened()
+    found = Figures(0.0, [], [], [])
+    judge = DriveJudge(config, engine)
+    trial = Trial(Combination.of(engine.settings), judge, operator)
+    seconds = 0.0
+    for number, frame in enumerate(drive.frames()):
+        seen, seconds = trial.step(number, frame), frame.at
+        if seen is None:
+            continue
+        if seen.similarity is not None:
+            found.similarities.append(seen.similarity)
+        if seen.roi is not None:
+            found.uncertainties.append(seen.roi.uncertainty)
+            found.tiles.append(seen.roi.worst_tile.uncertainty)
+    return found._replace(seconds=seconds)
 
 
 def _spread(

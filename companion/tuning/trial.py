@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from anytraverse.assessment import Finding, Maps, Observation
+from anytraverse.assessment import Assessment, Finding, Maps, Observation
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
@@ -80,11 +80,11 @@ class Trial:
         self._judge = judge
         self._operator = operator
 
-    def step(self, number: int, frame: DriveFrame) -> None:
-        """Judge a frame. number: its place in the drive."""
+    def step(self, number: int, frame: DriveFrame) -> Assessment | None:
+        """Judge a frame; None for a torn one. number: its place in the drive."""
         judged = self._judge.judge(frame)
         if judged is None:
-            return
+            return None
         outcome = self.outcome
         outcome.not_ok += not judged.seen.ok
         outcome.would_hold += judged.would_hold
@@ -94,6 +94,7 @@ class Trial:
             reasons = tuple(sorted(reason.value for reason in judged.opened.reasons))
             outcome.calls.append(MadeCall(number, frame.at, reasons))
             self._answer(judged.opened, frame)
+        return judged.seen
 
     def _answer(self, call: Call, frame: DriveFrame) -> None:
         try:

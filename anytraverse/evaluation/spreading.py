@@ -41,40 +41,42 @@ def spread(
     *,
     processes: int = 1,
     dask: str | None = None,
-    done: Callable[[], None] = lambda: None,
+    done: Callable[[int, Result], None],
 ) -> list[Result]:
     """Do all jobs. Without processes and cluster, one after the other in this process.
 
     work: a function of a module, so that another process can import it; so are the jobs' types. dask: the
     address of a scheduler, e.g. "tcp://host:8786"; its workers need this package and the same files.
-    done: called after each job. Raises SpreadError, and what `work` raises where it runs in this process.
+    done: called with the number of each job that is done, and its result.
+    Raises SpreadError, and what `work` raises where it runs in this process.
     """
     if dask is not None:
         return _on_cluster(work, jobs, dask, done)
     if processes <= 1 or len(jobs) <= 1:
         results = []
-        for job in jobs:
+        for number, job in enumerate(jobs):
             results.append(work(job))
-            done()
+            done(number, results[-1])
         return results
     # spawn: a fork would take over the threads of native libraries in any state
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(processes, len(jobs)), mp_context=context) as pool:
-        futures: list[Future[Any]] = [pool.submit(_guarded, work, job) for job in jobs]
+        numbers: dict[Future[Any], int] = {
+            pool.submit(_guarded, work, job): number for number, job in enumerate(jobs)
+        }
         try:
-            for future in as_completed(futures):
-                _checked(future.result())
-                done()
+            for future in as_completed(numbers):
+                done(numbers[future], _checked(future.result()))
         except BrokenProcessPool:
             raise SpreadError("a process died, perhaps for lack of memory: give fewer --jobs") from None
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-        return [future.result() for future in futures]
+        return [future.result() for future in numbers]
 
 
 def _on_cluster(
-    work: Callable[[Job], Result], jobs: Sequence[Job], address: str, done: Callable[[], None]
+    work: Callable[[Job], Result], jobs: Sequence[Job], address: str, done: Callable[[int, Result], None]
 ) -> list[Result]:
     try:
         import distributed
@@ -92,13 +94,16 @@ def _on_cluster(
                 f"the scheduler at {address} has no workers: start one with `dask worker {address}`"
             )
         futures = client.map(partial(_guarded, work), jobs, pure=False)
-        for _, result in distributed.as_completed(futures, with_results=True):
-            _checked(result)
-            done()
-        found: list[Result] = client.gather(futures)
-        return found
+        numbers = {future.key: number for number, future in enumerate(futures)}
+        results = dict[int, Result]()
+        for future, result in distributed.as_completed(futures, with_results=True):
+            number = numbers[future.key]
+            results[number] = _checked(result)
+            done(number, results[number])
+        return [results[number] for number in range(len(jobs))]
 
 
-def _checked(result: Any) -> None:
+def _checked(result: Any) -> Any:
     if isinstance(result, _Failed):
         raise SpreadError(result.text)
+    return result

@@ -23,6 +23,11 @@ _NAME = "*/*.npy"
 Array = NDArray[np.float32]
 
 
+def default_cache() -> Path:
+    """Return the folder for what was seen of frames, as XDG has it."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anytraverse"
+
+
 class PerceptionStore:
     """Holds arrays in a folder: one .npy file for each frame and what was asked of it, float32 as they were.
 
@@ -138,7 +143,6 @@ class StoredFeatures:
                 self._store.put(self._frame, "scene", array)
             self._embedding = array
         return self._embedding
-
 
     def example(self, box: Box) -> Example:
         """Return the example of a box: one object, so that words learnt from it are asked for once."""

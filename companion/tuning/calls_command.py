@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from anytraverse.evaluation.arguments import add_choice
+from anytraverse.evaluation.arguments import add_cache, add_choice
 from anytraverse.evaluation.asking import conclude
 from anytraverse.evaluation.datasets import Selection, kind_and_path, open_dataset
 from anytraverse.evaluation.defaults import read_defaults
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.summary import as_csv
-from anytraverse.perception.stored import MOST_BYTES
+from anytraverse.perception.stored import default_cache
 from anytraverse.preferences import Preferences
 from anytraverse.resources import resource
 from companion.config import Config, ConfigError, load_config
@@ -23,10 +23,8 @@ from companion.drives.drive import DriveError
 from companion.tuning.episode import Episode
 from companion.tuning.grid import Grid, GridError, around, read_region, read_tiles, read_values
 from companion.tuning.report import counted, csv_rows, page, text_of
-from companion.tuning.running import Where, default_cache, run_episode
+from companion.tuning.running import Where, run_episode
 from companion.vision.warm_up import load_engine
-
-_GB = 1_000_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,25 +60,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--region", action="append", metavar="L,T,R,B", help="a region of interest; once for each"
     )
     add_choice(parser)
-    add_where(parser)
+    _add_where(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("calls"), metavar="DIR", help="by default %(default)s"
     )
     parser.add_argument("--json", action="store_true", help="print nothing but the last line, the JSON")
 
 
-def add_where(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that say where the work is done."""
+def _add_where(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--jobs", type=int, default=0, metavar="N", help="processes, by default all cores")
     parser.add_argument(
         "--dask", metavar="ADDRESS", help="do the work on a Dask cluster, e.g. tcp://host:8786"
     )
-    parser.add_argument(
-        "--cache", type=Path, metavar="DIR", help=f"what was seen of frames, by default {default_cache()}"
-    )
-    parser.add_argument(
-        "--cache-size", type=float, default=MOST_BYTES / _GB, metavar="GB", help="by default %(default)g"
-    )
+    add_cache(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -99,7 +91,7 @@ def _run(options: argparse.Namespace) -> int:
     combinations = grid.combinations(engine.settings)
     options.out.mkdir(parents=True, exist_ok=True)
     drive, _ = episode.opened()
-    judged = run_episode(config, episode, combinations, where_of(options))
+    judged = run_episode(config, episode, combinations, _where(options))
     figures: dict[str, Any] = {
         "title": drive.title,
         "episode": options.episode,

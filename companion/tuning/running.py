@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -57,11 +56,6 @@ class Judged:
     frames: int
     perceiving_s: float
     judging_s: float
-
-
-def default_cache() -> Path:
-    """Return the folder for what was seen, as XDG has it."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anytraverse"
 
 
 def run_episode(
@@ -127,7 +121,13 @@ def _spread(
 ) -> list[_Result]:
     progress = Progress(len(parts), unit)
     try:
-        return spread(work, parts, processes=where.processes, dask=where.dask, done=progress.step)
+        return spread(
+            work,
+            parts,
+            processes=where.processes,
+            dask=where.dask,
+            done=lambda _number, _result: progress.step(),
+        )
     finally:
         progress.close()
 

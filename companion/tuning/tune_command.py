@@ -12,7 +12,7 @@ from typing import Any
 from anytraverse.evaluation.summary import as_csv
 from anytraverse.html_page import document
 from anytraverse.line_plot import STYLE, Series, line_plot
-from anytraverse.perception.stored import MOST_BYTES
+from anytraverse.perception.stored import MOST_BYTES, default_cache
 from companion.config import load_config
 from companion.drives.desk import AnswerFile
 from companion.drives.drive import Drive, DriveError
@@ -30,7 +30,7 @@ from companion.tuning.proposal import (
     weighed,
 )
 from companion.tuning.report import csv_rows_of
-from companion.tuning.running import Where, default_cache, figures_of, run_episode
+from companion.tuning.running import Where, figures_of, run_episode
 from companion.tuning.trial import Combination
 from companion.vision.warm_up import load_engine
 

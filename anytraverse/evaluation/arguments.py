@@ -67,9 +67,10 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
 
 def cache_bytes(options: argparse.Namespace) -> int:
     """Return how large the cache may be. Raises DatasetError for a size that cannot be."""
-    if not 0.0 < options.cache_size < 1e6:
-        raise DatasetError(f"--cache-size {options.cache_size:g}: give gigabytes above 0")
-    return round(options.cache_size * GB)
+    size = float(options.cache_size)
+    if not 0.0 < size < 1e6:
+        raise DatasetError(f"--cache-size {size:g}: give gigabytes above 0")
+    return round(size * GB)
 
 
 def open_chosen(options: argparse.Namespace, split: str = ALL) -> Dataset:

@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _ranked(asked: Asked, sets: Sequence[Preferences]) -> list[WeightScore]:
-    """Score sets of weights by small maps, the best first. Frames that were seen before are not seen again."""
+    """Score sets of weights by small maps, the best first. No frame is perceived that was seen before."""
     options = asked.options
     identity = maps_identity(options.perceiver, asked.perceiver)
     store = PerceptionStore(options.cache or default_cache(), identity, cache_bytes(options))

@@ -114,14 +114,12 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def where_of(options: argparse.Namespace) -> Where:
-    """Return where the work is done. Raises GridError for numbers that cannot be."""
-    if options.jobs < 0 or not 0.0 < options.cache_size < 1e6:
-        raise GridError("--jobs is 0 or more, --cache-size above 0")
-    most = round(options.cache_size * _GB)
-    return Where(
-        options.cache or default_cache(), most, options.jobs or len(os.sched_getaffinity(0)), options.dask
-    )
+def _where(options: argparse.Namespace) -> Where:
+    """Return where the work is done. Raises GridError, DatasetError."""
+    if options.jobs < 0:
+        raise GridError(f"--jobs {options.jobs}: give a number of processes, 0 for all cores")
+    processes = options.jobs or len(os.sched_getaffinity(0))
+    return Where(options.cache or default_cache(), cache_bytes(options), processes, options.dask)
 
 
 def _config(options: argparse.Namespace) -> Config:

@@ -7,6 +7,7 @@ import hashlib
 import os
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -49,13 +50,15 @@ class PerceptionStore:
         """Return an array; None where it is not stored, or its file is damaged."""
         path = self._path(frame, asked)
         try:
-            array = np.load(path, allow_pickle=False)
+            array: Array = np.load(path, allow_pickle=False)
+        except OSError:
+            return None
+        except (ValueError, EOFError):
+            with suppress(OSError):
+                path.unlink()
+            return None
+        with suppress(OSError):
             os.utime(path)
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, EOFError):
-            path.unlink(missing_ok=True)
-            return None
         return array if array.dtype == np.float32 else None
 
     def put(self, frame: str, asked: str, array: Array) -> None:
@@ -71,7 +74,8 @@ class PerceptionStore:
                 np.save(file, array, allow_pickle=False)
             os.replace(partial, path)
         except OSError:
-            partial.unlink(missing_ok=True)
+            with suppress(OSError):
+                partial.unlink()
             return
         self._bytes += array.nbytes
 
@@ -95,8 +99,9 @@ class PerceptionStore:
         for used, path, size in files:
             if self._bytes <= wanted or used >= self._opened:
                 return
-            path.unlink(missing_ok=True)
-            self._bytes -= size
+            with suppress(OSError):
+                path.unlink()
+                self._bytes -= size
 
 
 class StoredFeatures:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from anytraverse.evaluation.arguments import add_cache, add_choice
+from anytraverse.evaluation.arguments import add_cache, add_choice, cache_bytes
 from anytraverse.evaluation.asking import conclude
 from anytraverse.evaluation.datasets import Selection, kind_and_path, open_dataset
 from anytraverse.evaluation.defaults import read_defaults

@@ -96,7 +96,7 @@ def _on_cluster(
         futures = client.map(partial(_guarded, work), jobs, pure=False)
         numbers = {future.key: number for number, future in enumerate(futures)}
         results = dict[int, Result]()
-        for future, result in distributed.as_completed(futures, with_results=True):
+        for future, result in distributed.as_completed(futures, with_results=True, loop=client.loop):
             number = numbers[future.key]
             results[number] = _checked(result)
             done(number, results[number])

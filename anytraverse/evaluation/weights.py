@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from anytraverse.evaluation.datasets import Dataset, LabelledFrame, TornPictureError
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.progress import Progress
-from anytraverse.evaluation.seeing import PerceiverRun
+from anytraverse.evaluation.seeing import PerceiverRun, stretched
 from anytraverse.evaluation.tally import HALF, THRESHOLDS
 from anytraverse.perception import Perceiver, Prompt
 from anytraverse.pooling import weighted_max
@@ -22,7 +22,7 @@ from anytraverse.preferences import Preferences
 
 MOST = 10_000
 LARGEST = 64
-"""Cells of a small map's longer side."""
+"""Cells of a small map's longer side. A model's coarser maps are enlarged to it, as to the labels' size."""
 _LEVELS = np.array(THRESHOLDS, dtype=np.float32)
 
 Signs = tuple[tuple[str, bool], ...]
@@ -145,14 +145,13 @@ def signs_of(words: Preferences) -> Signs:
 
 
 def small_shape(height: int, width: int) -> tuple[int, int]:
-    """Return rows and columns of a map made small: `LARGEST` at most, in its proportions."""
-    factor = min(1.0, LARGEST / max(height, width))
+    """Return rows and columns of a small map: `LARGEST` on the longer side, in the map's proportions."""
+    factor = LARGEST / max(height, width)
     return max(1, round(height * factor)), max(1, round(width * factor))
 
 
 def _reduced(attention: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    small = cv2.resize(attention, shape[::-1], interpolation=cv2.INTER_AREA)
-    return np.asarray(np.rint(np.clip(small, 0.0, 1.0) * 255.0), np.uint8)
+    return np.asarray(np.rint(stretched(attention, shape) * 255.0), np.uint8)
 
 
 def _counts(mask: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.float64]:

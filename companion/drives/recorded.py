@@ -21,6 +21,7 @@ from companion.recording.contents import read_json
 from companion.recording.foxglove import jpeg_of
 from companion.recording.topics import TOPICS, Topic
 from companion.wire.answers import ForgetWord, SetWord, TapBox
+from companion.wire.typed_answers import CommandError, read_typed
 from companion.wire.words_text import operation_text
 
 _NS = 1_000_000_000
@@ -129,29 +130,35 @@ class Recording:
         """Read the answers to calls: when the call opened, in seconds of the drive, and the answer as typed.
 
         Only words, taps and motions are told: what forgets a call or a place means nothing on another drive.
+        What no operator could have typed is left out: a recording may be damaged.
         """
         from companion.recording.reading import messages
 
         topics = {TOPICS[one].name: one for one in (Topic.CAMERA, Topic.DECISIONS, Topic.REQUESTS)}
         clock, found = _DriveClock(), list[tuple[float, str]]()
+        opened, newest = dict[int, float](), 0  # a call may be answered in the next file
         for path in self._paths:
-            told = sorted(
-                (one.message.log_time, topics[one.channel.topic], read_json(one.message.data))
+            told = [
+                (one.message.log_time, topic, {} if topic is Topic.CAMERA else read_json(one.message.data))
                 for one in messages(path, list(topics))
-            )
-            opened, newest = dict[int, float](), 0
-            for at, topic, content in told:
+                for topic in (topics[one.channel.topic],)
+            ]
+            for at, topic, content in sorted(told, key=lambda one: one[:2]):
                 if topic is Topic.CAMERA:
                     clock.at_next(at)
                 elif content.get("decision") == "call opened":
-                    newest = content.get("id", 0)
+                    newest = _whole(content.get("id"))
                     opened[newest] = clock.at
                 elif content.get("request") == "Answer":
                     line = _typed(content)
-                    since = opened.get(content.get("target") or newest)
+                    since = opened.get(_whole(content.get("target")) or newest)
                     if line and since is not None:
                         found.append((since, line))
         return found
+
+
+def _whole(raw: Any) -> int:
+    return raw if isinstance(raw, int) else 0
 
 
 def _typed(content: Mapping[str, Any]) -> str:
@@ -160,15 +167,22 @@ def _typed(content: Mapping[str, Any]) -> str:
     operations = content.get("operations")
     for one in operations if isinstance(operations, list) else []:
         match one:
-            case {"word": str(word), "weight": float() | int() as weight, "box": [left, top, right, bottom]}:
-                box = float(left), float(top), float(right), float(bottom)
-                parts.append(operation_text(TapBox(0, box, word, weight)))
+            case {"word": str(word), "weight": float() | int() as weight, "box": [*sides]}:
+                if len(sides) != 4 or not all(isinstance(side, float | int) for side in sides):
+                    continue
+                left, top, right, bottom = map(float, sides)
+                parts.append(operation_text(TapBox(0, (left, top, right, bottom), word, weight)))
             case {"word": str(word), "weight": float() | int() as weight}:
                 parts.append(operation_text(SetWord(word, weight)))
-            case {"word": str(word)}:
+            case {"word": str(word)} if len(one) == 1:
                 parts.append(operation_text(ForgetWord(word)))
-    motion = _MOTIONS.get(content.get("motion", ""), "")
-    return ", ".join(filter(None, ("; ".join(parts), motion)))
+    motion = _MOTIONS.get(str(content.get("motion")), "")
+    line = ", ".join(filter(None, ("; ".join(parts), motion)))
+    try:
+        read_typed(line)
+    except CommandError:
+        return ""
+    return line
 
 
 def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[RecordedFrame]:

@@ -103,6 +103,7 @@ class Asked:
                 f"{self.kind}:{self.dataset.path.resolve()}",
                 self.split,
                 _absolute(options.perceiver),
+                maps_identity(options.perceiver, self.perceiver),
                 options.threads,
                 prompts,
             )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from threading import local
 
+from anytraverse.errors import PerceiverError
 from anytraverse.evaluation.datasets import Dataset, Files, TornPictureError, open_dataset
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.records import Records
-from anytraverse.evaluation.seeing import PerceiverRun
+from anytraverse.evaluation.seeing import PerceiverRun, maps_identity
 from anytraverse.evaluation.spreading import spread
 from anytraverse.evaluation.tally import Rows, Tally
 from anytraverse.perception import make_perceiver
@@ -25,11 +26,15 @@ Judged = tuple[int, tuple[Tally, ...]]
 
 @dataclass(frozen=True)
 class Share:
-    """Names frames and all that a worker needs to judge them: folder, perceiver, words as text."""
+    """Names frames and all that a worker needs to judge them: folder, perceiver, words as text.
+
+    model: `maps_identity` of the perceiver, which a worker's must have, too.
+    """
 
     folder: str
     split: str
     perceiver: str
+    model: str
     threads: int
     prompts: tuple[str, ...]
     numbers: tuple[int, ...] = ()
@@ -143,9 +148,24 @@ def judged_share(share: Share) -> list[tuple[int, tuple[bytes, ...]]]:
     return found
 
 
-@lru_cache(1)
+class _Opened(local):
+    """What this thread has opened last, for its next share: a perceiver serves one thread."""
+
+    share: Share | None = None
+    dataset: Dataset
+    runs: tuple[PerceiverRun, ...]
+
+
+_OPENED = _Opened()
+
+
 def _opened(share: Share) -> tuple[Dataset, tuple[PerceiverRun, ...]]:
-    """Open data set and perceiver; a worker keeps them for its next share."""
-    perceiver = make_perceiver(share.perceiver, Runtime(threads=share.threads))
-    runs = (PerceiverRun(perceiver, Preferences.parse(prompts)) for prompts in share.prompts)
-    return open_dataset(share.folder, share.split), tuple(runs)
+    """Open data set and perceiver, or return those of this thread. Raises as `judged_share` does."""
+    if _OPENED.share != share:
+        perceiver = make_perceiver(share.perceiver, Runtime(threads=share.threads))
+        own = maps_identity(share.perceiver, perceiver)
+        if own != share.model:
+            raise PerceiverError(f"a worker has {own}, not {share.model}: give it the same package and files")
+        _OPENED.runs = tuple(PerceiverRun(perceiver, Preferences.parse(one)) for one in share.prompts)
+        _OPENED.dataset, _OPENED.share = open_dataset(share.folder, share.split), share
+    return _OPENED.dataset, _OPENED.runs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
@@ -96,10 +96,15 @@ def _on_cluster(
         futures = client.map(partial(_guarded, work), jobs, pure=False)
         numbers = {future.key: number for number, future in enumerate(futures)}
         results = dict[int, Result]()
-        for future, result in distributed.as_completed(futures, with_results=True, loop=client.loop):
-            number = numbers[future.key]
-            results[number] = _checked(result)
-            done(number, results[number])
+        try:
+            for future, result in distributed.as_completed(futures, with_results=True, loop=client.loop):
+                number = numbers[future.key]
+                results[number] = _checked(result)
+                done(number, results[number])
+        except (distributed.KilledWorker, CancelledError) as error:
+            raise SpreadError(
+                f"the workers at {address} died at their work, or its scheduler did: look into their output"
+            ) from error
         return [results[number] for number in range(len(jobs))]
 
 

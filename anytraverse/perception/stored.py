@@ -4,7 +4,9 @@ is judged."""
 from __future__ import annotations
 
 import hashlib
+import io
 import os
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -19,7 +21,12 @@ from anytraverse.perception import DefaultThresholds, Example, Features, Perceiv
 from anytraverse.regions import Box
 
 MOST_BYTES = 4_000_000_000
-_NAME = "*/*.npy"
+_DIGEST = 12
+_HEX = "[0-9a-f]" * (2 * _DIGEST)
+_NAMES = (f"{_HEX}/{_HEX}-*.npy", f"{_HEX}/.{_HEX}*.part")
+"""What a store removes: its own files and what is left of unfinished ones, nobody else's."""
+_COUNTS = 64
+"""How often a store that writes all it may hold looks how much others have written meanwhile."""
 
 Array = NDArray[np.float32]
 
@@ -30,11 +37,11 @@ def default_cache() -> Path:
 
 
 class PerceptionStore:
-    """Holds arrays in a folder: one .npy file for each frame and what was asked of it, float32 as they were.
+    """Holds arrays in a folder: one file for each frame and what was asked of it, float32 as they were.
 
-    Several processes may use one folder at a time. It holds about `most` bytes. Beyond that it removes what
-    was used least recently, but nothing that was used since this store was opened: what does not fit beside
-    that is not stored.
+    A file is an .npy with a digest behind it. Several processes may use one folder at a time. It holds about
+    `most` bytes. Beyond that it removes what was used least recently, but nothing that was used since this
+    store was opened: what does not fit beside that is not stored.
     """
 
     def __init__(self, folder: Path, identity: str, most: int = MOST_BYTES) -> None:
@@ -45,56 +52,78 @@ class PerceptionStore:
         self._most = most
         self._opened = time.time()
         self._bytes = sum(size for _, _, size in self._files())
+        self._since_counted = 0
+        self._full = False
 
     def get(self, frame: str, asked: str) -> Array | None:
         """Return an array; None where it is not stored, or its file is damaged."""
         path = self._path(frame, asked)
         try:
-            array: Array = np.load(path, allow_pickle=False)
+            content = path.read_bytes()
         except OSError:
             return None
-        except (ValueError, EOFError):
+        whole, digest = content[:-_DIGEST], content[-_DIGEST:]
+        if hashlib.blake2b(whole, digest_size=_DIGEST).digest() != digest:
             with suppress(OSError):
                 path.unlink()
             return None
         with suppress(OSError):
             os.utime(path)
-        return array if array.dtype == np.float32 else None
+        array: Array = np.load(io.BytesIO(whole), allow_pickle=False)
+        return array
 
     def put(self, frame: str, asked: str, array: Array) -> None:
         """Store an array, whole or not at all. A full disk is no error: the next run perceives it again."""
-        if self._bytes + array.nbytes > self._most:
-            self._make_room(array.nbytes)
-        if self._bytes + array.nbytes > self._most:
+        file = io.BytesIO()
+        np.save(file, array, allow_pickle=False)
+        whole = file.getvalue()
+        content = whole + hashlib.blake2b(whole, digest_size=_DIGEST).digest()
+        if not self._has_room(len(content)):
             return
-        path = self._path(frame, asked)
-        partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+        partial = ""
         try:
-            with partial.open("wb") as file:
-                np.save(file, array, allow_pickle=False)
-            os.replace(partial, path)
+            # a name of its own: threads, and computers that share the folder, may store the same frame
+            descriptor, partial = tempfile.mkstemp(".part", f".{frame}-{asked}", self._folder)
+            with open(descriptor, "wb") as out:
+                out.write(content)
+            os.replace(partial, self._path(frame, asked))
         except OSError:
-            with suppress(OSError):
-                partial.unlink()
+            if partial:
+                with suppress(OSError):
+                    os.unlink(partial)
             return
-        self._bytes += array.nbytes
+        self._bytes += len(content)
+        self._since_counted += len(content)
 
     def _path(self, frame: str, asked: str) -> Path:
         return self._folder / f"{frame}-{asked}.npy"
 
     def _files(self) -> Iterator[tuple[float, Path, int]]:
         """Yield when each file was last used, where it is, and its bytes."""
-        for path in self._root.glob(_NAME):
-            try:
-                state = path.stat()
-            except FileNotFoundError:  # another process removed it
-                continue
-            yield state.st_mtime, path, state.st_size
+        for name in _NAMES:
+            for path in self._root.glob(name):
+                try:
+                    state = path.stat()
+                except OSError:  # another process removed it
+                    continue
+                yield state.st_mtime, path, state.st_size
+
+    def _has_room(self, needed: int) -> bool:
+        """Return whether so many bytes may be stored; old files are removed for them."""
+        if self._full:
+            return False
+        if self._since_counted > self._most / _COUNTS or self._bytes + needed > self._most:
+            self._make_room(needed)
+        # what is left then was used in this run: there will be no room later either
+        self._full = self._bytes + needed > self._most
+        return not self._full
 
     def _make_room(self, needed: int) -> None:
-        """Remove the files that were used least recently before this run, and a tenth more than needed."""
+        """Count what is stored. Beyond `most` remove old files, and a tenth more than needed."""
         files = sorted(self._files())
-        self._bytes = sum(size for _, _, size in files)
+        self._bytes, self._since_counted = sum(size for _, _, size in files), 0
+        if self._bytes + needed <= self._most:
+            return
         wanted = self._most * 0.9 - needed
         for used, path, size in files:
             if self._bytes <= wanted or used >= self._opened:
@@ -136,7 +165,8 @@ class StoredFeatures:
             if array is None:
                 array = np.asarray(self._perceiver.attend(self.encoded, prompts), np.float32)
                 self._store.put(self._frame, asked, array)
-            self._attended[prompts] = array
+            self._attended[prompts] = array.view()
+            self._attended[prompts].flags.writeable = False  # trials share it
         return self._attended[prompts]
 
     def embed(self) -> Array:
@@ -192,7 +222,7 @@ class StoredPerceiver:
         return self._newest
 
     def attend(self, features: StoredFeatures, prompts: Sequence[Prompt]) -> Array:
-        """Return attention maps, which several callers may share: they must not change them."""
+        """Return attention maps, which several callers share: they cannot be changed."""
         return features.attend(tuple(prompts))
 
     def embed(self, features: StoredFeatures) -> Array:
@@ -211,7 +241,7 @@ def _told(prompt: Prompt) -> bytes:
 
 
 def _digest(*parts: Any) -> str:
-    hashed = hashlib.blake2b(digest_size=12)
+    hashed = hashlib.blake2b(digest_size=_DIGEST)
     for part in parts:
         hashed.update(len(part).to_bytes(8, "little"))
         hashed.update(part)

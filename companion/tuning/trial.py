@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -10,6 +10,7 @@ from anytraverse.assessment import Assessment, Finding, Maps, Observation
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
+from anytraverse.perception import Example
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import RoiFigures
@@ -113,14 +114,15 @@ class TrialEngine(AnyTraverse):
     beside them. Everything else is judged anew.
     """
 
-    _words: Preferences | None = None
+    _words: tuple[Preferences, Mapping[str, tuple[Example, ...]]] | None = None
     _key: tuple[Any, ...] = ()
 
     def maps_of(self, observation: Observation) -> Maps | Finding:
         """Return the maps that were made of this frame with these words and weights, or make them."""
         words, examples = self.memory.preferences, self.memory.examples
-        if words is not self._words:
-            self._words, self._key = words, (tuple(words.items()), *(examples.get(w, ()) for w in words))
+        if self._words is None or words is not self._words[0] or examples is not self._words[1]:
+            self._words = words, examples
+            self._key = (tuple(words.items()), *(examples.get(word, ()) for word in words))
         key, made = self._key, observation.features.made
         if key not in made:
             made[key] = super().maps_of(observation)

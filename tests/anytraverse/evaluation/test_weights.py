@@ -5,16 +5,23 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import numpy as np
 import pytest
 
 from anytraverse.cli import main
-from anytraverse.errors import AnyTraverseError
+from anytraverse.errors import AnyTraverseError, PerceiverError
+from anytraverse.evaluation import evaluating
+from anytraverse.evaluation.evaluating import Share, judged_share
+from anytraverse.evaluation.seeing import maps_identity
+from anytraverse.evaluation.spreading import SpreadError, spread
 from anytraverse.evaluation.weights import read_weights, small_shape
+from anytraverse.perception import make_perceiver
 
 MakeDrive = Callable[..., Path]
 Out = pytest.CaptureFixture[str]
@@ -141,3 +148,45 @@ def test_an_error_of_a_worker_is_told(drive: Path, tmp_path: Path, capsys: Out, 
     assert main(command("evaluate", drive, tmp_path / "out", *prompts)) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert "0003.png" in error
+
+
+@pytest.mark.parametrize(("threads", "perceivers"), [(1, 1), (2, 2)])
+def test_each_thread_of_a_worker_has_one_perceiver(
+    drive: Path, monkeypatch: pytest.MonkeyPatch, threads: int, perceivers: int
+) -> None:
+    made = list[Any]()
+
+    def make(*given: Any) -> Any:
+        made.append(make_perceiver(*given))
+        return made[-1]
+
+    share = share_of(drive, maps_identity("grey", make_perceiver("grey")))
+    monkeypatch.setattr(evaluating, "make_perceiver", make)
+    together = Barrier(threads)
+
+    def work(one: Share) -> Any:
+        together.wait(10.0)
+        return judged_share(one)
+
+    with ThreadPoolExecutor(threads) as pool:
+        found = pool.map(work, [share, share])
+    assert [number for one in found for number, _ in one] == [2, 2]
+    assert len(made) == perceivers
+
+
+def test_a_worker_with_another_model_is_refused(drive: Path) -> None:
+    with pytest.raises(PerceiverError, match="not another-model"):
+        judged_share(share_of(drive, "another-model"))
+
+
+def share_of(drive: Path, model: str) -> Share:
+    return Share(f"folder:{drive}", "all", "grey", model, 1, ("dirt: 1",), (2,))
+
+
+def died(_job: int) -> None:
+    raise CancelledError  # as a client finds it whose scheduler went away
+
+
+def test_a_cluster_that_goes_away_is_told(scheduler: str) -> None:
+    with pytest.raises(SpreadError, match="died at their work"):
+        spread(died, [1], dask=scheduler, done=lambda _number, _result: None)

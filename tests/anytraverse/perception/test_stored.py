@@ -91,11 +91,70 @@ def test_another_frame_word_sign_or_tap_is_perceived(tmp_path: Path, image: Any,
     assert np.array_equal(attention, Counting().attend(int(image.sum()), prompts))
 
 
+def test_maps_that_trials_share_cannot_be_changed(tmp_path: Path) -> None:
+    for perceiver in (opened(tmp_path), opened(tmp_path)):
+        attention, _ = seen(perceiver)
+        with pytest.raises(ValueError, match="read-only"):
+            attention[0] = 0.0
+
+
 def test_another_model_has_maps_of_its_own(tmp_path: Path) -> None:
     seen(opened(tmp_path))
     other = opened(tmp_path, model="b")
     seen(other)
     assert asked(other) == 1
+
+
+@pytest.mark.parametrize("place", [0, 30, 60, 100, 140, -1])
+def test_a_byte_that_changed_on_the_disk_is_noticed(tmp_path: Path, place: int) -> None:
+    seen(opened(tmp_path))
+    for path in tmp_path.rglob("*.npy"):
+        content = bytearray(path.read_bytes())
+        content[place] ^= 0x28
+        path.write_bytes(content)
+    again = opened(tmp_path)
+    attention, _ = seen(again)
+    assert asked(again) == 1
+    assert np.array_equal(attention, Counting().attend(int(IMAGE.sum()), WORDS))
+
+
+def test_what_others_keep_in_the_folder_is_never_removed(tmp_path: Path) -> None:
+    theirs = tmp_path / "labels" / "0001.npy"
+    theirs.parent.mkdir()
+    np.save(theirs, IMAGE)
+    os.utime(theirs, (1000, 1000))
+    seen(opened(tmp_path, most=400))
+    assert theirs.exists()
+
+
+def test_a_full_cache_is_not_counted_for_each_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    counted = list[str]()
+    glob = Path.glob
+    monkeypatch.setattr(Path, "glob", lambda self, name: counted.append(name) or glob(self, name))
+    small = opened(tmp_path, most=400)
+    for value in range(30):
+        seen(small, np.full((2, 2, 3), value, np.uint8))
+    assert len(counted) < 10
+
+
+def test_several_stores_hold_no_more_together_than_one_may(tmp_path: Path) -> None:
+    stores = [PerceptionStore(tmp_path, "a", 100_000) for _ in range(4)]
+    array = np.zeros(200, np.float32)
+    for number in range(150):
+        for one, store in enumerate(stores):
+            store.put(f"{number:020x}{one:04x}", "scene", array)
+    held = sum(path.stat().st_size for path in tmp_path.rglob("*.npy"))
+    assert 80_000 < held < 110_000
+
+
+def test_what_is_left_of_an_unfinished_file_goes_when_room_is_needed(tmp_path: Path) -> None:
+    perceiver = opened(tmp_path, most=1000)
+    (folder,) = tmp_path.iterdir()
+    left = folder / f".{'0' * 24}-sceneabc.part"
+    left.write_bytes(bytes(900))
+    os.utime(left, (1000, 1000))
+    seen(perceiver)
+    assert not left.exists()
 
 
 @pytest.mark.parametrize("left", [0, 20, 130])

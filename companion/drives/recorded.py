@@ -16,7 +16,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Image
 from anytraverse.judging import Settings
 from anytraverse.regions import Box
-from companion.drives.drive import DriveError, DriveFrame
+from companion.drives.drive import DriveError, DriveFrame, printable
 from companion.recording.contents import read_json
 from companion.recording.foxglove import jpeg_of
 from companion.recording.topics import TOPICS, Topic
@@ -99,7 +99,7 @@ class Recording:
         if not path.exists():
             raise DriveError(f"{path} is not there: give a recording, or the folder with some")
         self._paths = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-        self.title = path.name
+        self.title = printable(path.name)
         names = [TOPICS[Topic.CAMERA].name, TOPICS[Topic.SETUP].name]
         setup: Mapping[str, Any] = {}
         self.count = 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from companion.drives.drive import DriveError
 from companion.tuning.episode import Episode
 from companion.tuning.grid import Grid, GridError, around, read_region, read_tiles, read_values
 from companion.tuning.report import counted, csv_rows, page, text_of
-from companion.tuning.running import Where, run_episode
+from companion.tuning.running import Where, processes_of, run_episode
 from companion.vision.warm_up import load_engine
 
 
@@ -116,10 +115,8 @@ def _run(options: argparse.Namespace) -> int:
 
 def _where(options: argparse.Namespace) -> Where:
     """Return where the work is done. Raises GridError, DatasetError."""
-    if options.jobs < 0:
-        raise GridError(f"--jobs {options.jobs}: give a number of processes, 0 for all cores")
-    processes = options.jobs or len(os.sched_getaffinity(0))
-    return Where(options.cache or default_cache(), cache_bytes(options), processes, options.dask)
+    cache = options.cache or default_cache()
+    return Where(cache, cache_bytes(options), processes_of(options.jobs), options.dask)
 
 
 def _config(options: argparse.Namespace) -> Config:

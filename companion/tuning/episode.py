@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from anytraverse.evaluation.datasets import Dataset, Selection, TornPictureError, open_dataset
-from companion.drives.drive import Drive, DriveFrame
+from companion.drives.drive import Drive, DriveFrame, printable
 from companion.drives.frames import open_drive
 from companion.tuning.operators import GivenAnswer, GivenAnswers, LabelOperator, Operator, go
 
@@ -39,7 +39,7 @@ class LabelledDrive:
     """The frames of a labelled data set in their order, as a drive."""
 
     def __init__(self, dataset: Dataset, rate: float) -> None:
-        self.title, self.count = dataset.title, len(dataset)
+        self.title, self.count = printable(dataset.title), len(dataset)
         self._dataset = dataset
         self._period = 1.0 / rate
 

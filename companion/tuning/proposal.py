@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,9 @@ import numpy as np
 
 from anytraverse.judging import Settings
 from anytraverse.regions import Box
+from companion.config import Config
+from companion.config.stopping import Stopping, judge_stopping, with_settings
+from companion.drives.drive import DriveError
 from companion.tuning.grid import Grid
 from companion.tuning.operators import NEAR_S, GivenAnswer
 from companion.tuning.report import combination
@@ -20,6 +24,8 @@ _SHARES = (0.05, 0.02, 0.005)
 _BEYOND = 0.02
 """How far beyond all frames the last threshold of the grid is."""
 _LARGEST = 0.99
+MOST_WANTED = 60.0
+"""Calls a minute."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +33,14 @@ class Candidate:
     """A combination, and what it costs and keeps.
 
     rate: calls a minute. kept: how many of the named things still open a call. halves: calls in the first and
-    the second half of the drive.
+    the second half of the drive. holds: how often a rover would be held.
     """
 
     combination: Combination
     rate: float
     kept: int
     halves: tuple[int, int]
+    holds: int
 
     def row(self) -> dict[str, Any]:
         """Return it as JSON values."""
@@ -43,6 +50,7 @@ class Candidate:
             "kept": self.kept,
             "first_half": self.halves[0],
             "second_half": self.halves[1],
+            "would_hold": self.holds,
         }
 
 
@@ -56,7 +64,8 @@ def weighed(outcome: Outcome, named: Sequence[float], seconds: float) -> Candida
     at = [call.at for call in outcome.calls]
     kept = sum(any(abs(one - call) <= NEAR_S for call in at) for one in named)
     first = sum(2 * call <= seconds for call in at)
-    return Candidate(outcome.combination, 60.0 * len(at) / seconds, kept, (first, len(at) - first))
+    rate = 60.0 * len(at) / seconds
+    return Candidate(outcome.combination, rate, kept, (first, len(at) - first), outcome.would_hold)
 
 
 def proposed(candidates: Sequence[Candidate], now: Combination, wanted: float) -> Candidate:
@@ -69,6 +78,62 @@ def proposed(candidates: Sequence[Candidate], now: Combination, wanted: float) -
     if not within:
         return min(candidates, key=lambda one: (one.rate, -one.kept, _changes(one.combination, now)))
     return min(within, key=lambda one: (-one.kept, -one.rate, _changes(one.combination, now)))
+
+
+def in_time(
+    candidates: Sequence[Candidate], now: Combination, settings: Settings, config: Config
+) -> list[Candidate]:
+    """Return the candidates by which a thing is seen early enough to stop, or no later than now.
+
+    All of them where mount or speed are not configured. settings: in force.
+    """
+    before = _stopping(now, settings, config)
+    if isinstance(before, str):
+        return list(candidates)
+    found = []
+    for one in candidates:
+        judged = _stopping(one.combination, settings, config)
+        if isinstance(judged, Stopping) and (judged.enough or judged.sees >= before.sees):
+            found.append(one)
+    return found
+
+
+def _stopping(one: Combination, settings: Settings, config: Config) -> Stopping | str:
+    return judge_stopping(with_settings(config, one.applied(settings)), tile=one.tile)
+
+
+def refuse_short(seconds: float, wanted: float) -> None:
+    """Raise DriveError for a drive in which one call is more than is wanted: only silence would do."""
+    if seconds * wanted >= 60.0:
+        return
+    least = math.ceil(6000.0 / seconds) / 100 if seconds > 0.0 else math.inf
+    more = f", or --calls-per-minute {least:g}" if least <= MOST_WANTED else ""
+    raise DriveError(
+        f"the drive lasts {seconds:g} s, and one call in it is already more than {wanted:g} a minute: "
+        f"give a drive of {60.0 / wanted:g} s or more{more}"
+    )
+
+
+def warnings(before: Candidate, best: Candidate, named: int) -> list[str]:
+    """Return what a proposal loses, for a person."""
+    found = []
+    old, new = before.combination, best.combination
+    if best.rate == 0.0:
+        found.append("by the proposal this drive never calls: it may be blind")
+    if best.kept < before.kept:
+        found.append(
+            f"{before.kept - best.kept} of {named} things that somebody named would no longer call: "
+            "the rover would drive on there"
+        )
+    if best.holds < before.holds:
+        found.append(
+            f"it would be held {best.holds} times instead of {before.holds}: "
+            "the thresholds that call less also stop it less"
+        )
+    box, own = new.region, old.region
+    if box.left > own.left or box.top > own.top or box.right < own.right or box.bottom < own.bottom:
+        found.append("the region is smaller: what lies beside it does not stop the rover, which must fit in")
+    return [f"WARNING: {one}" for one in found]
 
 
 def frontier(candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,14 +17,24 @@ from anytraverse.evaluation.spreading import spread
 from anytraverse.frame import Frame
 from anytraverse.perception.stored import PerceptionStore, StoredPerceiver
 from companion.config import Config
+from companion.drives.drive import DriveError
 from companion.drives.judge import DriveJudge
 from companion.tuning.episode import Episode
+from companion.tuning.grid import GridError
 from companion.tuning.trial import Combination, Outcome, Trial, TrialEngine, run_trials
 from companion.vision.warm_up import load_engine
 
 _MANY = 40
 """Combinations from which they are judged in smaller parts, so that the progress is seen."""
+_MOST_JOBS = 256
 _Result = TypeVar("_Result")
+
+
+def processes_of(jobs: int) -> int:
+    """Return how many processes `--jobs` asks for; 0: as many as there are cores. Raises GridError."""
+    if not 0 <= jobs <= _MOST_JOBS:
+        raise GridError(f"--jobs {jobs}: give a number of processes, 1 to {_MOST_JOBS}, or 0 for all cores")
+    return jobs or len(os.sched_getaffinity(0))
 
 
 @dataclass(frozen=True)
@@ -65,13 +76,32 @@ def run_episode(
 
     Raises DriveError, AnyTraverseError, OSError.
     """
-    parts = max(1, where.processes)
-    if parts > 1 or where.dask:  # each process has one core
-        config = replace(config, perceiver=replace(config.perceiver, threads=1))
     began = time.monotonic()
-    shares = [_Part(config, episode, where, number, parts) for number in range(parts)]
-    frames = sum(_spread(_perceive, shares, where, "parts perceived"))
+    frames = perceive(config, episode, where)
     seen = time.monotonic()
+    outcomes = judge(config, episode, combinations, where)
+    return Judged(outcomes, frames, seen - began, time.monotonic() - seen)
+
+
+def perceive(config: Config, episode: Episode, where: Where) -> int:
+    """See all frames of an episode, so that they are in the cache. Return how many can be read.
+
+    Raises DriveError where none can, and as `run_episode` does.
+    """
+    parts = max(1, where.processes)
+    shares = [_Part(_of_a_process(config, where), episode, where, number, parts) for number in range(parts)]
+    frames = sum(_spread(_perceive, shares, where, "parts perceived"))
+    if not frames:
+        raise DriveError(f"{episode.where} has no frame that can be read: copy it again")
+    return frames
+
+
+def judge(
+    config: Config, episode: Episode, combinations: Sequence[Combination], where: Where
+) -> list[Outcome]:
+    """Judge an episode by all combinations, as `run_episode` does, without seeing all frames first."""
+    parts = max(1, where.processes)
+    config = _of_a_process(config, where)
     # trials of one region share its figures, so they stay together
     order = sorted(range(len(combinations)), key=lambda one: repr(combinations[one].region))
     count = parts if len(order) < _MANY else 2 * parts
@@ -83,8 +113,14 @@ def run_episode(
     ]
     found = [one for outcomes in _spread(_judge, jobs, where, "parts judged") for one in outcomes]
     placed = dict(zip(order, found, strict=True))
-    outcomes = [placed[number] for number in range(len(combinations))]
-    return Judged(outcomes, frames, seen - began, time.monotonic() - seen)
+    return [placed[number] for number in range(len(combinations))]
+
+
+def _of_a_process(config: Config, where: Where) -> Config:
+    """Return the configuration for one of several processes, each of which has one core."""
+    if where.processes <= 1 and not where.dask:
+        return config
+    return replace(config, perceiver=replace(config.perceiver, threads=1))
 
 
 class Figures(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
+import time
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -21,16 +21,20 @@ from companion.drives.recorded import Recording
 from companion.tuning.episode import Episode
 from companion.tuning.operators import GivenAnswer
 from companion.tuning.proposal import (
+    MOST_WANTED,
     Candidate,
     fragment,
     frontier,
     grid_of,
+    in_time,
     named_times,
     proposed,
+    refuse_short,
+    warnings,
     weighed,
 )
 from companion.tuning.report import csv_rows_of
-from companion.tuning.running import Where, figures_of, run_episode
+from companion.tuning.running import Where, figures_of, judge, perceive, processes_of
 from companion.tuning.trial import Combination
 from companion.vision.warm_up import load_engine
 
@@ -52,40 +56,47 @@ def run(
     recording, else none. jobs: processes, 0: all cores. cache: folder of what was seen of frames.
     Raises DriveError, ConfigError, AnyTraverseError, OSError.
     """
-    if not 0.0 < wanted <= 60.0:
-        raise DriveError(f"{wanted:g} calls a minute cannot be wanted: give a number above 0, at most 60")
+    began = time.monotonic()
+    if not 0.0 < wanted <= MOST_WANTED:
+        raise DriveError(
+            f"{wanted:g} calls a minute cannot be wanted: give a number above 0, at most {MOST_WANTED:g}"
+        )
     config = load_config(file)
     drive = open_drive(where, config.camera.rate)
     given = _given(drive, answers)
     episode = Episode(where, config.camera.rate, given)
-    processes = jobs or len(os.sched_getaffinity(0))
-    place = Where(Path(cache) if cache else default_cache(), MOST_BYTES, processes)
+    place = Where(Path(cache) if cache else default_cache(), MOST_BYTES, processes_of(jobs))
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     settings = load_engine(config, None)[0].settings
     now = Combination.of(settings)
+    frames = perceive(config, episode, place)
     seen = figures_of(config, episode, place)
     if not seen.tiles:
-        raise DriveError(f"{where} has no frame that can be judged")
+        raise DriveError(f"{where} has no frame that can be judged: see what `companion rehearse` says of it")
+    refuse_short(seen.seconds, wanted)
     grid = grid_of(
         seen.similarities, seen.uncertainties, seen.tiles, settings, [now.region] if keep_roi else ()
     )
-    judged = run_episode(config, episode, grid.combinations(settings), place)
+    outcomes = judge(config, episode, grid.combinations(settings), place)
     named = named_times(given)
-    candidates = [weighed(one, named, seen.seconds) for one in judged.outcomes]
+    candidates = [weighed(one, named, seen.seconds) for one in outcomes]
     before = next(one for one in candidates if one.combination == now)
-    best = proposed(candidates, now, wanted)
+    soon = in_time(candidates, now, settings, config)
+    best = proposed(soon, now, wanted)
     figures: dict[str, Any] = {
         "drive": drive.title,
-        "frames": judged.frames,
+        "frames": frames,
         "drive_s": round(seen.seconds, 1),
         "wanted": wanted,
         "named": len(named),
         "combinations": len(candidates),
+        "too_late": len(candidates) - len(soon),
         "now": before.row(),
         "proposed": best.row(),
         "reached": best.rate <= wanted,
-        "seconds": round(judged.perceiving_s + judged.judging_s, 1),
+        "seconds": round(time.monotonic() - began, 1),
+        "warnings": warnings(before, best, len(named)),
     }
     remarks = _remarks(figures)
     toml = fragment(best.combination, now, remarks)
@@ -135,7 +146,15 @@ def _remarks(figures: dict[str, Any]) -> list[str]:
             f"things that somebody named: {named}; of these call {now['kept']} now, {best['kept']} proposed"
         )
     else:
-        lines.append("no answers were given, so nothing tells which calls matter: rehearse the drive first")
+        lines.append(
+            "WARNING: no answers were given, so nothing tells which calls matter, and the proposal may silence "
+            "those that do: rehearse the drive first"
+        )
+    if figures["too_late"]:
+        lines.append(
+            f"{figures['too_late']} combinations are left out: by them a thing is seen too late to stop"
+        )
+    lines += figures["warnings"]
     if best == now:
         lines.append("the settings in force are the best of these")
     lines.append("this fits one drive: rehearse another with it before you trust it")
@@ -153,7 +172,7 @@ def _page(
     """Return the page: what is proposed, and what it was chosen from."""
     parts = [
         f"<h1>Tuning on {escape(figures['drive'])}</h1>",
-        *(f"<p>{escape(line)}</p>" for line in remarks[1:]),
+        *(f"<p{_class(line)}>{escape(line)}</p>" for line in remarks[1:]),
         f"<h2>To put into companion.toml</h2><pre>{escape(toml)}</pre>",
     ]
     most = max(one.rate for one in candidates) or 1.0
@@ -191,7 +210,12 @@ def _page(
     return document(f"Tuning on {figures['drive']}", STYLE + _STYLE, parts)
 
 
+def _class(line: str) -> str:
+    return ' class="warning"' if line.startswith("WARNING") else ""
+
+
 _STYLE = """
+.warning { border-left: 4px solid var(--red); padding-left: .6rem; font-weight: 600; }
 .plots { display: grid; gap: 1rem; grid-template-columns: repeat(auto-fit, minmax(18rem, 1fr)); }
 pre { overflow-x: auto; padding: .6rem; border: 1px solid var(--line); }
 """

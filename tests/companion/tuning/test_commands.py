@@ -11,6 +11,7 @@ import pytest
 
 from anytraverse.cli import main as anytraverse
 from companion.cli import main as companion
+from companion.config import load_config
 
 Out = pytest.CaptureFixture[str]
 
@@ -69,6 +70,7 @@ def test_the_labels_answer_where_there_are_some(drive: Path, tmp_path: Path, cap
         (("--operator", "labels"), "--drivable"),
         ((), "--drivable"),
         (("--jobs", "-1", "--operator", "go"), "--jobs -1"),
+        (("--jobs", "1000000", "--operator", "go"), "1 to 256"),
         (("--cache-size", "0", "--operator", "go"), "--cache-size"),
         (("--rate", "0", "--operator", "go"), "--rate"),
         (("--operator", "go", "--to", "3"), "whole drive"),
@@ -88,6 +90,30 @@ def test_what_cannot_be_asked_is_told_in_one_line(
 def test_a_drive_that_is_not_there_is_told(drive: Path, tmp_path: Path, capsys: Out) -> None:
     assert anytraverse(asked(drive, tmp_path, episode=str(tmp_path / "none"))) == 2
     assert "none" in capsys.readouterr().err
+
+
+def test_a_drive_without_a_frame_that_can_be_read_is_told(drive: Path, tmp_path: Path, capsys: Out) -> None:
+    torn = tmp_path / "torn"
+    torn.mkdir()
+    (torn / "1.jpg").write_bytes(b"torn")
+    assert anytraverse(asked(drive, tmp_path / "out", "--operator", "go", episode=str(torn))) == 2
+    assert "no frame that can be read" in capsys.readouterr().err
+    assert companion(["tune", str(torn), "--config", str(drive.parent / "companion.toml")]) == 2
+    assert "no frame that can be read" in capsys.readouterr().err
+
+
+def test_a_name_of_several_lines_cannot_change_the_proposal(
+    drive: Path, tmp_path: Path, capsys: Out
+) -> None:
+    odd = tmp_path / "a\n[words]\nb\x07"
+    odd.symlink_to(drive)
+    config = ["--config", str(drive.parent / "companion.toml"), "--out", str(tmp_path / "out")]
+    assert companion(["tune", str(odd), *config, "--calls-per-minute", "60", "--jobs", "1"]) == 0
+    content = (drive.parent / "companion.toml").read_text().partition("[roi]")[0]
+    part = (tmp_path / "out" / "tuned.toml").read_text()
+    (tmp_path / "whole.toml").write_text(content + part)
+    assert load_config(tmp_path / "whole.toml").words == {}
+    assert part.startswith("# companion tune: a\\x0a[words]\\x0ab\\x07, 16 frames")
 
 
 def test_tuning_writes_what_to_put_into_the_configuration(drive: Path, tmp_path: Path, capsys: Out) -> None:
@@ -114,6 +140,8 @@ def test_tuning_writes_what_to_put_into_the_configuration(drive: Path, tmp_path:
         (("--calls-per-minute", "0"), "calls a minute"),
         (("--calls-per-minute", "nan"), "calls a minute"),
         (("--answers", "{answers}"), "no answer to a frame of this drive"),
+        (("--jobs", "-1"), "--jobs -1"),
+        (("--calls-per-minute", "0.5"), "drive of 120 s or more"),
     ],
 )
 def test_what_cannot_be_tuned_is_told(

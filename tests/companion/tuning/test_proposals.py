@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,16 +11,21 @@ from hypothesis import strategies as st
 
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.regions import Box
-from companion.config import load_config
+from companion.config import Config, load_config
+from companion.config.schema import Mount, Stopping
+from companion.drives.drive import DriveError
 from companion.tuning.operators import GivenAnswer
 from companion.tuning.proposal import (
     Candidate,
     fragment,
     frontier,
     grid_of,
+    in_time,
     named_times,
     proposed,
+    refuse_short,
     variants,
+    warnings,
     weighed,
 )
 from companion.tuning.trial import Combination, MadeCall, Outcome
@@ -40,6 +46,7 @@ CANDIDATES = st.lists(
         st.floats(0, 20),
         st.integers(0, 5),
         st.just((0, 0)),
+        st.integers(0, 3),
     ),
     min_size=1,
 )
@@ -71,7 +78,7 @@ def test_no_candidate_calls_less_and_keeps_as_much_as_one_of_the_frontier(
 
 def test_of_equal_candidates_the_one_with_the_fewest_changes_is_proposed() -> None:
     changed = Combination(0.8, 0.2, 0.8, REGION)
-    candidates = [Candidate(one, 1.0, 2, (1, 1)) for one in (changed, NOW)]
+    candidates = [Candidate(one, 1.0, 2, (1, 1), 0) for one in (changed, NOW)]
     assert proposed(candidates, NOW, 2.0).combination == NOW
 
 
@@ -116,3 +123,42 @@ def test_the_fragment_puts_the_proposal_into_force(drive: Path, tmp_path: Path, 
 
 def test_a_fragment_of_what_is_in_force_changes_nothing() -> None:
     assert fragment(NOW, NOW, ["a remark"]) == "# a remark\n"
+
+
+def kept_of(one: Combination, rate: float, kept: int, holds: int) -> Candidate:
+    return Candidate(one, rate, kept, (0, 0), holds)
+
+
+def test_what_a_proposal_loses_is_told() -> None:
+    before = kept_of(NOW, 3.0, 2, 4)
+    assert warnings(before, before, 2) == []
+    assert warnings(before, kept_of(replace(NOW, region=Box(0.2, 0.4, 0.8, 0.9)), 9.0, 2, 5), 2) == []
+    narrow = replace(NOW, region=Box(0.34, 0.5, 0.66, 0.9))
+    never, silent, looser, smaller = warnings(before, kept_of(narrow, 0.0, 1, 1), 2)
+    assert "never calls" in never
+    assert silent.startswith("WARNING: 1 of 2 things")
+    assert "1 times instead of 4" in looser
+    assert "region is smaller" in smaller
+
+
+def test_a_drive_in_which_one_call_is_too_many_is_refused() -> None:
+    refuse_short(60.0, 1.0)
+    with pytest.raises(DriveError, match="drive of 120 s or more, or --calls-per-minute 1.34"):
+        refuse_short(45.0, 0.5)
+    for seconds in (0.0, 0.1):
+        with pytest.raises(DriveError, match="s or more$"):
+            refuse_short(seconds, 60.0)
+
+
+def test_what_is_seen_too_late_to_stop_is_not_proposed() -> None:
+    base = Settings(region=Box(0.3, 0.5, 0.7, 0.95), thresholds=Thresholds(tile=0.4))
+    now = Combination.of(base)
+    near = replace(now, region=Box(0.3, 0.8, 0.7, 0.95))
+    candidates = [kept_of(one, 1.0, 0, 0) for one in (now, near, replace(now, roi=0.6))]
+    mounted = Config(mount=Mount(height=0.6, tilt=15.0), stopping=Stopping(speed=1.0))
+    assert in_time(candidates, now, base, mounted) == [candidates[0], candidates[2]]
+    assert in_time(candidates, now, base, Config()) == candidates
+    fast = replace(mounted, stopping=Stopping(speed=8.0))
+    assert in_time(candidates, now, base, fast) == [candidates[0], candidates[2]]
+    far = Combination(now.scene, now.roi, now.tile, Box(0.3, 0.4, 0.7, 0.95))
+    assert len(in_time([*candidates, kept_of(far, 1.0, 0, 0)], now, base, fast)) == 3

@@ -159,7 +159,7 @@ class Assessment:
     @property
     def reasons(self) -> frozenset[Reason]:
         """The reasons of all bad findings."""
-        return frozenset(finding.reason for finding in self.bad)
+        return frozenset([finding.reason for finding in self.findings if finding.bad])
 
     @property
     def ok(self) -> bool:

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from anytraverse.adoption import adopted_memory, refused_memory
 from anytraverse.answers import AnswerOutcome, Changes, changed_memory
-from anytraverse.assessment import Assessment, Finding, Map, Observation, Reason
+from anytraverse.assessment import Assessment, Finding, Map, Maps, Observation, Reason
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.findings import check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.frame import Frame, is_black, is_image
@@ -23,6 +24,7 @@ from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.perception import Features, Perceiver, Prompt
+from anytraverse.roi import RoiFigures
 from anytraverse.scene_watch import CarriedPlace, SceneWatch
 from anytraverse.synonyms import refuse_contradictions
 
@@ -89,6 +91,8 @@ class AnyTraverse:
             assessment = self.judge(observation, now)
         match, undecided = self._match(assessment, observation)
         self._matched.append(match is not None)
+        if match is None and not undecided:
+            return assessment
         if match is None or sum(self._matched) < self.settings.votes:
             return replace(assessment, match=match, undecided=undecided)
         self.memory, dropped = adopted_memory(
@@ -109,30 +113,38 @@ class AnyTraverse:
         if self.memory.reference is None and is_black(frame.image):
             findings.append(Finding.fault("the picture is black"))
         judged = self._carried_similarity(observation.embedding, similarity)
-        scene = find_scene(judged, self.settings)
-        figure = similarity if similarity is not None and math.isfinite(similarity) else None
-        seen = Assessment(
+        seen = partial(
+            Assessment,
             frame,
             words,
-            (),
-            age,
-            similarity=figure,
+            age=age,
+            similarity=similarity if similarity is not None and math.isfinite(similarity) else None,
             scene_age=observation.scene_age,
             observation=observation,
         )
+        maps = self.maps_of(observation)
+        if isinstance(maps, Finding):
+            return seen((*findings, maps, *find_scene(judged, self.settings)))
+        roi = self.figures_of(observation, maps)
+        if isinstance(roi, Finding):
+            return seen((*findings, roi, *find_scene(judged, self.settings)), maps=maps)
+        return seen((*findings, *find(maps, roi, judged, self.settings)), maps=maps, roi=roi)
+
+    def maps_of(self, observation: Observation) -> Maps | Finding:
+        """Make a frame's maps with the words in force, or say which fault prevents it.
+
+        Changes nothing but `Observation.attended`. Raises as `judge` does.
+        """
         try:
             attention, alone = self._attend(observation)
-            maps = make_maps(attention, list(words.values()), self.settings, alone)
+            return make_maps(attention, list(self.memory.preferences.values()), self.settings, alone)
         except PerceiverError as error:
-            maps = Finding.fault(str(error))
-        if isinstance(maps, Finding):
-            return replace(seen, findings=(*findings, maps, *scene))
-        height, width = frame.image.shape[:2]
-        roi = roi_figures(maps, width / height, self.settings)
-        if isinstance(roi, Finding):
-            return replace(seen, findings=(*findings, roi, *scene), maps=maps)
-        findings.extend(find(maps, roi, judged, self.settings))
-        return replace(seen, findings=tuple(findings), maps=maps, roi=roi)
+            return Finding.fault(str(error))
+
+    def figures_of(self, observation: Observation, maps: Maps) -> RoiFigures | Finding:
+        """Calculate the figures of the region of interest, or say which fault prevents it."""
+        height, width = observation.frame.image.shape[:2]
+        return roi_figures(maps, width / height, self.settings)
 
     def answer(
         self,

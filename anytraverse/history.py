@@ -92,7 +92,11 @@ def cosine(one: Embedding, other: Embedding) -> float:
     """
     if one.ndim != 1 or one.shape != other.shape:
         return math.nan
-    return float(_Rows(one[np.newaxis]).cosines(other)[0])
+    long, other_long = one.astype(np.float64), other.astype(np.float64)
+    product = math.sqrt(float(long @ long)) * math.sqrt(float(other_long @ other_long))
+    if not 0.0 < product < math.inf:
+        return math.nan
+    return min(1.0, max(-1.0, float(long @ other_long) / product))
 
 
 class _Rows:

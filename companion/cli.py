@@ -96,6 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_memory(commands)
     _add_rehearse(commands)
     _add_replay(commands)
+    _add_tune(commands)
     _add_recordings(commands)
 
     config = commands.add_parser("config", help="check a configuration")
@@ -155,6 +156,29 @@ def _add_replay(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     replay.add_argument("--refs", metavar="FILE", help="references, by default DRIVE.refs.jsonl")
     replay.add_argument("--update-refs", action="store_true", help="write the references anew")
     replay.set_defaults(run=_replay)
+
+
+def _add_tune(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    tune = commands.add_parser(
+        "tune", help="propose thresholds and a region by which a drive calls as wanted"
+    )
+    tune.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
+    tune.add_argument(
+        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
+    )
+    tune.add_argument(
+        "--calls-per-minute", type=float, default=1.0, metavar="N", help="at most, by default %(default)g"
+    )
+    tune.add_argument(
+        "--answers", metavar="FILE", help="of `companion rehearse`; of a recording those that were recorded"
+    )
+    tune.add_argument("--keep-roi", action="store_true", help="leave the region of interest as it is")
+    tune.add_argument("--out", default="tuning", metavar="FOLDER", help="by default ./%(default)s")
+    tune.add_argument("--jobs", type=int, default=0, metavar="N", help="processes, by default all cores")
+    tune.add_argument(
+        "--cache", metavar="DIR", help="what was seen of frames, by default ~/.cache/anytraverse"
+    )
+    tune.set_defaults(run=_tune)
 
 
 def _add_recordings(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -349,6 +373,23 @@ def _replay(options: argparse.Namespace) -> int:
             file=options.config,
             refs=options.refs,
             update=options.update_refs,
+        )
+    )
+
+
+def _tune(options: argparse.Namespace) -> int:
+    from companion.tuning import tune_command
+
+    return _of_drives(
+        lambda: tune_command.run(
+            options.drive,
+            file=options.config,
+            wanted=options.calls_per_minute,
+            out=options.out,
+            answers=options.answers,
+            keep_roi=options.keep_roi,
+            jobs=options.jobs,
+            cache=options.cache,
         )
     )
 

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from anytraverse.evaluation.datasets import ALL, KINDS, Dataset, LabelledFrame, Selection, open_dataset
+from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.seeing import PerceiverRun
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
+from anytraverse.perception.stored import MOST_BYTES, default_cache
 from anytraverse.preferences import Preferences
+
+GB = 1_000_000_000
 
 
 def add_shared(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +53,24 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--every", type=int, default=1, metavar="N", help="take every Nth of these frames, by default all"
     )
+
+
+def add_cache(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments for what was seen of frames."""
+    parser.add_argument(
+        "--cache", type=Path, metavar="DIR", help=f"what was seen of frames, by default {default_cache()}"
+    )
+    parser.add_argument(
+        "--cache-size", type=float, default=MOST_BYTES / GB, metavar="GB", help="by default %(default)g"
+    )
+
+
+def cache_bytes(options: argparse.Namespace) -> int:
+    """Return how large the cache may be. Raises DatasetError for a size that cannot be."""
+    size = float(options.cache_size)
+    if not 0.0 < size < 1e6:
+        raise DatasetError(f"--cache-size {size:g}: give gigabytes above 0")
+    return round(size * GB)
 
 
 def open_chosen(options: argparse.Namespace, split: str = ALL) -> Dataset:

@@ -13,6 +13,7 @@ from typing import Any
 from anytraverse.evaluation.arguments import add_choice, open_chosen
 from anytraverse.evaluation.datasets import KINDS, Dataset, kind_and_path
 from anytraverse.evaluation.defaults import Defaults, read_defaults
+from anytraverse.evaluation.evaluating import Evaluation, Share
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.matching import asked_names, refuse_asked
 from anytraverse.evaluation.records import Records
@@ -43,6 +44,9 @@ def add_asked(parser: argparse.ArgumentParser) -> None:
     out = Path("evaluation")
     parser.add_argument(
         "--out", type=Path, default=out, metavar="DIR", help="where to write, by default %(default)s"
+    )
+    parser.add_argument(
+        "--dask", metavar="ADDRESS", help="judge on a Dask cluster with the same files, e.g. tcp://host:8786"
     )
     parser.add_argument("--json", action="store_true", help="print nothing but the last line, the JSON")
 
@@ -86,6 +90,26 @@ class Asked:
         """Return the perceiver with each set of words. Raises PreferencesError."""
         return [PerceiverRun(self.perceiver, words) for words in self.words]
 
+    def judged(self, records: Records) -> Evaluation:
+        """Return the evaluation of all frames, judged on the cluster where there is one.
+
+        Raises PreferencesError, DatasetError, SpreadError.
+        """
+        evaluation = Evaluation(self.dataset, self.runs(), records)
+        if self.options.dask is not None:
+            prompts = tuple(words.format() for words in self.words)
+            options = self.options
+            share = Share(
+                f"{self.kind}:{self.dataset.path.resolve()}",
+                self.split,
+                _absolute(options.perceiver),
+                maps_identity(options.perceiver, self.perceiver),
+                options.threads,
+                prompts,
+            )
+            evaluation.on_cluster(share, options.dask)
+        return evaluation
+
     def records(self) -> Records:
         """Open the records in --out. Raises DatasetError, OSError."""
         classes = self.dataset.classes
@@ -118,6 +142,12 @@ class Asked:
             and set(self.drivable) == set(self.dataset.classes.choose(defaults.drivable))
             and self.split == defaults.split
         )
+
+
+def _absolute(perceiver: str) -> str:
+    """Return a perceiver's name as a process in another folder needs it."""
+    kind, _, argument = perceiver.partition(":")
+    return f"{kind}:{os.path.abspath(argument)}" if os.path.isdir(argument) else perceiver
 
 
 def _unknown(

@@ -9,7 +9,6 @@ from typing import Any
 
 from anytraverse.evaluation.arguments import setting
 from anytraverse.evaluation.asking import Asked, add_asked, conclude
-from anytraverse.evaluation.evaluating import Evaluation
 from anytraverse.evaluation.exhibits import Exhibit, draw
 from anytraverse.evaluation.page import page
 from anytraverse.evaluation.report import markdown, text_of
@@ -36,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     (seeing,) = asked.runs()
     summary = asked.summary()
     with asked.records() as records:
-        evaluation = Evaluation(asked.dataset, [seeing], records)
+        evaluation = asked.judged(records)
         for number, (tally,) in evaluation:
             summary.add(number, asked.dataset.name(number), tally)
     figures = {

@@ -3,16 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from threading import local
 
-from anytraverse.evaluation.datasets import Dataset, Files, TornPictureError
+from anytraverse.errors import PerceiverError
+from anytraverse.evaluation.datasets import Dataset, Files, TornPictureError, open_dataset
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.records import Records
-from anytraverse.evaluation.seeing import PerceiverRun
+from anytraverse.evaluation.seeing import PerceiverRun, maps_identity
+from anytraverse.evaluation.spreading import spread
 from anytraverse.evaluation.tally import Rows, Tally
+from anytraverse.perception import make_perceiver
+from anytraverse.perception.runtime import Runtime
+from anytraverse.preferences import Preferences
 
+_AT_ONCE = 16
+"""Frames that a worker of a cluster judges before it says so."""
 Judged = tuple[int, tuple[Tally, ...]]
 """A frame's number, and its tally with each set of words."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """Names frames and all that a worker needs to judge them: folder, perceiver, words as text.
+
+    model: `maps_identity` of the perceiver, which a worker's must have, too.
+    """
+
+    folder: str
+    split: str
+    perceiver: str
+    model: str
+    threads: int
+    prompts: tuple[str, ...]
+    numbers: tuple[int, ...] = ()
 
 
 class Evaluation:
@@ -62,6 +87,36 @@ class Evaluation:
         if self.torn == len(self._dataset):
             raise DatasetError(f"{self._dataset.path} has no frame that can be read: copy the folder again")
 
+    def on_cluster(self, share: Share, address: str) -> None:
+        """Judge the frames that are not stored on a Dask cluster, and store them.
+
+        share: of this data set and these runs, without numbers. Damaged frames are left for the iteration.
+        Raises SpreadError, DatasetError.
+        """
+        left = [
+            number
+            for number, files in zip(self._dataset.numbers, self._dataset.files, strict=True)
+            if not all(self._records.holds(key, self._dataset.name(number), files) for key in self._keys)
+        ]
+        shares = [
+            replace(share, numbers=tuple(left[at : at + _AT_ONCE])) for at in range(0, len(left), _AT_ONCE)
+        ]
+        files = dict(zip(self._dataset.numbers, self._dataset.files, strict=True))
+        progress = Progress(len(left), "frames on the cluster")
+
+        def store(_number: int, found: list[tuple[int, tuple[bytes, ...]]]) -> None:
+            for number, packed in found:
+                for key, tally in zip(self._keys, packed, strict=True):
+                    unpacked = Tally.unpacked(tally, self._rows.count)
+                    self._records.add(key, self._dataset.name(number), files[number], unpacked)
+            progress.step(len(found))
+
+        try:
+            spread(judged_share, shares, dask=address, done=store)
+        finally:
+            progress.close()
+        self.resumed = len(self._dataset)
+
     def _judged(self, number: int, files: Files, stored: Sequence[Tally | None]) -> tuple[Tally, ...]:
         """Return a frame's tallies, and store those that were not."""
         frame = self._dataset.read(number)
@@ -73,3 +128,44 @@ class Evaluation:
                 self._records.add(key, self._dataset.name(number), files, tally)
             tallies.append(tally)
         return tuple(tallies)
+
+
+def judged_share(share: Share) -> list[tuple[int, tuple[bytes, ...]]]:
+    """Judge frames in a worker of a cluster. Return their numbers and packed tallies, one for each prompt.
+
+    Raises DatasetError, PerceiverError, PreferencesError.
+    """
+    dataset, runs = _opened(replace(share, numbers=()))
+    rows, found = Rows(dataset.classes), []
+    for number in share.numbers:
+        try:
+            frame = dataset.read(number)
+        except TornPictureError:
+            continue
+        features = runs[0].perceiver.encode(frame.image)
+        tallies = (Tally.of(run.look(frame, features), frame, rows) for run in runs)
+        found.append((number, tuple(tally.packed() for tally in tallies)))
+    return found
+
+
+class _Opened(local):
+    """What this thread has opened last, for its next share: a perceiver serves one thread."""
+
+    share: Share | None = None
+    dataset: Dataset
+    runs: tuple[PerceiverRun, ...]
+
+
+_OPENED = _Opened()
+
+
+def _opened(share: Share) -> tuple[Dataset, tuple[PerceiverRun, ...]]:
+    """Open data set and perceiver, or return those of this thread. Raises as `judged_share` does."""
+    if _OPENED.share != share:
+        perceiver = make_perceiver(share.perceiver, Runtime(threads=share.threads))
+        own = maps_identity(share.perceiver, perceiver)
+        if own != share.model:
+            raise PerceiverError(f"a worker has {own}, not {share.model}: give it the same package and files")
+        _OPENED.runs = tuple(PerceiverRun(perceiver, Preferences.parse(one)) for one in share.prompts)
+        _OPENED.dataset, _OPENED.share = open_dataset(share.folder, share.split), share
+    return _OPENED.dataset, _OPENED.runs

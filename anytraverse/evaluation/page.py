@@ -9,6 +9,8 @@ from typing import Any
 from anytraverse.evaluation.exhibits import WIDTH, Exhibit
 from anytraverse.evaluation.report import HEADLINES, Figures, asked, comparison, scope
 from anytraverse.html_page import document, figure
+from anytraverse.line_plot import STYLE as PLOTS
+from anytraverse.line_plot import Series, line_plot
 
 _STYLE = """
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
@@ -23,10 +25,6 @@ tr.own td { font-weight: 600; }
 .bar { display: inline-block; height: .7em; border-radius: 2px; background: var(--green); }
 .bar.no { background: var(--red); }
 .track { min-width: 6rem; }
-svg { display: block; font-size: 12px; }
-svg text { fill: var(--faint); } svg .grid { stroke: var(--line); } svg .half { stroke: var(--grey);
-  stroke-dasharray: 3 3; }
-svg polyline { fill: none; stroke-width: 2; }
 .key { display: inline-block; width: .8em; height: .8em; border-radius: 2px; margin-right: .35em; }
 .legend { margin: .3rem 0; } .legend b { margin-right: 1rem; }
 .legend span { margin-right: 1.4rem; white-space: nowrap; }
@@ -78,7 +76,7 @@ def page(figures: Figures, exhibits: Mapping[int, Exhibit]) -> str:
         "<h2>The best frames</h2>",
         *_frames(figures["best"], exhibits),
     ]
-    return document(f"{figures['title']}, {figures['model_id']}", _STYLE, parts)
+    return document(f"{figures['title']}, {figures['model_id']}", _STYLE + PLOTS, parts)
 
 
 def _number(value: float | None) -> str:
@@ -144,40 +142,11 @@ def _curve(
     label: str,
 ) -> str:
     """Draw curves (key, name, colour) over the threshold, 0 to 1 each. mark: the threshold in use."""
-    width, height, left, top = 440, 280, 34, 10
-
-    def at(x: float, y: float) -> str:
-        return f"{left + x * width:.1f},{top + (1 - y) * height:.1f}"
-
-    parts = [f'<svg viewBox="0 0 {width + left + 60} {height + 50}" width="{width + left + 60}" role="img">']
-    parts.append(f"<title>{', '.join(name for _, name, _ in curves)} over the {label}</title>")
-    for step in range(6):
-        value = step / 5
-        y = at(0, value).split(",")[1]
-        parts.append(f'<line class="grid" x1="{left}" y1="{y}" x2="{left + width}" y2="{y}"/>')
-        parts.append(f'<text x="{left - 8}" y="{float(y) + 4:.1f}" text-anchor="end">{value:.1f}</text>')
-        x = at(value, 0).split(",")[0]
-        parts.append(f'<text x="{x}" y="{top + height + 18}" text-anchor="middle">{value:.1f}</text>')
-    parts.append(
-        f'<text x="{left + width / 2}" y="{top + height + 36}" text-anchor="middle">{escape(label)}</text>'
-    )
-    half = at(mark, 0).split(",")[0]
-    parts.append(f'<line class="half" x1="{half}" y1="{top}" x2="{half}" y2="{top + height}"/>')
-    ends: list[tuple[float, str, str]] = []
-    for key, name, colour in curves:
-        points = [(row["threshold"] or 0.0, high) for row in rows if (high := row[key]) is not None]
-        if points:
-            line = " ".join(at(*point) for point in points)
-            parts.append(f'<polyline points="{line}" style="stroke:var({colour})"/>')
-            ends.append((top + (1 - points[-1][1]) * height, name, colour))
-    places: list[float] = []
-    for end, _, _ in sorted(ends):  # names that would overlap are moved apart, and up from the axis
-        places.append(max(end + 4, places[-1] + 14 if places else 0.0))
-    moved = max(0.0, places[-1] - top - height) if places else 0.0
-    for place, (_, name, colour) in zip(places, sorted(ends), strict=True):
-        x = f"{left + 0.96 * width:.1f}"
-        parts.append(f'<text x="{x}" y="{place - moved:.1f}" style="fill:var({colour})">{name}</text>')
-    return "".join(parts) + "</svg>"
+    series = [
+        Series(name, colour, [(row["threshold"] or 0.0, up) for row in rows if (up := row[key]) is not None])
+        for key, name, colour in curves
+    ]
+    return line_plot(series, label, mark=mark)
 
 
 def _legend(name: str, keys: Sequence[tuple[str, str]]) -> str:

@@ -5,15 +5,21 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from anytraverse.evaluation.arguments import shown
+from anytraverse.evaluation.arguments import add_cache, cache_bytes, rounded, shown
 from anytraverse.evaluation.asking import Asked, add_asked, conclude
-from anytraverse.evaluation.evaluating import Evaluation
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.records import MOST_WORDS
+from anytraverse.evaluation.seeing import maps_identity
 from anytraverse.evaluation.summary import Summary, as_csv
+from anytraverse.evaluation.weights import WeightScore, WeightSweep, read_weights
+from anytraverse.perception.stored import PerceptionStore, StoredPerceiver, default_cache
+from anytraverse.preferences import Preferences
 
+_BEST, _OTHERS = 5, 3
+"""How many sets of weights are judged in full: the best by small maps, and others, to see the error."""
 _COLUMNS = (
     ("iou_mean", "mean IoU"),
     ("best_iou_mean", "best"),
@@ -36,20 +42,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--prompts",
         action="append",
-        required=True,
+        default=[],
         metavar="WORDS",
         help='a set of words and weights, e.g. "trail: 1; bush: -1"; once for each set',
     )
+    parser.add_argument(
+        "--weights",
+        metavar="WORDS",
+        help='words with several weights each, "trail: 0.6,0.8,1; bush: -1": all choices are compared by '
+        "small maps, and the best of them in full",
+    )
+    add_cache(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Judge the frames with each set of words, write the files, print the table and the JSON. Returns 0."""
-    asked = Asked.of(options, list(dict.fromkeys(options.prompts)))
+    sets = read_weights(options.weights) if options.weights is not None else []
+    given = list(dict.fromkeys(options.prompts))
+    if not (given or sets):
+        raise DatasetError("nothing is compared: give --prompts for each set of words, or --weights")
+    asked = Asked.of(options, [*given, *(one.format() for one in sets[:1])])
+    ranked = _ranked(asked, sets) if sets else []
+    words = [*map(Preferences.parse, given), *(one.words for one in in_full(ranked))]
+    asked = replace(asked, words=tuple(dict.fromkeys(words)))
     if len(asked.words) > MOST_WORDS:
         raise DatasetError(f"{len(asked.words)} sets of words: {MOST_WORDS} at most can be compared")
     summaries = [asked.summary() for _ in asked.words]
     with asked.records() as records:
-        evaluation = Evaluation(asked.dataset, asked.runs(), records)
+        evaluation = asked.judged(records)
         for number, tallies in evaluation:
             for summary, tally in zip(summaries, tallies, strict=True):
                 summary.add(number, asked.dataset.name(number), tally)
@@ -69,14 +89,61 @@ def run(options: argparse.Namespace) -> int:
         "drivable": asked.drivable,
         "unknown": asked.unknown,
         "rows": rows,
+        "weights": _weights(ranked, rows) if ranked else None,
     }
     written = {
         "sweep.md": markdown(figures),
         "sweep.csv": as_csv([{key: row[key] for key in ("prompts", *dict(_COLUMNS))} for row in rows]),
         "sweep.json": json.dumps(figures, indent=1, allow_nan=False) + "\n",
     }
+    if ranked:
+        written["weights.csv"] = as_csv([_weight_row(one) for one in ranked])
     conclude(options, written, text_of(figures), figures)
     return 0
+
+
+def _ranked(asked: Asked, sets: Sequence[Preferences]) -> list[WeightScore]:
+    """Score sets of weights by small maps, the best first. No frame is perceived that was seen before."""
+    options = asked.options
+    identity = maps_identity(options.perceiver, asked.perceiver)
+    store = PerceptionStore(options.cache or default_cache(), identity, cache_bytes(options))
+    perceiver = StoredPerceiver(asked.perceiver, store)
+    scores = WeightSweep(asked.dataset, perceiver, asked.drivable).scores(sets)
+    return sorted(scores, key=lambda one: -(one.iou_mean or 0.0))
+
+
+def in_full(ranked: Sequence[WeightScore]) -> list[WeightScore]:
+    """Return the sets of weights that are judged in full, too: the best ones, and some of all the others."""
+    others = ranked[_BEST:]
+    step = max(1, -(-len(others) // _OTHERS))
+    return [*ranked[:_BEST], *others[step - 1 :: step]]
+
+
+def _weights(ranked: Sequence[WeightScore], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return how many sets of weights were compared, and by how much the small maps were wrong."""
+    full = {row["prompts"]: row["iou_mean"] for row in rows}
+    apart = [
+        abs(one.iou_mean - exact)
+        for one in ranked
+        if one.iou_mean is not None and (exact := full.get(one.words.format())) is not None
+    ]
+    return {
+        "sets": len(ranked),
+        "judged_in_full": len(apart),
+        "error_mean": rounded(sum(apart) / len(apart)) if apart else None,
+        "error_max": rounded(max(apart, default=None)),
+        "best": [_weight_row(one) for one in ranked[:_BEST]],
+    }
+
+
+def _weight_row(one: WeightScore) -> dict[str, Any]:
+    return {
+        "prompts": one.words.format(),
+        "iou_mean": rounded(one.iou_mean),
+        "iou_pooled": rounded(one.iou_pooled),
+        "best_iou_mean": rounded(one.best_iou_mean),
+        "best_threshold": one.best_threshold,
+    }
 
 
 def _row(prompts: str, summary: Summary) -> dict[str, Any]:
@@ -106,6 +173,12 @@ def text_of(figures: Mapping[str, Any]) -> str:
     lines.append("  " + "".join(f"{name:>12}" for _, name in _COLUMNS) + "   words")
     for row in figures["rows"]:
         lines += ["  " + "".join(f"{cell:>12}" for cell in _cells(row)) + f"   {row['prompts']}"]
+    if (weights := figures["weights"]) is not None:
+        lines.append(
+            f"{weights['sets']} sets of weights by small maps: all in weights.csv; "
+            f"{weights['judged_in_full']} of them are judged in full above. Mean IoU of small maps is wrong "
+            f"by {shown(weights['error_mean'])} in the mean, {shown(weights['error_max'])} at most"
+        )
     return "\n".join(lines)
 
 

@@ -94,6 +94,8 @@ class Acceptance:
         Whether a word explains a thing may change from frame to frame. An accepted thing is covered in both
         cases: as unknown, and as blocked by its name.
         """
+        if not seen.reasons:
+            return frozenset(), self.thing
         covered, moved = seen.reasons & self.reasons, self._moved(seen, numbers)
         inside = sized(moved, seen)
         if Reason.UNKNOWN_OBJECT in covered:

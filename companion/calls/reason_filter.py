@@ -20,26 +20,30 @@ class Debounce:
 
     def __init__(self, needed: int, window: int) -> None:
         self._needed = needed
-        self._frames: deque[tuple[bool, bool]] = deque(maxlen=window)
+        self._bad: deque[bool] = deque(maxlen=window)
+        self._clear: deque[bool] = deque(maxlen=window)
         self.active = False
 
     def add(self, *, bad: bool, clear: bool) -> None:
         """Add a frame. One that is neither bad nor clear counts for neither."""
-        self._frames.append((bad, clear))
-        if sum(bad for bad, _ in self._frames) >= self._needed:
+        self._bad.append(bad)
+        self._clear.append(clear)
+        if self._bad.count(True) >= self._needed:
             self.active = True
-        elif sum(clear for _, clear in self._frames) >= self._needed:
+        elif self._clear.count(True) >= self._needed:
             self.active = False
 
     def amend(self, *, bad: bool, clear: bool) -> None:
         """Replace the newest frame, which was judged again."""
-        if self._frames:
-            self._frames.pop()
+        if self._bad:
+            self._bad.pop()
+            self._clear.pop()
         self.add(bad=bad, clear=clear)
 
     def reset(self) -> None:
         """Forget all frames, and become inactive."""
-        self._frames.clear()
+        self._bad.clear()
+        self._clear.clear()
         self.active = False
 
 

@@ -47,6 +47,10 @@ class AnswerFile:
         waiting = self._answers.get(call.frame)
         return waiting.popleft() if waiting else None
 
+    def of(self, frame: str) -> tuple[str, ...]:
+        """Return the answers to calls of a frame, as typed."""
+        return tuple(self._answers.get(frame, ()))
+
     def left(self) -> list[str]:
         """Return the frames whose answers were not asked for."""
         return [frame for frame, waiting in self._answers.items() if waiting]

@@ -32,3 +32,8 @@ class Drive(Protocol):
     def frames(self) -> Iterator[DriveFrame]:
         """Read all frames in their order."""
         ...
+
+
+def printable(name: str) -> str:
+    """Return a file's name as one line of text that can be encoded: answers.txt and tuned.toml have it."""
+    return "".join(one if one.isprintable() else f"\\x{ord(one):02x}" for one in name).strip()

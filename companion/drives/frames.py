@@ -14,7 +14,7 @@ from anytraverse.look import read_picture
 from companion.cameras import CameraError, split_source
 from companion.cameras.folder import pictures
 from companion.cameras.video import open_video, own_rate
-from companion.drives.drive import Drive, DriveError, DriveFrame
+from companion.drives.drive import Drive, DriveError, DriveFrame, printable
 from companion.drives.recorded import Recording
 
 
@@ -54,18 +54,13 @@ def is_recording(path: Path) -> bool:
     return path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap")))
 
 
-def _printable(name: str) -> str:
-    """Return a file's name as one line of text that can be encoded: answers.txt has it."""
-    return "".join(one if one.isprintable() else f"\\x{ord(one):02x}" for one in name).strip()
-
-
 class _Folder:
     """Pictures in name order."""
 
     def __init__(self, folder: Path, rate: float) -> None:
         self._pictures = pictures(folder)
         self._period = 1.0 / rate
-        self.title, self.count = folder.name, len(self._pictures)
+        self.title, self.count = printable(folder.name), len(self._pictures)
 
     def frames(self) -> Iterator[DriveFrame]:
         for number, path in enumerate(self._pictures, 1):
@@ -73,7 +68,7 @@ class _Folder:
                 image = read_picture(str(path))
             except (OSError, AnyTraverseError):
                 image = None
-            yield DriveFrame(_printable(path.name), number * self._period, image)
+            yield DriveFrame(printable(path.name), number * self._period, image)
 
 
 class _Video:
@@ -86,7 +81,7 @@ class _Video:
         self._own_rate = own_rate(video)
         self._rate = min(rate, self._own_rate)
         announced = max(0.0, float(video.get(cv2.CAP_PROP_FRAME_COUNT)))
-        self.title, self.count = path.name, round(announced * self._rate / self._own_rate)
+        self.title, self.count = printable(path.name), round(announced * self._rate / self._own_rate)
 
     def frames(self) -> Iterator[DriveFrame]:
         number = taken = 0

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from anytraverse.assessment import Assessment
+from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
-from anytraverse.memory import Memory
 from companion.answers.answer import changes_of
 from companion.answers.outcome import outcome_text
 from companion.calls.decisions import Call, CallOpened, WouldHold
@@ -16,9 +16,10 @@ from companion.calls.policy import PolicyState
 from companion.config import Config
 from companion.drives.drive import DriveFrame
 from companion.settings.mapping import call_numbers
-from companion.vision.warm_up import load_engine
+from companion.telemetry.summary import call_data
 from companion.wire.answers import Operation
-from companion.wire.ids import Motion, Policy
+from companion.wire.ids import Kind, Motion, Outcome, Policy, Stage
+from companion.wire.payloads import CallData
 
 
 class Judgement(NamedTuple):
@@ -35,10 +36,10 @@ class DriveJudge:
     The frames of one drive and one memory give the same calls every time.
     """
 
-    def __init__(self, config: Config, memory: Memory | None = None) -> None:
-        """memory: what the rover remembers at the start. Raises AnyTraverseError."""
-        self.engine, _ = load_engine(config, memory)
-        numbers = call_numbers(config, self.engine.settings)
+    def __init__(self, config: Config, engine: AnyTraverse) -> None:
+        """engine: as `load_engine` makes it of the configuration, or with other settings."""
+        self.engine = engine
+        numbers = call_numbers(config, engine.settings)
         self._calls = OperatorCalls(numbers, PolicyState(Policy.SHADOW), 0.0)
         self._frames = 0
 
@@ -57,6 +58,25 @@ class DriveJudge:
         decisions = self._calls.assessed(seen, frame.at)
         opened = next((one.call for one in decisions if isinstance(one, CallOpened)), None)
         return Judgement(seen, opened, any(isinstance(one, WouldHold) for one in decisions))
+
+    def told(self, call: Call) -> CallData:
+        """Return what the operator is told of a call that has just opened."""
+        assert call.seen is not None
+        return call_data(
+            call.seen,
+            self.engine.settings.region,
+            self.engine.memory.preferences,
+            call.place,
+            number=call.id,
+            kind=Kind.CALL,
+            stage=Stage.OPEN,
+            outcome=Outcome.NONE,
+            reasons=call.reasons,
+            holding=False,
+            frame_id=call.frame_id,
+            age=0.0,
+            picture="",
+        )
 
     def answer(self, operations: Sequence[Operation], motion: Motion, now: float) -> tuple[str, bool]:
         """Answer the open call. Return what became of that, and whether its scene is remembered by it.

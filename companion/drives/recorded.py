@@ -16,14 +16,18 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Image
 from anytraverse.judging import Settings
 from anytraverse.regions import Box
-from companion.drives.drive import DriveError, DriveFrame
+from companion.drives.drive import DriveError, DriveFrame, printable
 from companion.recording.contents import read_json
 from companion.recording.foxglove import jpeg_of
 from companion.recording.topics import TOPICS, Topic
+from companion.wire.answers import ForgetWord, SetWord, TapBox
+from companion.wire.typed_answers import CommandError, read_typed
+from companion.wire.words_text import operation_text
 
 _NS = 1_000_000_000
 _LONGEST_GAP = 3600.0
 _JUMP = 1.0
+_MOTIONS = {"go": "go", "stay": "stay", "look_again": "look"}
 _NEEDED = (Topic.CAMERA, Topic.ASSESSMENT, Topic.WORDS, Topic.SETTINGS, Topic.SETUP)
 
 
@@ -95,7 +99,7 @@ class Recording:
         if not path.exists():
             raise DriveError(f"{path} is not there: give a recording, or the folder with some")
         self._paths = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-        self.title = path.name
+        self.title = printable(path.name)
         names = [TOPICS[Topic.CAMERA].name, TOPICS[Topic.SETUP].name]
         setup: Mapping[str, Any] = {}
         self.count = 0
@@ -121,6 +125,64 @@ class Recording:
         clock, named = _DriveClock(), Counter[int]()
         for path in self._paths:
             yield from _of_file(path, clock, named)
+
+    def answers(self) -> list[tuple[float, str]]:
+        """Read the answers to calls: when the call opened, in seconds of the drive, and the answer as typed.
+
+        Only words, taps and motions are told: what forgets a call or a place means nothing on another drive.
+        What no operator could have typed is left out: a recording may be damaged.
+        """
+        from companion.recording.reading import messages
+
+        topics = {TOPICS[one].name: one for one in (Topic.CAMERA, Topic.DECISIONS, Topic.REQUESTS)}
+        clock, found = _DriveClock(), list[tuple[float, str]]()
+        opened, newest = dict[int, float](), 0  # a call may be answered in the next file
+        for path in self._paths:
+            told = [
+                (one.message.log_time, topic, {} if topic is Topic.CAMERA else read_json(one.message.data))
+                for one in messages(path, list(topics))
+                for topic in (topics[one.channel.topic],)
+            ]
+            for at, topic, content in sorted(told, key=lambda one: one[:2]):
+                if topic is Topic.CAMERA:
+                    clock.at_next(at)
+                elif content.get("decision") == "call opened":
+                    newest = _whole(content.get("id"))
+                    opened[newest] = clock.at
+                elif content.get("request") == "Answer":
+                    line = _typed(content)
+                    since = opened.get(_whole(content.get("target")) or newest)
+                    if line and since is not None:
+                        found.append((since, line))
+        return found
+
+
+def _whole(raw: Any) -> int:
+    return raw if isinstance(raw, int) else 0
+
+
+def _typed(content: Mapping[str, Any]) -> str:
+    """Return a recorded answer as an operator types it; "" where nothing is left of it."""
+    parts = list[str]()
+    operations = content.get("operations")
+    for one in operations if isinstance(operations, list) else []:
+        match one:
+            case {"word": str(word), "weight": float() | int() as weight, "box": [*sides]}:
+                if len(sides) != 4 or not all(isinstance(side, float | int) for side in sides):
+                    continue
+                left, top, right, bottom = map(float, sides)
+                parts.append(operation_text(TapBox(0, (left, top, right, bottom), word, weight)))
+            case {"word": str(word), "weight": float() | int() as weight}:
+                parts.append(operation_text(SetWord(word, weight)))
+            case {"word": str(word)} if len(one) == 1:
+                parts.append(operation_text(ForgetWord(word)))
+    motion = _MOTIONS.get(str(content.get("motion")), "")
+    line = ", ".join(filter(None, ("; ".join(parts), motion)))
+    try:
+        read_typed(line)
+    except CommandError:
+        return ""
+    return line
 
 
 def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[RecordedFrame]:

@@ -15,9 +15,8 @@ from anytraverse.memory import Memory
 from companion.calls.decisions import Call
 from companion.drives.drive import Drive, DriveFrame
 from companion.drives.judge import DriveJudge, Judgement
-from companion.telemetry.summary import call_data
 from companion.vision.pictures import panel, unmarked
-from companion.wire.ids import Kind, Motion, Outcome, Stage, State
+from companion.wire.ids import Motion, State
 from companion.wire.payloads import CallData
 from companion.wire.typed_answers import CommandError, operation_of, read_typed
 
@@ -152,24 +151,9 @@ def _count(found: Rehearsal, number: int, judged: Judgement) -> None:
 
 def _asked(judge: DriveJudge, call: Call, frame: DriveFrame, before: Sequence[AskedCall]) -> AskedCall:
     """Make the call that is asked. It joins the first group whose first call was in a like scene."""
-    seen, region = call.seen, judge.engine.settings.region
+    seen, data, region = call.seen, judge.told(call), judge.engine.settings.region
     assert seen is not None
     assert seen.observation is not None
-    data = call_data(
-        seen,
-        region,
-        judge.engine.memory.preferences,
-        call.place,
-        number=call.id,
-        kind=Kind.CALL,
-        stage=Stage.OPEN,
-        outcome=Outcome.NONE,
-        reasons=call.reasons,
-        holding=False,
-        frame_id=call.frame_id,
-        age=0.0,
-        picture="",
-    )
     title = f"C{call.id} {frame.name}"
     embedding = seen.observation.embedding
     alike = judge.engine.settings.thresholds.scene

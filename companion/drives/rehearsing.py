@@ -23,6 +23,7 @@ from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
 from companion.drives.report import page as report_page
 from companion.memory.command import merged, read_checked
 from companion.memory.scene_file import Scene, write_scenes
+from companion.vision.warm_up import load_engine
 
 if TYPE_CHECKING:
     from companion.drives.browser_desk import BrowserDesk
@@ -52,7 +53,7 @@ def run(
     drive = open_drive(where, config.camera.rate)
     scripted = AnswerFile(Path(answers)) if answers else None
     before, pictures = _remembered(config, memory)
-    judge = DriveJudge(config, before)
+    judge = DriveJudge(config, load_engine(config, before)[0])
     folder = _made(Path(out))
     clock, found = judge.engine.memory.clock, Rehearsal()
     person: Terminal | BrowserDesk | None = terminal(folder) if ask and port is None else None

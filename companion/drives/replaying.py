@@ -50,7 +50,7 @@ def run(where: str, *, file: str | None, refs: str | None = None, update: bool =
         drive = open_drive(where, config.camera.rate)
         if known is None and not update:
             raise DriveError(f"{references} is not there: write it with --update-refs")
-        rows = list(replay_drive(DriveJudge(config), drive))
+        rows = list(replay_drive(DriveJudge(config, load_engine(config, None)[0]), drive))
         found = compared(rows, known or rows)
     if update and not rows:
         raise DriveError(f"{where} has no frame that can be judged again: no references are written")

@@ -21,6 +21,7 @@ from companion.drives.judge import DriveJudge
 from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
 from companion.sim.field.render import Camera
 from companion.sim.field.things import World
+from companion.vision.warm_up import load_engine
 from tests.companion.link.payloads import CALL
 
 TORN = 10
@@ -161,7 +162,8 @@ def test_answers_outlive_a_disk_that_fails(
 
 def test_a_go_after_stay_is_not_remembered_as_a_persons(drive: Path, tmp_path: Path) -> None:
     found, lines = Rehearsal(), iter(["stay", "look"])
-    judge = DriveJudge(load_config(drive.parent / "companion.toml"))
+    config = load_config(drive.parent / "companion.toml")
+    judge = DriveJudge(config, load_engine(config, None)[0])
     frames = open_drive(str(drive), 10.0)
     rehearse(frames, judge, lambda _call, _told: next(lines, None), tmp_path, found, lambda _number: None)
     assert [said.taken for said in found.calls[0].said] == [True, True]

@@ -1,0 +1,114 @@
+"""Does work on several cores, or on a Dask cluster, and returns the results in the order of the jobs."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
+
+from anytraverse.errors import AnyTraverseError
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+_CONNECT_S = 10
+
+
+class SpreadError(AnyTraverseError):
+    """Reports a cluster that cannot be used, or a job that failed. The text says what to do."""
+
+
+class _Failed(NamedTuple):
+    """A job that failed with an error of ours. Errors themselves may not survive the way back."""
+
+    text: str
+
+
+def _guarded(work: Callable[[Any], Any], job: Any) -> Any:
+    """Do a job in another process."""
+    try:
+        return work(job)
+    except (AnyTraverseError, OSError) as error:
+        return _Failed(str(error))
+
+
+def spread(
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    *,
+    processes: int = 1,
+    dask: str | None = None,
+    done: Callable[[int, Result], None],
+) -> list[Result]:
+    """Do all jobs. Without processes and cluster, one after the other in this process.
+
+    work: a function of a module, so that another process can import it; so are the jobs' types. dask: the
+    address of a scheduler, e.g. "tcp://host:8786"; its workers need this package and the same files.
+    done: called with the number of each job that is done, and its result.
+    Raises SpreadError, and what `work` raises where it runs in this process.
+    """
+    if dask is not None:
+        return _on_cluster(work, jobs, dask, done)
+    if processes <= 1 or len(jobs) <= 1:
+        results = []
+        for number, job in enumerate(jobs):
+            results.append(work(job))
+            done(number, results[-1])
+        return results
+    # spawn: a fork would take over the threads of native libraries in any state
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(processes, len(jobs)), mp_context=context) as pool:
+        numbers: dict[Future[Any], int] = {
+            pool.submit(_guarded, work, job): number for number, job in enumerate(jobs)
+        }
+        try:
+            for future in as_completed(numbers):
+                done(numbers[future], _checked(future.result()))
+        except BrokenProcessPool:
+            raise SpreadError("a process died, perhaps for lack of memory: give fewer --jobs") from None
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+        return [future.result() for future in numbers]
+
+
+def _on_cluster(
+    work: Callable[[Job], Result], jobs: Sequence[Job], address: str, done: Callable[[int, Result], None]
+) -> list[Result]:
+    try:
+        import distributed
+    except ImportError:
+        raise SpreadError('--dask needs distributed: pip install "anytraverse-companion[dask]"') from None
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise SpreadError(
+            f"no Dask scheduler answers at {address}: start one, or leave --dask away"
+        ) from error
+    with client:
+        if not client.scheduler_info(n_workers=-1)["workers"]:
+            raise SpreadError(
+                f"the scheduler at {address} has no workers: start one with `dask worker {address}`"
+            )
+        futures = client.map(partial(_guarded, work), jobs, pure=False)
+        numbers = {future.key: number for number, future in enumerate(futures)}
+        results = dict[int, Result]()
+        try:
+            for future, result in distributed.as_completed(futures, with_results=True, loop=client.loop):
+                number = numbers[future.key]
+                results[number] = _checked(result)
+                done(number, results[number])
+        except (distributed.KilledWorker, CancelledError) as error:
+            raise SpreadError(
+                f"the workers at {address} died at their work, or its scheduler did: look into their output"
+            ) from error
+        return [results[number] for number in range(len(jobs))]
+
+
+def _checked(result: Any) -> Any:
+    if isinstance(result, _Failed):
+        raise SpreadError(result.text)
+    return result

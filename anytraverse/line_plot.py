@@ -1,0 +1,127 @@
+"""Draws lines and dots over two axes as SVG for a page of `html_page`. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import NamedTuple
+
+STYLE = """
+svg { display: block; font-size: 12px; max-width: 100%; height: auto; }
+svg text { fill: var(--faint); } svg .grid { stroke: var(--line); }
+svg .mark { stroke: var(--grey); stroke-dasharray: 3 3; }
+svg polyline { fill: none; stroke-width: 2; }
+"""
+_LEFT, _TOP, _BOTTOM = 38, 10, 40
+_NAMES = 64
+_TICKS = 5
+_LINE = 14
+
+
+class Series(NamedTuple):
+    """Points (x, y) that belong together. colour: a variable of the page's style, e.g. "--green".
+
+    dots: each point is a dot, and no line joins them. name: written at the last point; "" for none.
+    """
+
+    name: str
+    colour: str
+    points: Sequence[tuple[float, float]]
+    dots: bool = False
+
+
+Range = tuple[float, float]
+
+
+def line_plot(
+    series: Sequence[Series],
+    label: str,
+    *,
+    x: Range = (0.0, 1.0),
+    y: Range = (0.0, 1.0),
+    mark: float | None = None,
+    size: tuple[int, int] = (440, 280),
+) -> str:
+    """Return the SVG. label: of the x axis. mark: an x at which a line stands. size: of the axes, pixels.
+
+    x, y: the least and the greatest value that are shown; points outside are drawn at the edge.
+    """
+    width, height = size
+
+    def across(value: float) -> float:
+        return _LEFT + width * _share(value, x)
+
+    def down(value: float) -> float:
+        return _TOP + height * (1.0 - _share(value, y))
+
+    whole = width + _LEFT + _NAMES, height + _TOP + _BOTTOM
+    names = ", ".join(one.name for one in series if one.name)
+    parts = [
+        f'<svg viewBox="0 0 {whole[0]} {whole[1]}" width="{whole[0]}" role="img">',
+        f"<title>{escape(names)} over {escape(label)}</title>",
+    ]
+    for value in ticks(y):
+        at = f"{down(value):.1f}"
+        parts.append(f'<line class="grid" x1="{_LEFT}" y1="{at}" x2="{_LEFT + width}" y2="{at}"/>')
+        parts.append(
+            f'<text x="{_LEFT - 8}" y="{down(value) + 4:.1f}" text-anchor="end">{_number(value, y)}</text>'
+        )
+    parts += [
+        f'<text x="{across(value):.1f}" y="{_TOP + height + 18}" text-anchor="middle">'
+        f"{_number(value, x)}</text>"
+        for value in ticks(x)
+    ]
+    middle = _LEFT + width / 2
+    parts.append(f'<text x="{middle}" y="{_TOP + height + 36}" text-anchor="middle">{escape(label)}</text>')
+    if mark is not None:
+        at = f"{across(mark):.1f}"
+        parts.append(f'<line class="mark" x1="{at}" y1="{_TOP}" x2="{at}" y2="{_TOP + height}"/>')
+    for one in series:
+        places = [(across(along), down(up)) for along, up in one.points]
+        if one.dots:
+            parts += [
+                f'<circle cx="{along:.1f}" cy="{up:.1f}" r="3" style="fill:var({one.colour})"/>'
+                for along, up in places
+            ]
+        elif places:
+            line = " ".join(f"{along:.1f},{up:.1f}" for along, up in places)
+            parts.append(f'<polyline points="{line}" style="stroke:var({one.colour})"/>')
+    ends = sorted(
+        (down(one.points[-1][1]), one.name, one.colour) for one in series if one.points and one.name
+    )
+    return "".join([*parts, *_names(ends, _LEFT + width + 6, _TOP + height)]) + "</svg>"
+
+
+def ticks(span: Range) -> list[float]:
+    """Return round numbers within a range, some five of them."""
+    low, high = span
+    if not high > low:
+        return [low]
+    rough = (high - low) / _TICKS
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * 0.999)
+    first = math.ceil(low / step - 1e-9)
+    return [number * step for number in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def _share(value: float, span: Range) -> float:
+    low, high = span
+    return min(1.0, max(0.0, (value - low) / (high - low))) if high > low else 0.0
+
+
+def _number(value: float, span: Range) -> str:
+    decimals = max(0, 1 - math.floor(math.log10(max(span[1] - span[0], 1e-9))))
+    return f"{value:.{decimals if span[1] - span[0] < 5 else 0}f}"
+
+
+def _names(ends: Sequence[tuple[float, str, str]], left: float, lowest: float) -> list[str]:
+    """Write the names beside the ends of their lines. Those that would overlap are moved apart."""
+    places: list[float] = []
+    for end, _, _ in ends:
+        places.append(max(end + 4, places[-1] + _LINE if places else 0.0))
+    moved = max(0.0, places[-1] - lowest) if places else 0.0
+    return [
+        f'<text x="{left}" y="{place - moved:.1f}" style="fill:var({colour})">{escape(name)}</text>'
+        for place, (_, name, colour) in zip(places, ends, strict=True)
+    ]

@@ -1,6 +1,6 @@
 // Has an incident file packed, one zip to send to somebody, and shows what became of that.
 
-import { changed, element, showText } from "./elements.js";
+import { arrange, changed, element, showText } from "./elements.js";
 import { capital, duration, size } from "./wording.js";
 
 let numbered = 0;
@@ -13,6 +13,7 @@ export class Incident {
     this.ask = element("button", { type: "button", className: "plain", "aria-describedby": this.text.id, onclick: () => this.send("incident", {}) });
     this.problem = element("p", { className: "problem" });
     this.files = element("ul");
+    this.rows = new Map(); // name of a file -> FileRow
     this.part = element("div", { className: "incident", hidden: true }, this.ask, this.text, this.problem, this.files);
   }
 
@@ -23,7 +24,7 @@ export class Incident {
     if (!data) return;
     this.ask.disabled = data.busy;
     showText(this.ask, `Pack an incident file of ${what}`);
-    changed(this.files, data.files, (list) => list.replaceChildren(...data.files.map((file) => element("li", {}, ...(file.url ? saved(file) : this.fetched(file))))));
+    this.showFiles(data.files);
     changed(this.text, data.text, (part) => part.replaceChildren(data.text));
     const here = data.files.filter(({ url }) => url).length;
     if (this.asked && this.busy && !data.busy) this.say(`Incident file of ${what}: ${data.text || "it is packed."}`);
@@ -31,18 +32,12 @@ export class Incident {
     Object.assign(this, { busy: data.busy, here });
   }
 
-  // A file that is still on the rover.
-  fetched({ name, what, bytes, waits, received, seconds, problem, fetchable }) {
-    const button = (kind, text) => element("button", { type: "button", className: "plain", onclick: () => this.send(kind, { name }) }, text);
-    const time = (share) => (seconds === null ? "" : `, about ${duration(seconds * share)}`);
-    if (waits) {
-      return [element("progress", { max: bytes, value: received, "aria-label": `Fetching ${what}` }),
-        ` ${size(received)} of ${size(bytes)}${time(1 - received / bytes)}. `, button("stop", `Stop fetching ${what}`)];
-    }
-    if (!fetchable) return [`${capital(what)} (${size(bytes)}): ${problem}.`];
-    const begun = received ? `, ${size(received)} are here` : "";
-    return [button("fetch", `${received ? "Go on fetching" : "Fetch"} ${what} (${size(bytes)}${begun}${time(1 - received / bytes)})`),
-      problem ? element("p", { className: "problem" }, `It did not come: ${problem}.`) : ""];
+  showFiles(files) {
+    const names = files.map(({ name }) => name);
+    for (const [name, row] of this.rows) if (!names.includes(name)) row.part.remove(), this.rows.delete(name);
+    for (const name of names) if (!this.rows.has(name)) this.rows.set(name, new FileRow((kind) => this.send(kind, { name })));
+    arrange(this.files, names.map((name) => this.rows.get(name).part));
+    files.forEach((file) => this.rows.get(file.name).show(file));
   }
 
   async send(kind, more) {
@@ -51,5 +46,36 @@ export class Incident {
   }
 }
 
-// A file that is here.
-const saved = ({ what, bytes, url }) => [element("a", { className: "save", href: url, download: "" }, `Save ${what} (${size(bytes)})`)];
+// One file: it is on the rover, on its way, or here. Its elements stay, since one of them may hold the focus.
+class FileRow {
+  // send: called with "fetch" or "stop".
+  constructor(send) {
+    const button = (kind) => element("button", { type: "button", className: "plain", onclick: () => send(kind) });
+    this.link = element("a", { className: "save", download: "" });
+    this.bar = element("progress");
+    this.text = element("span");
+    [this.fetch, this.stop] = ["fetch", "stop"].map(button);
+    this.problem = element("p", { className: "problem" });
+    this.part = element("li", {}, this.link, this.bar, this.text, this.fetch, this.stop, this.problem);
+  }
+
+  show({ what, bytes, url = "", waits = false, received = 0, seconds = null, problem = "", fetchable = false }) {
+    const left = seconds === null ? "" : `, about ${duration(seconds * (1 - received / bytes))}`;
+    const begun = received ? `, ${size(received)} are here` : "";
+    const held = document.activeElement;
+    this.link.hidden = !url;
+    if (url) this.link.href = url;
+    this.bar.hidden = this.stop.hidden = Boolean(url) || !waits;
+    this.fetch.hidden = Boolean(url) || waits || !fetchable;
+    this.text.hidden = Boolean(url) || (!waits && fetchable);
+    if (held === this.fetch && waits) this.stop.focus();
+    if (held === this.stop && !waits) (url ? this.link : this.fetch).focus();
+    Object.assign(this.bar, { max: bytes, value: received });
+    this.bar.setAttribute("aria-label", `Fetching ${what}`);
+    showText(this.link, `Save ${what} (${size(bytes)})`);
+    showText(this.text, waits ? ` ${size(received)} of ${size(bytes)}${left}. ` : `${capital(what)} (${size(bytes)}): ${problem}.`);
+    showText(this.fetch, `${received ? "Go on fetching" : "Fetch"} ${what} (${size(bytes)}${begun}${left})`);
+    showText(this.stop, `Stop fetching ${what}`);
+    showText(this.problem, !url && fetchable && problem ? `It did not come: ${problem}.` : "");
+  }
+}

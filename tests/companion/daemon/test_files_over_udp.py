@@ -104,6 +104,4 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
         assert found.testzip() is None
         assert {f"calls/{number}.json", "config.toml", "versions.json"} <= set(found.namelist())
     assert len(content) == incident.short
-    client.cmd_get(["/incidents/../status.json", str(tmp_path / "copy")])
-    assert client.process_ftp_reply("Get", timeout=20).error_code == 10
     assert fetched("/maps/uncertainty.png").startswith(b"\x89PNG")

@@ -32,15 +32,16 @@ from companion.recording.packing import Asked, PackingError, kept, pack
 from companion.recording.ring_writer import RingWriter
 from companion.recording.shortened import FRAME_WIDTH, FRAMES
 from companion.recording.topics import TOPICS, Topic
+from companion.storage.served_files import ServedFiles
+from companion.storage.served_tree import FileError
 from companion.wire.ids import Result
 from companion.wire.incidents import MOST_KEPT, SHORT, read_incidents
 from tests.companion.recording.made import BEGAN, NS, opened, status, words
 from tests.companion.recording.test_commands import unpacked
 
 PATIENCE = 20.0
-PICTURE = cv2.imencode(".jpg", np.random.default_rng(1).integers(0, 255, (240, 480, 3), np.uint8))[
-    1
-].tobytes()
+NOISE = np.random.default_rng(1).integers(0, 255, (60, 120, 3), np.uint8)
+PICTURE = cv2.imencode(".jpg", cv2.resize(NOISE, (480, 240)))[1].tobytes()
 
 
 def recorded(folder: Path, seconds: int = 90) -> None:
@@ -268,3 +269,17 @@ def test_what_a_killed_process_leaves_is_served_to_nobody_and_goes_with_the_next
     assert left
     pack(asked(rover))
     assert not [name for name in os.listdir(home) if name.startswith(".")]
+
+
+def test_over_mavlink_ftp_incident_files_are_served_and_nothing_else_of_the_folder(rover: Path) -> None:
+    packed = pack(asked(rover))
+    home = rover / "incidents"
+    (home / ".0999-C7.zip").write_bytes(b"half")
+    (home / "0998-C7.zip").symlink_to(rover / "calls" / "7.json")
+    tree = ServedFiles(rover).tree
+    opened = tree.open(f"/incidents/{packed.name}-short.zip")
+    assert opened.read(0, opened.size) == (home / f"{packed.name}-short.zip").read_bytes()
+    for path in (".0999-C7.zip", "0998-C7.zip", "../calls/7.json", "/calls/7.json", "..", "no-such.zip"):
+        with pytest.raises(FileError):
+            tree.open(f"/incidents/{path}")
+    (home / "0998-C7.zip").unlink()

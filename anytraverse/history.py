@@ -16,6 +16,8 @@ from anytraverse.preferences import Preferences
 
 _METRES_PER_DEGREE = 111_320.0
 
+_ROUNDING = 1e-9
+"""Two cosines that differ by less are equal: sums of products depend on how many are made at once."""
 MAX_REFUSED = 8
 """Frames of other places that an entry keeps. An entry that matches falsely more often is forgotten."""
 
@@ -116,7 +118,7 @@ class _Rows:
 
 def _refuses(entry: Entry, embedding: Embedding, similarity: float) -> bool:
     """Return whether a refused frame resembles this one as much as the entry does, or cannot be compared."""
-    return any(not cosine(one, embedding) < similarity for one in entry.refused)
+    return any(not cosine(one, embedding) < similarity - _ROUNDING for one in entry.refused)
 
 
 class History(Sequence[Entry]):

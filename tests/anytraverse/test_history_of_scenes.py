@@ -124,3 +124,14 @@ def test_what_a_history_was_compared_by_goes_with_it_and_is_not_sent() -> None:
     del history
     gc.collect()
     assert len(_COMPARABLE) <= known
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 70), st.integers(2, 300))
+def test_a_frame_that_resembles_a_refused_one_as_much_as_the_scene_does_not_match_it(
+    seed: int, count: int, length: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    scenes = rng.standard_normal((count, length)).astype(np.float32)
+    entries = [Entry(one, Preferences(), n, n, refused=(one.copy(),)) for n, one in enumerate(scenes)]
+    frame = (scenes[0] + 0.1 * rng.standard_normal(length)).astype(np.float32)
+    assert History(entries).best(frame) is None

@@ -19,9 +19,15 @@ from tests.companion.drives.record_drive import DRIVE
 S = 10**9
 OPENED = {"decision": "call opened", "id": 3}
 ANY = st.recursive(
-    st.none() | st.booleans() | st.integers(-9, 9) | st.floats() | st.sampled_from(["go", "a: b", "x;\ny", ""]),
-    lambda inner: st.lists(inner, max_size=4)
-    | st.dictionaries(st.sampled_from(["word", "weight", "box"]), inner, max_size=3),
+    st.none()
+    | st.booleans()
+    | st.integers(-9, 9)
+    | st.floats()
+    | st.sampled_from(["go", "a: b", "x;\ny", ""]),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from(["word", "weight", "box"]), inner, max_size=3)
+    ),
     max_leaves=8,
 )
 

@@ -15,6 +15,7 @@ svg polyline { fill: none; stroke-width: 2; }
 """
 _LEFT, _TOP, _BOTTOM = 38, 10, 40
 _NAMES = 64
+_EDGE = 12
 _TICKS = 5
 _LINE = 14
 
@@ -22,7 +23,8 @@ _LINE = 14
 class Series(NamedTuple):
     """Points (x, y) that belong together. colour: a variable of the page's style, e.g. "--green".
 
-    dots: each point is a dot, and no line joins them. name: written at the last point; "" for none.
+    dots: each point is a dot, and no line joins them. name: written beside the last dot, or at the right of
+    the plot beside the end of the line; "" for none.
     """
 
     name: str
@@ -55,7 +57,8 @@ def line_plot(
     def down(value: float) -> float:
         return _TOP + height * (1.0 - _share(value, y))
 
-    whole = width + _LEFT + _NAMES, height + _TOP + _BOTTOM
+    beside = any(one.name and not one.dots for one in series)
+    whole = width + _LEFT + (_NAMES if beside else _EDGE), height + _TOP + _BOTTOM
     names = ", ".join(one.name for one in series if one.name)
     parts = [
         f'<svg viewBox="0 0 {whole[0]} {whole[1]}" width="{whole[0]}" role="img">',
@@ -87,10 +90,14 @@ def line_plot(
         elif places:
             line = " ".join(f"{along:.1f},{up:.1f}" for along, up in places)
             parts.append(f'<polyline points="{line}" style="stroke:var({one.colour})"/>')
-    ends = sorted(
-        (down(one.points[-1][1]), one.name, one.colour) for one in series if one.points and one.name
-    )
-    return "".join([*parts, *_names(ends, _LEFT + width + 6, _TOP + height)]) + "</svg>"
+    named = [
+        (one, across(one.points[-1][0]), down(one.points[-1][1])) for one in series if one.points and one.name
+    ]
+    ends = sorted((up, one.name, one.colour) for one, _, up in named if not one.dots)
+    dots = sorted((up, along, one.name, one.colour) for one, along, up in named if one.dots)
+    parts += _names(ends, _LEFT + width + 6, _TOP + height)
+    parts += _names_at_dots(dots, _LEFT + width / 2, _TOP + height)
+    return "".join(parts) + "</svg>"
 
 
 def ticks(span: Range) -> list[float]:
@@ -117,11 +124,29 @@ def _number(value: float, span: Range) -> str:
 
 def _names(ends: Sequence[tuple[float, str, str]], left: float, lowest: float) -> list[str]:
     """Write the names beside the ends of their lines. Those that would overlap are moved apart."""
-    places: list[float] = []
-    for end, _, _ in ends:
-        places.append(max(end + 4, places[-1] + _LINE if places else 0.0))
-    moved = max(0.0, places[-1] - lowest) if places else 0.0
+    places = _apart([end for end, _, _ in ends], lowest)
     return [
-        f'<text x="{left}" y="{place - moved:.1f}" style="fill:var({colour})">{escape(name)}</text>'
+        f'<text x="{left}" y="{place:.1f}" style="fill:var({colour})">{escape(name)}</text>'
         for place, (_, name, colour) in zip(places, ends, strict=True)
     ]
+
+
+def _names_at_dots(dots: Sequence[tuple[float, float, str, str]], middle: float, lowest: float) -> list[str]:
+    """Write the names beside their dots, to the left of those right of the middle."""
+    parts = []
+    for place, (_, along, name, colour) in zip(_apart([dot[0] for dot in dots], lowest), dots, strict=True):
+        right = along > middle
+        parts.append(
+            f'<text x="{along + (-8 if right else 8):.1f}" y="{place:.1f}" '
+            f'text-anchor="{"end" if right else "start"}" style="fill:var({colour})">{escape(name)}</text>'
+        )
+    return parts
+
+
+def _apart(middles: Sequence[float], lowest: float) -> list[float]:
+    """Return base lines for texts beside these heights, which rise, at least a line apart."""
+    places: list[float] = []
+    for middle in middles:
+        places.append(max(middle + 4, places[-1] + _LINE if places else 0.0))
+    moved = max(0.0, places[-1] - lowest) if places else 0.0
+    return [place - moved for place in places]

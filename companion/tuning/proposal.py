@@ -125,9 +125,11 @@ def warnings(before: Candidate, best: Candidate, named: int) -> list[str]:
             f"{before.kept - best.kept} of {named} things that somebody named would no longer call: "
             "the rover would drive on there"
         )
+    elif named and not best.kept:
+        found.append("nothing that somebody named calls")
     if best.holds < before.holds:
         found.append(
-            f"it would be held {best.holds} times instead of {before.holds}: "
+            f"would-be holds are {best.holds} instead of {before.holds}: "
             "the thresholds that call less also stop it less"
         )
     box, own = new.region, old.region

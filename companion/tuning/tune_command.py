@@ -147,8 +147,8 @@ def _remarks(figures: dict[str, Any]) -> list[str]:
         )
     else:
         lines.append(
-            "WARNING: no answers were given, so nothing tells which calls matter, and the proposal may silence "
-            "those that do: rehearse the drive first"
+            "WARNING: no answers were given, so nothing tells which calls matter, and the proposal may "
+            "silence those that do: rehearse the drive first"
         )
     if figures["too_late"]:
         lines.append(

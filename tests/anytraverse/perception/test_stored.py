@@ -130,7 +130,12 @@ def test_what_others_keep_in_the_folder_is_never_removed(tmp_path: Path) -> None
 def test_a_full_cache_is_not_counted_for_each_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     counted = list[str]()
     glob = Path.glob
-    monkeypatch.setattr(Path, "glob", lambda self, name: counted.append(name) or glob(self, name))
+
+    def count(self: Path, name: str) -> Any:
+        counted.append(name)
+        return glob(self, name)
+
+    monkeypatch.setattr(Path, "glob", count)
     small = opened(tmp_path, most=400)
     for value in range(30):
         seen(small, np.full((2, 2, 3), value, np.uint8))

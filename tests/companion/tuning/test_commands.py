@@ -102,7 +102,7 @@ def test_a_drive_without_a_frame_that_can_be_read_is_told(drive: Path, tmp_path:
     assert "no frame that can be read" in capsys.readouterr().err
 
 
-def test_a_name_of_several_lines_cannot_change_the_proposal(drive: Path, tmp_path: Path, capsys: Out) -> None:
+def test_a_name_of_several_lines_cannot_change_the_proposal(drive: Path, tmp_path: Path) -> None:
     odd = tmp_path / "a\n[words]\nb\x07"
     odd.symlink_to(drive)
     config = ["--config", str(drive.parent / "companion.toml"), "--out", str(tmp_path / "out")]

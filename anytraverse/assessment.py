@@ -187,11 +187,11 @@ class Assessment:
 
         A fault keeps every other reason from being clear: a frame with a fault shows nothing.
         """
-        if not self.findings:
-            return False
-        if reason is not Reason.FAULT and Reason.FAULT in self.reasons:
-            return False
-        return all(finding.clear for finding in self.findings if finding.reason is reason)
+        for finding in self.findings:
+            of_it, fault = finding.reason is reason, finding.reason is Reason.FAULT
+            if (of_it and not finding.clear) or (fault and not of_it and finding.bad):
+                return False
+        return bool(self.findings)
 
     def finding(self, reason: Reason) -> Finding | None:
         """Return the first bad finding of `reason`, or None."""

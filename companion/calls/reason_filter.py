@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from anytraverse.assessment import Assessment, Reason
@@ -94,8 +94,7 @@ class ReasonFilter:
                 acceptance.follow(thing)
             if acceptance.ended(seen, self.numbers, now, travelled):
                 self.acceptance = None
-        for reason, debounce in self._debounced.items():
-            bad, clear = self._vote(reason, seen, now)
+        for debounce, bad, clear in self._votes(seen, now):
             debounce.add(bad=bad, clear=clear)
         if self._ok:
             self.ok_run += memory_stored
@@ -103,8 +102,7 @@ class ReasonFilter:
     def replace_newest(self, seen: Assessment, now: float) -> None:
         """Take in the newest frame, judged again. It replaces its earlier judgement."""
         self._judge_newest(seen, now)
-        for reason, debounce in self._debounced.items():
-            bad, clear = self._vote(reason, seen, now)
+        for debounce, bad, clear in self._votes(seen, now):
             debounce.amend(bad=bad, clear=clear)
 
     def tick(self, now: float) -> None:
@@ -179,17 +177,19 @@ class ReasonFilter:
     def _is_old(self, seen: Assessment, now: float) -> bool:
         return now - seen.frame.captured_at > self.numbers.freshness
 
-    def _vote(self, reason: Reason, seen: Assessment, now: float) -> tuple[bool, bool]:
-        """Return whether the frame is bad, and whether it is clear, for `reason`.
+    def _votes(self, seen: Assessment, now: float) -> Iterator[tuple[Debounce, bool, bool]]:
+        """Yield for each reason its debounce, whether the frame is bad, and whether it is clear.
 
         A changed scene that may still prove to be a remembered one is neither, within T of the last OK frame.
         """
-        if reason in self._not_accepted:
-            may_wait = reason is Reason.UNKNOWN_SCENE and seen.undecided
-            waiting = may_wait and now - self._ok_at <= self.numbers.freshness
-            return not waiting, False
-        clear = reason in seen.reasons or seen.is_clear(reason)
-        return False, clear and not self._is_old(seen, now)
+        shown, fresh = seen.reasons, not self._is_old(seen, now)
+        for reason, debounce in self._debounced.items():
+            if reason in self._not_accepted:
+                may_wait = reason is Reason.UNKNOWN_SCENE and seen.undecided
+                waiting = may_wait and now - self._ok_at <= self.numbers.freshness
+                yield debounce, not waiting, False
+            else:
+                yield debounce, False, fresh and (reason in shown or seen.is_clear(reason))
 
 
 def _captured(seen: Assessment, now: float) -> float:

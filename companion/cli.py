@@ -9,12 +9,13 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anytraverse.release import own_version
+from companion.cli_drives import add_drives
+from companion.cli_errors import UserError, error_text, log_to_stderr, told
 
 if TYPE_CHECKING:
     from companion.config import Config
@@ -29,10 +30,6 @@ _SHIPPED = (
     *(f"cockpit/{name}.json" for name in ("off", "report", "hold")),
     "foxglove/anytraverse.json",
 )
-
-
-class UserError(Exception):
-    """An error that the user of the command can mend. Its text is printed, without a traceback."""
 
 
 def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = None) -> int:
@@ -94,10 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     status.set_defaults(run=_status)
 
     _add_memory(commands)
-    _add_rehearse(commands)
-    _add_replay(commands)
-    _add_tune(commands)
-    _add_recordings(commands)
+    add_drives(commands)
 
     config = commands.add_parser("config", help="check a configuration")
     actions = config.add_subparsers(dest="action", required=True, metavar="action")
@@ -132,76 +126,6 @@ def _add_memory(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     memory.set_defaults(run=_memory)
 
 
-def _add_rehearse(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    rehearse = commands.add_parser("rehearse", help="say which calls a drive would raise, and answer them")
-    rehearse.add_argument("drive", metavar="DRIVE", help="a folder of pictures, a video, or a recording")
-    rehearse.add_argument(
-        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
-    )
-    rehearse.add_argument("--out", default="rehearsal", metavar="FOLDER", help="by default ./%(default)s")
-    rehearse.add_argument("--answers", metavar="FILE", help="answers, as an earlier rehearsal wrote them")
-    rehearse.add_argument(
-        "--memory", metavar="FILE", help="scenes to start with, of `companion memory export`"
-    )
-    rehearse.add_argument("--no-ask", action="store_true", help="ask nobody")
-    rehearse.add_argument("--browser", action="store_true", help="ask in a browser, not at the terminal")
-    rehearse.add_argument("--port", type=int, default=0, help="of that page; by default any free one")
-    rehearse.set_defaults(run=_rehearse)
-
-
-def _add_replay(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    replay = commands.add_parser("replay", help="judge a drive again, and say what differs from before")
-    replay.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
-    replay.add_argument("--config", metavar="FILE", help="by default the recording's, or ./companion.toml")
-    replay.add_argument("--refs", metavar="FILE", help="references, by default DRIVE.refs.jsonl")
-    replay.add_argument("--update-refs", action="store_true", help="write the references anew")
-    replay.set_defaults(run=_replay)
-
-
-def _add_tune(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    tune = commands.add_parser(
-        "tune", help="propose thresholds and a region by which a drive calls as wanted"
-    )
-    tune.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
-    tune.add_argument(
-        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
-    )
-    tune.add_argument(
-        "--calls-per-minute", type=float, default=1.0, metavar="N", help="at most, by default %(default)g"
-    )
-    tune.add_argument(
-        "--answers", metavar="FILE", help="of `companion rehearse`; of a recording those that were recorded"
-    )
-    tune.add_argument("--keep-roi", action="store_true", help="leave the region of interest as it is")
-    tune.add_argument("--out", default="tuning", metavar="FOLDER", help="by default ./%(default)s")
-    tune.add_argument("--jobs", type=int, default=0, metavar="N", help="processes, by default all cores")
-    tune.add_argument(
-        "--cache", metavar="DIR", help="what was seen of frames, by default ~/.cache/anytraverse"
-    )
-    tune.set_defaults(run=_tune)
-
-
-def _add_recordings(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    shared = argparse.ArgumentParser(add_help=False)
-    shared.add_argument(
-        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
-    )
-    record = commands.add_parser("record", help="list or repair what was recorded")
-    actions = record.add_subparsers(dest="action", required=True, metavar="action")
-    each = actions.add_parser("list", parents=[shared], help="one line for each recording")
-    each.add_argument("--json", action="store_true", help="the last line is one JSON object")
-    torn = actions.add_parser("repair", help="give a recording that was cut off its index again")
-    torn.add_argument("file", metavar="FILE", help="it is replaced once the new one is complete")
-    record.set_defaults(run=_record)
-    incident = commands.add_parser(
-        "incident", parents=[shared], help="put all about a call into one file to send to somebody"
-    )
-    incident.add_argument("call", nargs="?", metavar="CALL", help="C7, or H7 for a hold")
-    incident.add_argument("--last", metavar="TIME", help="the last 60s, 5m or 1h instead")
-    incident.add_argument("--out", metavar="FILE", help="by default incident-C7.zip here")
-    incident.set_defaults(run=_incident)
-
-
 def _run(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError
     from companion.config import ConfigError, load_config
@@ -210,7 +134,7 @@ def _run(options: argparse.Namespace) -> int:
     from companion.system.service_manager import ServiceManager, stop_on_signals
     from companion.wire.parameters import ParameterError
 
-    _log_to_stderr(logging.DEBUG if options.verbose else logging.INFO)
+    log_to_stderr(logging.DEBUG if options.verbose else logging.INFO)
     if sys.__stderr__ is not None:
         faulthandler.enable(sys.__stderr__)  # systemd's watchdog sends SIGABRT: the log shows what hung
     stop, service = stop_on_signals(), ServiceManager()
@@ -224,7 +148,7 @@ def _run(options: argparse.Namespace) -> int:
 
         return _leave(run(config, stop, options.vision, service))
     except ConfigError as error:
-        raise UserError(_error_text(error)) from error
+        raise UserError(error_text(error)) from error
     except (AnyTraverseError, JournalError, LinkError, ParameterError) as error:
         raise UserError(str(error)) from error
 
@@ -286,7 +210,7 @@ def _check(options: argparse.Namespace) -> int:
             read_key(Path(key))
         runs = _try_perceiver(config)
     except ConfigError as error:
-        raise UserError(_error_text(error)) from error
+        raise UserError(error_text(error)) from error
     except UnknownWordError as error:
         raise UserError(str(word_problem(options.file, error.word, str(error)))) from error
     except (AnyTraverseError, SigningKeyError) as error:
@@ -303,7 +227,7 @@ def _schema(_options: argparse.Namespace) -> int:
 
 
 def _check_rover(options: argparse.Namespace) -> int:
-    _log_to_stderr(logging.ERROR)
+    log_to_stderr(logging.ERROR)
     if options.dry_run:
         from companion.preflight.running import dry_run
 
@@ -330,11 +254,11 @@ def _status(options: argparse.Namespace) -> int:
 
 
 def _memory(options: argparse.Namespace) -> int:
-    _log_to_stderr(logging.ERROR)
+    log_to_stderr(logging.ERROR)
     from companion.memory import command
     from companion.storage import JournalError
 
-    with _told(JournalError, command.MemoryCommandError):
+    with told(JournalError, command.MemoryCommandError):
         match options.action:
             case "list":
                 return command.show_list(options.config, as_json=options.json)
@@ -346,103 +270,6 @@ def _memory(options: argparse.Namespace) -> int:
                 return command.export(options.config, options.file)
             case _:
                 return command.take_in(options.config, options.file)
-
-
-def _rehearse(options: argparse.Namespace) -> int:
-    from companion.drives import rehearsing
-
-    return _of_drives(
-        lambda: rehearsing.run(
-            options.drive,
-            file=options.config,
-            out=options.out,
-            answers=options.answers,
-            memory=options.memory,
-            ask=not options.no_ask,
-            port=options.port if options.browser else None,
-        )
-    )
-
-
-def _replay(options: argparse.Namespace) -> int:
-    from companion.drives import replaying
-
-    return _of_drives(
-        lambda: replaying.run(
-            options.drive,
-            file=options.config,
-            refs=options.refs,
-            update=options.update_refs,
-        )
-    )
-
-
-def _tune(options: argparse.Namespace) -> int:
-    from companion.tuning import tune_command
-
-    return _of_drives(
-        lambda: tune_command.run(
-            options.drive,
-            file=options.config,
-            wanted=options.calls_per_minute,
-            out=options.out,
-            answers=options.answers,
-            keep_roi=options.keep_roi,
-            jobs=options.jobs,
-            cache=options.cache,
-        )
-    )
-
-
-def _of_drives(act: Callable[[], int]) -> int:
-    _log_to_stderr(logging.ERROR)
-    from anytraverse.errors import AnyTraverseError
-    from companion.drives.drive import DriveError
-    from companion.memory.command import MemoryCommandError
-    from companion.memory.scene_file import SceneFileError
-
-    with _told(AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError):
-        return act()
-
-
-def _record(options: argparse.Namespace) -> int:
-    from companion.recording import command
-
-    if options.action == "list":
-        return _of_recordings(lambda: command.show_list(options.config, as_json=options.json))
-    return _of_recordings(lambda: command.repair(options.file))
-
-
-def _incident(options: argparse.Namespace) -> int:
-    from companion.recording import command
-
-    return _of_recordings(lambda: command.pack(options.config, options.call, options.last, options.out))
-
-
-def _of_recordings(act: Callable[[], int]) -> int:
-    from companion.recording.command import RecordError
-
-    try:
-        with _told(RecordError):
-            return act()
-    except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise UserError(
-            f"{error.filename or 'the disk'}: {why}: you may have to type this with sudo"
-        ) from error
-
-
-@contextmanager
-def _told(*kinds: type[Exception]) -> Iterator[None]:
-    """Turn errors of these kinds, and those of the configuration, into a `UserError`."""
-    from companion.config import ConfigError
-
-    try:
-        yield
-    except ConfigError as error:
-        raise UserError(_error_text(error)) from error
-    except kinds as error:
-        raise UserError(str(error)) from error
 
 
 def _try_perceiver(config: Config) -> str:
@@ -458,18 +285,6 @@ def _try_perceiver(config: Config) -> str:
         print(f"companion config: loading {config.perceiver.name}", file=sys.stderr)
     engine, _ = load_engine(config, None)
     return str(Model.of(engine.perceiver))
-
-
-def _error_text(error: Exception) -> str:
-    """Return an error's text; a text of several lines begins on a line of its own."""
-    text = str(error)
-    return text if "\n" not in text else f"\n{text}"
-
-
-def _log_to_stderr(level: int) -> None:
-    # systemd's journal adds the time itself, and sets JOURNAL_STREAM for what it starts.
-    time = "" if "JOURNAL_STREAM" in os.environ else "%(asctime)s "
-    logging.basicConfig(level=level, format=f"{time}%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,173 @@
+"""The commands for drives at the desk, and for what a rover has recorded."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Callable
+
+from companion.cli_errors import UserError, log_to_stderr, told
+
+Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+def add_drives(commands: Commands) -> None:
+    """Add rehearse, replay, tune, record and incident."""
+    _add_rehearse(commands)
+    _add_replay(commands)
+    _add_tune(commands)
+    _add_recordings(commands)
+
+
+def _add_rehearse(commands: Commands) -> None:
+    rehearse = commands.add_parser("rehearse", help="say which calls a drive would raise, and answer them")
+    rehearse.add_argument("drive", metavar="DRIVE", help="a folder of pictures, a video, or a recording")
+    rehearse.add_argument(
+        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
+    )
+    rehearse.add_argument("--out", default="rehearsal", metavar="FOLDER", help="by default ./%(default)s")
+    rehearse.add_argument("--answers", metavar="FILE", help="answers, as an earlier rehearsal wrote them")
+    rehearse.add_argument(
+        "--memory", metavar="FILE", help="scenes to start with, of `companion memory export`"
+    )
+    rehearse.add_argument("--no-ask", action="store_true", help="ask nobody")
+    rehearse.add_argument("--browser", action="store_true", help="ask in a browser, not at the terminal")
+    rehearse.add_argument("--port", type=int, default=0, help="of that page; by default any free one")
+    rehearse.set_defaults(run=_rehearse)
+
+
+def _add_replay(commands: Commands) -> None:
+    replay = commands.add_parser("replay", help="judge a drive again, and say what differs from before")
+    replay.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
+    replay.add_argument("--config", metavar="FILE", help="by default the recording's, or ./companion.toml")
+    replay.add_argument("--refs", metavar="FILE", help="references, by default DRIVE.refs.jsonl")
+    replay.add_argument("--update-refs", action="store_true", help="write the references anew")
+    replay.set_defaults(run=_replay)
+
+
+def _add_tune(commands: Commands) -> None:
+    tune = commands.add_parser(
+        "tune", help="propose thresholds and a region by which a drive calls as wanted"
+    )
+    tune.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
+    tune.add_argument(
+        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
+    )
+    tune.add_argument(
+        "--calls-per-minute", type=float, default=1.0, metavar="N", help="at most, by default %(default)g"
+    )
+    tune.add_argument(
+        "--answers", metavar="FILE", help="of `companion rehearse`; of a recording those that were recorded"
+    )
+    tune.add_argument("--keep-roi", action="store_true", help="leave the region of interest as it is")
+    tune.add_argument("--out", default="tuning", metavar="FOLDER", help="by default ./%(default)s")
+    tune.add_argument("--jobs", type=int, default=0, metavar="N", help="processes, by default all cores")
+    tune.add_argument(
+        "--cache", metavar="DIR", help="what was seen of frames, by default ~/.cache/anytraverse"
+    )
+    tune.set_defaults(run=_tune)
+
+
+def _add_recordings(commands: Commands) -> None:
+    shared = argparse.ArgumentParser(add_help=False)
+    shared.add_argument(
+        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
+    )
+    record = commands.add_parser("record", help="list or repair what was recorded")
+    actions = record.add_subparsers(dest="action", required=True, metavar="action")
+    each = actions.add_parser("list", parents=[shared], help="one line for each recording")
+    each.add_argument("--json", action="store_true", help="the last line is one JSON object")
+    torn = actions.add_parser("repair", help="give a recording that was cut off its index again")
+    torn.add_argument("file", metavar="FILE", help="it is replaced once the new one is complete")
+    record.set_defaults(run=_record)
+    incident = commands.add_parser(
+        "incident", parents=[shared], help="put all about a call into one file to send to somebody"
+    )
+    incident.add_argument("call", nargs="?", metavar="CALL", help="C7, or H7 for a hold")
+    incident.add_argument("--last", metavar="TIME", help="the last 60s, 5m or 1h instead")
+    incident.add_argument("--out", metavar="FILE", help="by default incident-C7.zip here")
+    incident.set_defaults(run=_incident)
+
+
+def _rehearse(options: argparse.Namespace) -> int:
+    from companion.drives import rehearsing
+
+    return _of_drives(
+        lambda: rehearsing.run(
+            options.drive,
+            file=options.config,
+            out=options.out,
+            answers=options.answers,
+            memory=options.memory,
+            ask=not options.no_ask,
+            port=options.port if options.browser else None,
+        )
+    )
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from companion.drives import replaying
+
+    return _of_drives(
+        lambda: replaying.run(
+            options.drive,
+            file=options.config,
+            refs=options.refs,
+            update=options.update_refs,
+        )
+    )
+
+
+def _tune(options: argparse.Namespace) -> int:
+    from companion.tuning import tune_command
+
+    return _of_drives(
+        lambda: tune_command.run(
+            options.drive,
+            file=options.config,
+            wanted=options.calls_per_minute,
+            out=options.out,
+            answers=options.answers,
+            keep_roi=options.keep_roi,
+            jobs=options.jobs,
+            cache=options.cache,
+        )
+    )
+
+
+def _of_drives(act: Callable[[], int]) -> int:
+    log_to_stderr(logging.ERROR)
+    from anytraverse.errors import AnyTraverseError
+    from companion.drives.drive import DriveError
+    from companion.memory.command import MemoryCommandError
+    from companion.memory.scene_file import SceneFileError
+
+    with told(AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError):
+        return act()
+
+
+def _record(options: argparse.Namespace) -> int:
+    from companion.recording import command
+
+    if options.action == "list":
+        return _of_recordings(lambda: command.show_list(options.config, as_json=options.json))
+    return _of_recordings(lambda: command.repair(options.file))
+
+
+def _incident(options: argparse.Namespace) -> int:
+    from companion.recording import command
+
+    return _of_recordings(lambda: command.pack(options.config, options.call, options.last, options.out))
+
+
+def _of_recordings(act: Callable[[], int]) -> int:
+    from companion.recording.command import RecordError
+
+    try:
+        with told(RecordError):
+            return act()
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise UserError(
+            f"{error.filename or 'the disk'}: {why}: you may have to type this with sudo"
+        ) from error

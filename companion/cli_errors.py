@@ -1,0 +1,38 @@
+"""What the commands tell a person: errors to mend, in a line, and the log."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class UserError(Exception):
+    """An error that the user of the command can mend. Its text is printed, without a traceback."""
+
+
+@contextmanager
+def told(*kinds: type[Exception]) -> Iterator[None]:
+    """Turn errors of these kinds, and those of the configuration, into a `UserError`."""
+    from companion.config import ConfigError
+
+    try:
+        yield
+    except ConfigError as error:
+        raise UserError(error_text(error)) from error
+    except kinds as error:
+        raise UserError(str(error)) from error
+
+
+def error_text(error: Exception) -> str:
+    """Return an error's text; a text of several lines begins on a line of its own."""
+    text = str(error)
+    return text if "\n" not in text else f"\n{text}"
+
+
+def log_to_stderr(level: int) -> None:
+    # systemd's journal adds the time itself, and sets JOURNAL_STREAM for what it starts.
+    time = "" if "JOURNAL_STREAM" in os.environ else "%(asctime)s "
+    logging.basicConfig(level=level, format=f"{time}%(levelname)s %(name)s: %(message)s", stream=sys.stderr)

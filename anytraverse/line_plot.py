@@ -13,7 +13,8 @@ svg text { fill: var(--faint); } svg .grid { stroke: var(--line); }
 svg .mark { stroke: var(--grey); stroke-dasharray: 3 3; }
 svg polyline { fill: none; stroke-width: 2; }
 """
-_LEFT, _TOP, _BOTTOM = 38, 10, 40
+TOP = 10
+_LEFT, _BOTTOM = 38, 42
 _NAMES = 64
 _EDGE = 12
 _TICKS = 5
@@ -34,6 +35,43 @@ class Series(NamedTuple):
 
 
 Range = tuple[float, float]
+Tick = tuple[float, str]
+"""Where a number stands on an axis, from 0 to 1, and the number as text."""
+
+
+class Axes(NamedTuple):
+    """Two axes. size: their lengths in pixels. left, right: pixels beside them, for numbers and names."""
+
+    size: tuple[int, int]
+    left: int
+    right: int
+
+    def at(self, across: float, up: float) -> tuple[float, float]:
+        """Return the pixel of a place, whose coordinates go from 0 to 1."""
+        return self.left + across * self.size[0], TOP + (1.0 - up) * self.size[1]
+
+    def drawn(self, title: str, label: str, across: Sequence[Tick], up: Sequence[Tick]) -> list[str]:
+        """Return the begin of the SVG: its size, the grid, the numbers and the label of the x axis."""
+        (width, height), left = self.size, self.left
+        whole = left + width + self.right, TOP + height + _BOTTOM
+        parts = [
+            f'<svg viewBox="0 0 {whole[0]} {whole[1]}" width="{whole[0]}" role="img">',
+            f"<title>{escape(title)}</title>",
+        ]
+        for share, number in up:
+            at = self.at(0.0, share)[1]
+            parts.append(f'<line class="grid" x1="{left}" y1="{at:.1f}" x2="{left + width}" y2="{at:.1f}"/>')
+            parts.append(f'<text x="{left - 8}" y="{at + 4:.1f}" text-anchor="end">{number}</text>')
+        parts += [
+            f'<text x="{self.at(share, 0.0)[0]:.1f}" y="{TOP + height + 18}" text-anchor="middle">'
+            f"{number}</text>"
+            for share, number in across
+        ]
+        middle = left + width / 2
+        parts.append(
+            f'<text x="{middle}" y="{TOP + height + 36}" text-anchor="middle">{escape(label)}</text>'
+        )
+        return parts
 
 
 def line_plot(
@@ -50,36 +88,24 @@ def line_plot(
     x, y: the least and the greatest value that are shown; points outside are drawn at the edge.
     """
     width, height = size
+    beside = any(one.name and not one.dots for one in series)
+    axes = Axes(size, _LEFT, _NAMES if beside else _EDGE)
+    names = ", ".join(one.name for one in series if one.name)
+    numbers = (
+        [(_share(value, x), _number(value, x)) for value in ticks(x)],
+        [(_share(value, y), _number(value, y)) for value in ticks(y)],
+    )
+    parts = axes.drawn(f"{names} over {label}", label, *numbers)
 
     def across(value: float) -> float:
-        return _LEFT + width * _share(value, x)
+        return axes.at(_share(value, x), 0.0)[0]
 
     def down(value: float) -> float:
-        return _TOP + height * (1.0 - _share(value, y))
+        return axes.at(0.0, _share(value, y))[1]
 
-    beside = any(one.name and not one.dots for one in series)
-    whole = width + _LEFT + (_NAMES if beside else _EDGE), height + _TOP + _BOTTOM
-    names = ", ".join(one.name for one in series if one.name)
-    parts = [
-        f'<svg viewBox="0 0 {whole[0]} {whole[1]}" width="{whole[0]}" role="img">',
-        f"<title>{escape(names)} over {escape(label)}</title>",
-    ]
-    for value in ticks(y):
-        at = f"{down(value):.1f}"
-        parts.append(f'<line class="grid" x1="{_LEFT}" y1="{at}" x2="{_LEFT + width}" y2="{at}"/>')
-        parts.append(
-            f'<text x="{_LEFT - 8}" y="{down(value) + 4:.1f}" text-anchor="end">{_number(value, y)}</text>'
-        )
-    parts += [
-        f'<text x="{across(value):.1f}" y="{_TOP + height + 18}" text-anchor="middle">'
-        f"{_number(value, x)}</text>"
-        for value in ticks(x)
-    ]
-    middle = _LEFT + width / 2
-    parts.append(f'<text x="{middle}" y="{_TOP + height + 36}" text-anchor="middle">{escape(label)}</text>')
     if mark is not None:
         at = f"{across(mark):.1f}"
-        parts.append(f'<line class="mark" x1="{at}" y1="{_TOP}" x2="{at}" y2="{_TOP + height}"/>')
+        parts.append(f'<line class="mark" x1="{at}" y1="{TOP}" x2="{at}" y2="{TOP + height}"/>')
     for one in series:
         places = [(across(along), down(up)) for along, up in one.points]
         if one.dots:
@@ -95,8 +121,8 @@ def line_plot(
     ]
     ends = sorted((up, one.name, one.colour) for one, _, up in named if not one.dots)
     dots = sorted((up, along, one.name, one.colour) for one, along, up in named if one.dots)
-    parts += _names(ends, _LEFT + width + 6, _TOP + height)
-    parts += _names_at_dots(dots, _LEFT + width / 2, _TOP + height)
+    parts += _names(ends, _LEFT + width + 6, TOP + height)
+    parts += _names_at_dots(dots, _LEFT + width / 2, TOP + height)
     return "".join(parts) + "</svg>"
 
 

@@ -7,14 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any, NamedTuple
 
-STYLE = """
-svg { display: block; font-size: 12px; max-width: 100%; height: auto; } svg text { fill: var(--faint); }
-svg .grid { stroke: var(--line); } svg polyline, svg .spread { fill: none; stroke-width: 2; }
-.key { display: inline-block; width: .8em; height: .8em; border-radius: 2px; margin-right: .35em; }
-.legend span { margin-right: 1.2rem; white-space: nowrap; }
+from anytraverse import line_plot
+
+STYLE = f"""{line_plot.STYLE}
+svg .spread {{ fill: none; stroke-width: 2; }}
+.key {{ display: inline-block; width: .8em; height: .8em; border-radius: 2px; margin-right: .35em; }}
+.legend span {{ margin-right: 1.2rem; white-space: nowrap; }}
 """
 _COLOURS = ("--green", "--blue", "--red", "--violet", "--grey", "--faint", "--ink")
-_WIDTH, _HEIGHT, _LEFT, _TOP = 500, 260, 56, 12
+_AXES = line_plot.Axes((500, 260), left=56, right=40)
 _FEW = 10
 """Points of a line up to which each has a tick of its own."""
 _FACTOR, _FACTOR_OF_FEW = 30.0, 8.0
@@ -38,24 +39,11 @@ def plot(series: Mapping[str, Any]) -> str:
     up = _axis([value for point in points for value in point[1:]], own_ticks=False)
 
     def at(x: float, y: float) -> tuple[float, float]:
-        return _LEFT + across.place(x) * _WIDTH, _TOP + (1 - up.place(y)) * _HEIGHT
+        return _AXES.at(across.place(x), up.place(y))
 
     label = f"{series['unit']} over {series['x']}"
-    parts = [
-        f'<svg viewBox="0 0 {_WIDTH + _LEFT + 40} {_HEIGHT + 52}" width="{_WIDTH + _LEFT + 40}" role="img">'
-    ]
-    parts.append(f"<title>{escape(series['title'])}: {escape(label)}</title>")
-    for tick in up.ticks:
-        y = _TOP + (1 - up.place(tick)) * _HEIGHT
-        parts.append(f'<line class="grid" x1="{_LEFT}" y1="{y:.1f}" x2="{_LEFT + _WIDTH}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{_LEFT - 8}" y="{y + 4:.1f}" text-anchor="end">{_short(tick)}</text>')
-    for tick in across.ticks:
-        x = _LEFT + across.place(tick) * _WIDTH
-        parts.append(
-            f'<text x="{x:.1f}" y="{_TOP + _HEIGHT + 18}" text-anchor="middle">{_short(tick)}</text>'
-        )
-    middle, below = _LEFT + _WIDTH / 2, _TOP + _HEIGHT + 38
-    parts.append(f'<text x="{middle}" y="{below}" text-anchor="middle">{escape(label)}</text>')
+    numbers = ([(axis.place(tick), _short(tick)) for tick in axis.ticks] for axis in (across, up))
+    parts = _AXES.drawn(f"{series['title']}: {label}", label, *numbers)
     for number, line in enumerate(lines.values()):
         colour = f'style="stroke:var({_colour(number)})"'
         for x, _, low, high in line:

@@ -22,7 +22,8 @@ import pytest
 
 from companion.drives import rehearsing
 from companion.drives.drive import DriveError
-from tests.companion.drives.test_rehearsal import CONFIG, drive, rehearsed
+from tests.companion.drives.filmed import CONFIG
+from tests.companion.drives.test_rehearsal import drive, rehearsed
 
 __all__ = ["drive"]
 pytestmark = pytest.mark.skipif(

@@ -19,42 +19,19 @@ from companion.drives.drive import DriveError, DriveFrame
 from companion.drives.frames import open_drive
 from companion.drives.judge import DriveJudge
 from companion.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
-from companion.sim.field.render import Camera
-from companion.sim.field.things import World
 from companion.vision.warm_up import load_engine
+from tests.companion.drives.filmed import film
 from tests.companion.link.payloads import CALL
 
 TORN = 10
-CONFIG = """
-[camera]
-source = "folder:pictures"
-[vehicle]
-file = ""
-[roi]
-left = 0.35
-top = 0.46
-right = 0.65
-bottom = 0.95
-[words]
-grass = 1.0
-"dirt path" = 1.0
-bush = -1.0
-tree = -1.0
-sky = -1.0
-"""
 
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The simulated trail from the meadow into the forest. File 10 is torn; companion.toml is beside it."""
     folder = tmp_path_factory.mktemp("drive")
-    world = World(0)
-    camera = Camera(world)
-    for number, place in enumerate(np.arange(42.0, 56.0, 0.35)):
-        image, _ = camera.render(world.trail.pose(float(place)), 0.1 * number)
-        cv2.imwrite(str(folder / f"{number:03d}.jpg"), image[..., ::-1])
+    film(folder, 0.35)
     (folder / f"{TORN:03d}.jpg").write_bytes(b"torn")
-    (folder.parent / "companion.toml").write_text(CONFIG)
     return folder
 
 

@@ -19,7 +19,8 @@ from anytraverse.preferences import Preferences
 from anytraverse.resources import resource
 from companion.config import Config, ConfigError, load_config
 from companion.drives.drive import DriveError
-from companion.tuning.episode import Episode
+from companion.drives.frames import open_drive
+from companion.tuning.episode import Episode, given_answers
 from companion.tuning.grid import Grid, GridError, around, read_region, read_tiles, read_values
 from companion.tuning.report import counted, csv_rows, page, text_of
 from companion.tuning.running import Where, processes_of, run_episode
@@ -41,8 +42,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--operator",
-        choices=("labels", "go"),
-        help="who answers: the labels' classes, or a go; by default the labels where there are some",
+        choices=("labels", "go", "answers"),
+        help="who answers: the labels' classes, a go, or somebody who did before; by default the labels "
+        "where there are some",
+    )
+    parser.add_argument(
+        "--answers", metavar="FILE", help="of `companion rehearse`; of a recording those that were recorded"
     )
     parser.add_argument("--config", metavar="FILE", help="a companion.toml, by default the one that ships")
     parser.add_argument("--prompts", metavar="WORDS", help="the words at the start, by default the config's")
@@ -136,10 +141,19 @@ def _episode(options: argparse.Namespace, config: Config) -> tuple[Episode, str]
     plain = Episode(options.episode, rate)
     chosen = (options.split, options.first, options.last, options.every) != (None, None, None, 1)
     labelled = options.operator == "labels" or chosen or options.drivable is not None
-    if options.operator == "go":
-        if labelled:
-            raise GridError("--operator go takes a whole drive, without --split, --from, --to, --every")
-        return plain, "a go to every call"
+    script = options.operator == "answers" or options.answers is not None
+    if options.operator == "go" or script:
+        if labelled or (script and options.operator == "go"):
+            raise GridError(
+                "--operator go and answers take a whole drive, without --split, --from, --to, --every, "
+                "and --answers belongs to answers"
+            )
+        if not script:
+            return plain, "a go to every call"
+        given = given_answers(open_drive(options.episode, rate), options.answers)
+        if not given:
+            raise GridError("no answers were recorded: give --answers FILE, or --operator go")
+        return replace(plain, answers=given), f"{len(given)} answers that were given, and else a go"
     kind, _ = kind_and_path(options.episode)
     defaults = read_defaults(kind)
     selection = Selection(options.first, options.last, options.every)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from anytraverse.evaluation.datasets import Dataset, Selection, TornPictureError, open_dataset
-from companion.drives.drive import Drive, DriveFrame, printable
+from companion.drives.desk import AnswerFile
+from companion.drives.drive import Drive, DriveError, DriveFrame, printable
 from companion.drives.frames import open_drive
+from companion.drives.recorded import Recording
 from companion.tuning.operators import GivenAnswer, GivenAnswers, LabelOperator, Operator, go
 
 
@@ -33,6 +36,24 @@ class Episode:
             return LabelledDrive(dataset, self.rate), LabelOperator(dataset, self.drivable)
         operator = GivenAnswers(self.answers) if self.answers else go
         return open_drive(self.where, self.rate), operator
+
+
+def given_answers(drive: Drive, answers: str | None) -> tuple[GivenAnswer, ...]:
+    """Return the answers that were given on a drive: those of a file, else those that were recorded.
+
+    Raises DriveError for a file without an answer to one of its frames, OSError.
+    """
+    if answers is not None:
+        file = AnswerFile(Path(answers))
+        found = [GivenAnswer(one.at, line) for one in drive.frames() for line in file.of(one.name)]
+        if not found:
+            raise DriveError(
+                f"{answers} has no answer to a frame of this drive: give the one of its rehearsal"
+            )
+        return tuple(found)
+    if isinstance(drive, Recording):
+        return tuple(GivenAnswer(at, line) for at, line in drive.answers())
+    return ()
 
 
 class LabelledDrive:

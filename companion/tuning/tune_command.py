@@ -14,12 +14,9 @@ from anytraverse.html_page import document
 from anytraverse.line_plot import STYLE, Series, line_plot
 from anytraverse.perception.stored import MOST_BYTES, default_cache
 from companion.config import load_config
-from companion.drives.desk import AnswerFile
-from companion.drives.drive import Drive, DriveError
+from companion.drives.drive import DriveError
 from companion.drives.frames import open_drive
-from companion.drives.recorded import Recording
-from companion.tuning.episode import Episode
-from companion.tuning.operators import GivenAnswer
+from companion.tuning.episode import Episode, given_answers
 from companion.tuning.proposal import (
     MOST_WANTED,
     Candidate,
@@ -63,7 +60,7 @@ def run(
         )
     config = load_config(file)
     drive = open_drive(where, config.camera.rate)
-    given = _given(drive, answers)
+    given = given_answers(drive, answers)
     episode = Episode(where, config.camera.rate, given)
     place = Where(Path(cache) if cache else default_cache(), MOST_BYTES, processes_of(jobs))
     folder = Path(out)
@@ -113,21 +110,6 @@ def run(
     print(f"{folder / 'tuned.toml'} has what to put into {file}; {folder / 'tuning.html'} shows the others")
     print(json.dumps(figures))
     return 0
-
-
-def _given(drive: Drive, answers: str | None) -> tuple[GivenAnswer, ...]:
-    """Return the answers that were given on this drive."""
-    if answers is not None:
-        file = AnswerFile(Path(answers))
-        found = [GivenAnswer(one.at, line) for one in drive.frames() for line in file.of(one.name)]
-        if not found:
-            raise DriveError(
-                f"{answers} has no answer to a frame of this drive: give the one of its rehearsal"
-            )
-        return tuple(found)
-    if isinstance(drive, Recording):
-        return tuple(GivenAnswer(at, line) for at, line in drive.answers())
-    return ()
 
 
 def _remarks(figures: dict[str, Any]) -> list[str]:

@@ -61,9 +61,21 @@ def test_the_labels_answer_where_there_are_some(drive: Path, tmp_path: Path, cap
     assert json.loads((tmp_path / "calls.json").read_text())["each"][0]["calls"] > 0
 
 
+def test_a_script_answers_as_somebody_did(drive: Path, tmp_path: Path, capsys: Out) -> None:
+    script = tmp_path / "answers.txt"
+    script.write_text("001.jpg = no such word at all: 1, go\n005.jpg = go\n")
+    grid = ["--scene", "0.97", "--roi", "0.02", "--tile", "0.3", "--answers", str(script)]
+    assert anytraverse(asked(drive, tmp_path, *grid)) == 0
+    found = figures(capsys)
+    assert found["operator"] == "2 answers that were given, and else a go"
+    assert found["each"][0]["refused"] > 0
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [
+        (("--operator", "answers"), "no answers were recorded"),
+        (("--operator", "go", "--answers", "x"), "belongs to answers"),
         (("--scene", "high", "--operator", "go"), "--scene"),
         (("--region", "1,2,3", "--operator", "go"), "--region"),
         (("--roi", "2", "--operator", "go"), "roi is 2.0"),

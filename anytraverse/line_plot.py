@@ -131,11 +131,15 @@ def ticks(span: Range) -> list[float]:
     low, high = span
     if not high > low:
         return [low]
-    rough = (high - low) / _TICKS
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * 0.999)
+    step = round_step((high - low) / _TICKS * 0.999)
     first = math.ceil(low / step - 1e-9)
     return [number * step for number in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def round_step(least: float) -> float:
+    """Return the smallest of 1, 2 and 5 times a power of ten that is at least so much, above 0."""
+    decade = 10.0 ** math.floor(math.log10(least))
+    return next(factor * decade for factor in (1.0, 2.0, 5.0, 10.0) if factor * decade >= least * (1 - 1e-9))
 
 
 def _share(value: float, span: Range) -> float:

@@ -82,16 +82,10 @@ def _axis(values: Sequence[float], *, own_ticks: bool) -> _Axis:
         decades = tuple(10.0**power for power in range(math.ceil(low), math.floor(high) + 1))
         return _Axis(lambda value: (math.log10(value) - low) / (high - low), own or decades)
     bottom, top = min(0.0, least), most if most > min(0.0, least) else 1.0
-    step = _step((top - bottom) / 5)
+    step = line_plot.round_step((top - bottom) / 5)
     first, last = math.floor(bottom / step), math.ceil(top / step - 1e-9)
     ticks = tuple(number * step for number in range(first, last + 1))
     return _Axis(lambda value: (value - ticks[0]) / (ticks[-1] - ticks[0]), own or ticks)
-
-
-def _step(least: float) -> float:
-    """Returns the smallest of 1, 2 and 5 times a power of ten that is at least so much."""
-    decade = 10.0 ** math.floor(math.log10(least))
-    return next(factor * decade for factor in (1.0, 2.0, 5.0, 10.0) if factor * decade >= least * (1 - 1e-9))
 
 
 def _short(value: float) -> str:

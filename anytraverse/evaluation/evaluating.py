@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from threading import local
 
 from anytraverse.errors import PerceiverError
-from anytraverse.evaluation.datasets import Dataset, Files, TornPictureError, open_dataset
+from anytraverse.evaluation.datasets import Dataset, Files, LabelledFrame, TornPictureError, open_dataset
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.records import Records
 from anytraverse.evaluation.seeing import PerceiverRun, maps_identity
 from anytraverse.evaluation.spreading import spread
 from anytraverse.evaluation.tally import Rows, Tally
-from anytraverse.perception import make_perceiver
+from anytraverse.perception import Features, make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 
@@ -56,10 +56,13 @@ class Evaluation:
         self._rows = Rows(dataset.classes)
         self._keys = [records.use(run.words) for run in runs]
         self.torn = 0
-        self.resumed = sum(
-            all(records.holds(key, dataset.name(number), files) for key in self._keys)
+        self._left = {
+            number: files
             for number, files in zip(dataset.numbers, dataset.files, strict=True)
-        )
+            if not all(records.holds(key, dataset.name(number), files) for key in self._keys)
+        }
+        """The frames that were not judged before."""
+        self.resumed = len(dataset) - len(self._left)
 
     def __iter__(self) -> Iterator[Judged]:
         """Raises DatasetError when every frame is damaged or records cannot be written; PerceiverError."""
@@ -93,22 +96,17 @@ class Evaluation:
         share: of this data set and these runs, without numbers. Damaged frames are left for the iteration.
         Raises SpreadError, DatasetError.
         """
-        left = [
-            number
-            for number, files in zip(self._dataset.numbers, self._dataset.files, strict=True)
-            if not all(self._records.holds(key, self._dataset.name(number), files) for key in self._keys)
-        ]
+        left = list(self._left)
         shares = [
             replace(share, numbers=tuple(left[at : at + _AT_ONCE])) for at in range(0, len(left), _AT_ONCE)
         ]
-        files = dict(zip(self._dataset.numbers, self._dataset.files, strict=True))
         progress = Progress(len(left), "frames on the cluster")
 
         def store(_number: int, found: list[tuple[int, tuple[bytes, ...]]]) -> None:
             for number, packed in found:
                 for key, tally in zip(self._keys, packed, strict=True):
                     unpacked = Tally.unpacked(tally, self._rows.count)
-                    self._records.add(key, self._dataset.name(number), files[number], unpacked)
+                    self._records.add(key, self._dataset.name(number), self._left[number], unpacked)
             progress.step(len(found))
 
         try:
@@ -120,7 +118,7 @@ class Evaluation:
     def _judged(self, number: int, files: Files, stored: Sequence[Tally | None]) -> tuple[Tally, ...]:
         """Return a frame's tallies, and store those that were not."""
         frame = self._dataset.read(number)
-        features = self._runs[0].perceiver.encode(frame.image) if len(self._runs) > 1 else None
+        features = _shared_features(self._runs, frame)
         tallies = []
         for key, run, known in zip(self._keys, self._runs, stored, strict=True):
             tally = known or Tally.of(run.look(frame, features), frame, self._rows)
@@ -128,6 +126,11 @@ class Evaluation:
                 self._records.add(key, self._dataset.name(number), files, tally)
             tallies.append(tally)
         return tuple(tallies)
+
+
+def _shared_features(runs: Sequence[PerceiverRun], frame: LabelledFrame) -> Features | None:
+    """Encode a frame once for several sets of words; None for a single one, which encodes it itself."""
+    return runs[0].perceiver.encode(frame.image) if len(runs) > 1 else None
 
 
 def judged_share(share: Share) -> list[tuple[int, tuple[bytes, ...]]]:
@@ -142,7 +145,7 @@ def judged_share(share: Share) -> list[tuple[int, tuple[bytes, ...]]]:
             frame = dataset.read(number)
         except TornPictureError:
             continue
-        features = runs[0].perceiver.encode(frame.image)
+        features = _shared_features(runs, frame)
         tallies = (Tally.of(run.look(frame, features), frame, rows) for run in runs)
         found.append((number, tuple(tally.packed() for tally in tallies)))
     return found

@@ -36,7 +36,7 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from bench.faults.row import Outcome, Row, Work
 from bench.faults.standing import Picture
-from bench.link.lossy import Radio, virtual_time
+from bench.link.lossy import Clock, Radio, virtual_time
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Companion, make_ready
 from companion.cameras.newest import CameraState, CameraStatus
@@ -160,6 +160,21 @@ def own_memory() -> float:
     return int(found[1]) / 1024
 
 
+def pass_period(clock: Clock, radio: CutRadio, rover: Endurance, operator: Operator) -> None:
+    """Let the time from one frame to the next pass."""
+    for _ in range(TURNS):
+        clock.now += PERIOD / TURNS
+        radio.carry(clock.now)
+        rover.turn()
+        radio.carry(clock.now)
+        operator.step(clock.now)
+
+
+def bytes_in(folder: Path) -> int:
+    """Return the bytes of all files in a folder and those below."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
 def run(frames: int, seed: int, folder: Path) -> dict[str, Any]:
     """Judge so many frames, and return the figures; memory, files and threads at each tenth."""
     logging.getLogger().setLevel(logging.INFO)
@@ -175,17 +190,12 @@ def run(frames: int, seed: int, folder: Path) -> dict[str, Any]:
             rover.frame(thing=number % _THING_EVERY >= _THING_EVERY - _THING_FOR)
             if number % _SET_EVERY == 0:
                 operator.set_parameter()
-            for _ in range(TURNS):
-                clock.now += PERIOD / TURNS
-                radio.carry(clock.now)
-                rover.turn()
-                radio.carry(clock.now)
-                operator.step(clock.now)
+            pass_period(clock, radio, rover, operator)
             if (number + 1) % max(1, frames // 10) == 0:
                 memory.append(round(own_memory(), 2))
                 files.append(len(os.listdir("/proc/self/fd")))
                 threads.append(len(os.listdir("/proc/self/task")))
-                sizes.append(sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()))
+                sizes.append(bytes_in(folder))
     return {
         "frames": frames,
         "seconds": round(time.perf_counter() - began, 1),

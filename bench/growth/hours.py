@@ -22,7 +22,7 @@ import numpy as np
 
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
-from bench.faults.endurance import PERIOD, TURNS, CutRadio, Endurance, Operator, own_memory
+from bench.faults.endurance import CutRadio, Endurance, Operator, bytes_in, own_memory, pass_period
 from bench.link.lossy import virtual_time
 from bench.link.radio_model import LinkConditions
 from bench.series import Series
@@ -78,16 +78,11 @@ def drive(frames: int, folder: Path) -> list[Series]:
             if number % min(20, every) == 0:
                 measured.append(measure_yardstick())
             begun = time.process_time()
-            for _ in range(TURNS):
-                clock.now += PERIOD / TURNS
-                radio.carry(clock.now)
-                rover.turn()
-                radio.carry(clock.now)
-                operator.step(clock.now)
+            pass_period(clock, radio, rover, operator)
             turned.append((time.process_time() - begun) * 1e3)
             if number % every == 0:
                 memory.add("own memory", number, [own_memory()])
-                disk.add("journal, log, calls, pictures", number, [_bytes_in(folder) / 1e6])
+                disk.add("journal, log, calls, pictures", number, [bytes_in(folder) / 1e6])
                 times.add("yardstick, median", number, [median(measured)])
                 for name, found in (("judged", judged), ("turns of the daemon", turned)):
                     times.add(f"{name}, median", number, [median(found)])
@@ -110,10 +105,6 @@ def _yardstick() -> Callable[[], float]:
         return (time.process_time() - begun) * 1e3
 
     return measure_it
-
-
-def _bytes_in(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def slope(points: Sequence[Sequence[float]]) -> Slope:

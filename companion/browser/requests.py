@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from anytraverse.errors import PreferencesError
 from anytraverse.preferences import check_weight, clean_word
+from companion.wire import json_values
 from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
 from companion.wire.ids import Motion, Stage
 from companion.wire.packing import Fractions
@@ -58,12 +58,9 @@ class AnswerRequest:
 def read_object(body: bytes) -> Mapping[str, Any]:
     """Read the body of a POST. Raises RequestError."""
     try:
-        told = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise RequestError("the request is not JSON") from error
-    if not isinstance(told, dict):
-        raise RequestError("the request is not an object")
-    return told
+        return json_values.read_object(body, "the request")
+    except json_values.DocumentError as error:
+        raise RequestError(str(error)) from error
 
 
 def read_answer(told: Mapping[str, Any]) -> AnswerRequest:

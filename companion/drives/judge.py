@@ -94,6 +94,11 @@ class DriveJudge:
         text = outcome_text(self._calls, call.id, result, decisions, outcome.call, outcome.newest, memory)
         return text, outcome.remembered
 
+    def go_where_uncovered(self, number: int, now: float) -> None:
+        """Give a call that no answer has covered a go, so that each place is asked about once."""
+        if self.needs_answer(number):
+            self.answer((), Motion.GO, now)
+
     def needs_answer(self, number: int) -> bool:
         """Whether this call is open, and what was said does not cover it."""
         call = self._calls.call

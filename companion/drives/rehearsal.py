@@ -16,7 +16,7 @@ from companion.calls.decisions import Call
 from companion.drives.drive import Drive, DriveFrame
 from companion.drives.judge import DriveJudge, Judgement
 from companion.vision.pictures import panel, unmarked
-from companion.wire.ids import Motion, State
+from companion.wire.ids import State
 from companion.wire.payloads import CallData
 from companion.wire.typed_answers import CommandError, operation_of, read_typed
 
@@ -190,8 +190,7 @@ def _answer(judge: DriveJudge, call: AskedCall, operator: Operator, now: float) 
         call.by_person = call.by_person or remembered
         if not judge.needs_answer(call.id):
             return
-    if judge.needs_answer(call.id):
-        judge.answer((), Motion.GO, now)
+    judge.go_where_uncovered(call.id, now)
 
 
 def _write_pictures(out: Path, call: AskedCall) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -75,9 +74,9 @@ def read_region(text: str) -> Box:
     return Box(left, top, right, bottom)
 
 
-def around(settings: Settings, regions: Sequence[Box] = ()) -> Grid:
+def around(settings: Settings) -> Grid:
     """Return a small grid around settings: for a first look, as in the paper's figure."""
     limits = settings.thresholds
     scene = tuple(round(limits.scene + step, 4) for step in (-0.1, -0.05, 0.0) if limits.scene + step >= -1.0)
     roi = tuple(round(min(1.0, limits.roi * factor), 4) for factor in (0.5, 1.0, 1.5))
-    return Grid(scene, roi, (limits.tile,), tuple(regions) or (settings.region.bounds,))
+    return Grid(scene, roi, (limits.tile,), (settings.region.bounds,))

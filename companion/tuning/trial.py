@@ -18,7 +18,6 @@ from companion.calls.decisions import Call
 from companion.drives.drive import DriveFrame
 from companion.drives.judge import DriveJudge
 from companion.tuning.operators import Operator
-from companion.wire.ids import Motion
 from companion.wire.typed_answers import CommandError
 
 
@@ -103,8 +102,7 @@ class Trial:
             self._judge.answer(operations, motion, frame.at)
         except (CommandError, AnyTraverseError) as error:
             self.outcome.refused.append(f"{frame.name}: {error}")
-        if self._judge.needs_answer(call.id):
-            self._judge.answer((), Motion.GO, frame.at)
+        self._judge.go_where_uncovered(call.id, frame.at)
 
 
 class TrialEngine(AnyTraverse):

@@ -15,14 +15,14 @@ class DocumentError(ValueError):
     """Reports a document that is none; the text says what it is instead."""
 
 
-def read_object(content: bytes) -> Mapping[str, Any]:
-    """Read a JSON object. Raises DocumentError."""
+def read_object(content: bytes, what: str = "it") -> Mapping[str, Any]:
+    """Read a JSON object. what: names it in an error. Raises DocumentError."""
     try:
         told = json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise DocumentError("it is not JSON") from error
+        raise DocumentError(f"{what} is not JSON") from error
     if not isinstance(told, dict):
-        raise DocumentError("it is not an object")
+        raise DocumentError(f"{what} is not an object")
     return told
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -48,7 +49,7 @@ def test_a_grid_that_is_too_large_or_out_of_range_is_refused() -> None:
 
 def test_a_combination_changes_these_settings_and_no_other() -> None:
     base = Settings(tile_share=0.1)
-    for one in around(base, [REGION]).combinations(base):
+    for one in around(replace(base, region=REGION)).combinations(base):
         applied = one.applied(base)
         limits = applied.thresholds
         assert (limits.scene, limits.roi, limits.tile, applied.region) == (

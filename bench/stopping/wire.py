@@ -170,7 +170,7 @@ class Wire:
 
 
 def _reported_by(frame: Any) -> tuple[State, Policy]:
-    state, _, policy = read_heartbeat_mode(frame.custom_mode)
+    state, _, policy, _ = read_heartbeat_mode(frame.custom_mode)
     return state, policy
 
 

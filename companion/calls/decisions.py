@@ -8,6 +8,7 @@ from enum import Enum
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Place
 from companion.calls.acceptance import Acceptance
+from companion.calls.faults import FaultAcceptance
 from companion.calls.hold import Hold, HoldEvent
 from companion.wire.ids import Outcome
 
@@ -136,6 +137,25 @@ class GoLapsed:
 
 
 @dataclass(frozen=True)
+class FaultAccepted:
+    """A human's mode over a hold accepted the faults that stood, within the limits of `acceptance`.
+
+    acceptance: None where faults were accepted too often of late: the fault holds again. id: of the hold.
+    """
+
+    id: int
+    acceptance: FaultAcceptance | None
+
+
+@dataclass(frozen=True)
+class FaultAcceptanceEnds:
+    """An acceptance of faults is about to end. seconds, metres: what is left, metres None where not known."""
+
+    seconds: float
+    metres: float | None
+
+
+@dataclass(frozen=True)
 class WouldHold:
     """Shadow policy: a hold would have started now. `number` counts would-be holds from 1."""
 
@@ -165,6 +185,8 @@ Decision = (
     | HoldShown
     | HoldRenamed
     | GoLapsed
+    | FaultAccepted
+    | FaultAcceptanceEnds
     | WouldHold
     | WouldResume
 )

@@ -44,6 +44,7 @@ class Hold:
     resume_cancelled_at: when a resume was cancelled last.
     rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
     seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
+    confirmed_at: when the autopilot first confirmed it, None before.
     """
 
     id: int
@@ -58,6 +59,7 @@ class Hold:
     resume_cancelled_at: float | None = None
     rebooted: bool = False
     seen: Assessment | None = None
+    confirmed_at: float | None = None
 
     @property
     def standing(self) -> bool:
@@ -124,6 +126,7 @@ class Hold:
         if mode == self.mode:
             if self.state is HoldState.REQUESTED:
                 self.enter(HoldState.STANDING)
+                self.confirmed_at = now if self.confirmed_at is None else self.confirmed_at
                 return HoldEvent.CONFIRMED
             return None
         if mode != self.mode_before:

@@ -16,7 +16,8 @@ from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
 from companion.calls.answer_rules import accept_taken_over, answer_call
 from companion.calls.call_rules import CallController
-from companion.calls.decisions import Call, Decision, HoldMoved
+from companion.calls.decisions import Call, Decision, FaultAcceptanceEnds, FaultAccepted, HoldMoved
+from companion.calls.faults import TOLD_FOR, Fault
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.hold_rules import HoldController
 from companion.calls.mode_monitor import ModeMonitor, ModeReport
@@ -86,6 +87,12 @@ class OperatorCalls:
         return self._settle(now)
 
     @_transition()
+    def fault_reported(self, fault: Fault, what: str, now: float) -> list[Decision]:
+        """Take in that `fault` stands. what: its name in two or three words, "" where it is over."""
+        self.reason_filter.faults.report(fault, now, stands=bool(what), what=what)
+        return self._settle(now)
+
+    @_transition()
     def policy_changed(self, before: Policy, now: float) -> list[Decision]:
         """Follow a change of the policy in force, which was `before`.
 
@@ -98,6 +105,7 @@ class OperatorCalls:
         decisions: list[Decision] = [*self.shadow.stop(now)]
         if before is Policy.OFF:
             self.reason_filter.revoke_acceptance()
+        self.reason_filter.faults.revoke()
         if policy is not Policy.HOLD:
             self.holding.release(now)
             dropped = self.holding.end()
@@ -236,6 +244,10 @@ class OperatorCalls:
             {Reason.FAULT} if self.autopilot_silent(now) else frozenset()
         )
 
+    def fault_accepted(self, now: float) -> bool:
+        """Whether faults stand, and a human drives on in spite of all of them."""
+        return bool(self.reason_filter.standing_faults(now)) and Reason.FAULT not in self.reasons(now)
+
     def autopilot_silent(self, now: float) -> bool:
         """Whether the policy is hold and the autopilot's heartbeats, which came before, have stopped."""
         return self.policy is Policy.HOLD and self.monitor.heartbeat_lost(now)
@@ -245,7 +257,8 @@ class OperatorCalls:
         if self.policy is Policy.OFF:
             return State.OFF
         reasons = self.reasons(now)
-        if Reason.FAULT in reasons:
+        # A fault that a human accepted still stands: the state must not say that all is well.
+        if Reason.FAULT in reasons or self.reason_filter.standing_faults(now):
             return State.FAULT
         if self.call is not None and not self.call.answered:
             return State.CALLING
@@ -262,11 +275,12 @@ class OperatorCalls:
 
     def _settle(self, now: float) -> list[Decision]:
         self.reason_filter.tick(now)
+        ending = self._tick_faults(now)
         self._reasons = reasons = self.reason_filter.reasons(now)
         released = self.holding.settle_release(now)
         if self.policy is Policy.OFF:
             return released
-        decisions = released + self._calling.settle(reasons, now)
+        decisions = ending + released + self._calling.settle(reasons, now)
         if self.policy is Policy.SHADOW:
             decisions += self._update_shadow(reasons, now)
         if self.policy is Policy.HOLD and reasons and self.hold is None and self.monitor.drives_itself(now):
@@ -295,5 +309,21 @@ class OperatorCalls:
         decisions: list[Decision] = [HoldMoved(hold, event)]
         if event is HoldEvent.TAKEN_OVER:
             accept_taken_over(call, self.reason_filter, now, self.monitor.newest.travelled)
+            decisions += self._accept_faults(hold, now)
             return decisions + self._calling.close(Outcome.TAKEN_OVER)
         return decisions + (self._calling.close(call.outcome_now) if call is not None else [])
+
+    def _accept_faults(self, hold: Hold, now: float) -> list[Decision]:
+        """Accept the faults that stand, where a human drives on in an autopilot mode over a hold for them."""
+        faults, report = self.reason_filter.faults, self.monitor.newest
+        told = hold.confirmed_at is not None and now - hold.confirmed_at >= TOLD_FOR
+        if not (told and report.drives_itself and self.reason_filter.standing_faults(now)):
+            return []
+        accepted = faults.accept(now, report.travelled)
+        return [FaultAccepted(hold.id, accepted)] if accepted is not None or faults.refuses(now) else []
+
+    def _tick_faults(self, now: float) -> list[Decision]:
+        faults, travelled = self.reason_filter.faults, self.monitor.newest.travelled
+        sees = self.reason_filter.ok_run >= self.numbers.ok_frames
+        ending = faults.tick(now, travelled, sees=sees)
+        return [] if ending is None else [FaultAcceptanceEnds(*ending.left(self.numbers, now, travelled))]

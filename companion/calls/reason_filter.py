@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from anytraverse.assessment import Assessment, Reason
 from companion.calls.acceptance import Acceptance
+from companion.calls.faults import Fault, Faults
 from companion.calls.masks import Mask
 from companion.calls.numbers import Numbers
 
@@ -59,13 +60,15 @@ class ReasonFilter:
     and ends no reason.
 
     acceptance: what the operator accepted, None without one. ok_run: OK frames in a row.
-    not_ok_at: when it was last not OK, because of a frame or because none came.
+    not_ok_at: when it was last not OK: because of a frame, because none came, or because of another fault.
+    faults: the faults that stand, of the view and of the rest, and what a human accepted of them.
     """
 
     def __init__(self, numbers: Numbers, now: float) -> None:
         self.numbers = numbers
         self.newest: Assessment | None = None
         self.acceptance: Acceptance | None = None
+        self.faults = Faults(numbers)
         self.ok_run = 0
         self.was_ok = False
         """Whether any frame was OK yet. Before that the state is not OK, although no reason counts yet."""
@@ -106,12 +109,22 @@ class ReasonFilter:
             debounce.amend(bad=bad, clear=clear)
 
     def tick(self, now: float) -> None:
-        """End the run of OK frames where no fresh frame has come."""
-        if not self.fresh(now):
+        """Update the fault of the view. Without a fresh frame, or in another fault, end the run of OK frames."""
+        self.faults.report(Fault.VIEW, now, stands=Reason.FAULT in self._reasons_of_view(now))
+        if not self.fresh(now) or self.faults.standing - {Fault.VIEW}:
             self.not_ok_at, self.ok_run = now, 0
 
     def reasons(self, now: float) -> frozenset[Reason]:
-        """Return the reasons that count now."""
+        """Return the reasons that count now. A fault that a human accepted does not."""
+        reasons = self._reasons_of_view(now) - {Reason.FAULT}
+        return reasons | {Reason.FAULT} if self.standing_faults(now) - self.faults.accepted else reasons
+
+    def standing_faults(self, now: float) -> frozenset[Fault]:
+        """Return the faults that stand now, accepted or not."""
+        of_view = Reason.FAULT in self._reasons_of_view(now)
+        return self.faults.standing - {Fault.VIEW} | ({Fault.VIEW} if of_view else frozenset())
+
+    def _reasons_of_view(self, now: float) -> frozenset[Reason]:
         active = {reason for reason, debounce in self._debounced.items() if debounce.active}
         if not self.fresh(now):
             active.add(Reason.FAULT)

@@ -102,6 +102,7 @@ def _hold(saved: Any, now: float) -> Hold:
         # The go is gone: what was on its way back holds again until there is a new one.
         state=HoldState.STANDING if state is HoldState.RESUMING else state,
         only_fault=_flag(saved["only_fault"]),
+        confirmed_at=now if state is not HoldState.REQUESTED else None,
     )
 
 

@@ -126,6 +126,7 @@ class Daemon:
             position,
             self._shadow,
             recording,
+            self._health.fault_name,
         )
         self._test_call = TrialCall(records.folder, calls, link, vision, position)
         self._status = Status(link, vision, calls, settings, self._test_call, records, position, model)
@@ -387,7 +388,8 @@ class Daemon:
         self.persistence.save_calls(settings, now)
         open_id = self.calls.current_id or self._test_call.id
         self._reported_state = self.calls.state(now)
-        self._link.set_state(self._reported_state, open_id, self.calls.policy)
+        accepted = self.calls.fault_accepted(now)
+        self._link.set_state(self._reported_state, open_id, self.calls.policy, fault_accepted=accepted)
         self._link.computer(self.computer.newest, now)
         alert = self._active_alert.compose(
             self._vision.words,

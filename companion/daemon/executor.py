@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from companion.calls.decisions import (
     CallClosed,
     CallOpened,
     Decision,
+    FaultAcceptanceEnds,
+    FaultAccepted,
     GoLapsed,
     HoldMoved,
     HoldRenamed,
@@ -56,7 +58,9 @@ class DecisionExecutor:
         position: VehiclePosition,
         shadow: ShadowReporter,
         recording: Recording,
+        fault_name: Callable[[float], str],
     ) -> None:
+        """fault_name: names the fault that stands at a time, see `HealthMonitor.fault_name`."""
         self._link = link
         self._vision = vision
         self._calls = calls
@@ -66,6 +70,7 @@ class DecisionExecutor:
         self._position = position
         self._shadow = shadow
         self._recording = recording
+        self._fault_name = fault_name
         self._hold_to_show: HoldShown | None = None
 
     def carry_out(self, decisions: Iterable[Decision], now: float, *, at_once: bool = False) -> None:
@@ -123,6 +128,11 @@ class DecisionExecutor:
                 self._hold_moved(decision, now)
             case GoLapsed(number):
                 self._link.send_text(texts.go_lapsed(self._calls.kind, number), WARNING, now)
+            case FaultAccepted():
+                self._fault_accepted(decision, now)
+            case FaultAcceptanceEnds(seconds, metres):
+                text = texts.fault_acceptance_ends(seconds, metres, self._fault_name(now))
+                self._link.send_text(text, ERROR, now)
             case WouldHold():
                 self._shadow.began(decision, now)
             case WouldResume():
@@ -136,7 +146,7 @@ class DecisionExecutor:
 
     def _hold_moved(self, moved: HoldMoved, now: float) -> None:
         hold, autopilot = moved.hold, self._calls.monitor.newest.autopilot
-        kind = self._active_alert.kind_of(hold)
+        kind = self._active_alert.kind_of(hold.id)
         log.info("hold %d: %s", hold.id, moved.event.value)
         ended = _ENDS.get(moved.event)
         if ended is not None and kind is Kind.HOLD:
@@ -167,6 +177,17 @@ class DecisionExecutor:
                 self._link.send_text(texts.rebooted(kind, hold.id), WARNING, now)
             case HoldEvent.DROPPED:
                 self._link.send_text(texts.dropped(kind, hold.id), WARNING, now)
+
+    def _fault_accepted(self, accepted: FaultAccepted, now: float) -> None:
+        kind = self._active_alert.kind_of(accepted.id)
+        limits = accepted.acceptance
+        if limits is None:
+            self._link.send_text(texts.fault_not_accepted(kind, accepted.id), ERROR, now)
+            return
+        seconds, metres = limits.left(self._calls.numbers, now, self._calls.monitor.newest.travelled)
+        what = self._fault_name(now)
+        log.warning("a human drives on in spite of a fault: %s", what)
+        self._link.send_text(texts.fault_accepted(kind, accepted.id, what, seconds, metres), ERROR, now)
 
     def _mode_name(self, mode: int) -> str:
         autopilot = self._calls.monitor.newest.autopilot

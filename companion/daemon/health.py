@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 
-from anytraverse.assessment import Reason
 from companion.calls.machine import OperatorCalls
 from companion.cameras.newest import CameraState
 from companion.daemon.persistence import Persistence
@@ -104,7 +103,8 @@ class HealthMonitor:
         The newest frame's age is added to each silence: when the frame counts as too old, the part that
         caused it is named at the same moment.
         """
-        others = [AUTOPILOT_SILENT] if self._autopilot_silent else []
+        told = self._calls.reason_filter.faults.told.values()
+        others = [*filter(None, told), *([AUTOPILOT_SILENT] if self._autopilot_silent else [])]
         if self._vision.trouble:
             return [self._vision.trouble, *others]
         newest = self._calls.reason_filter.newest
@@ -130,10 +130,13 @@ class HealthMonitor:
 
     def fault(self, now: float) -> str:
         """Say why nothing can be judged, "" while it can."""
-        if Reason.FAULT not in self._calls.reason_filter.reasons(now):
+        if not self._calls.reason_filter.standing_faults(now):
             return ""
-        why = fault_name(self._calls.reason_filter.newest, self.silent(now))
-        return ": ".join(filter(None, (why, self._vision.camera.reason)))
+        return ": ".join(filter(None, (self.fault_name(now), self._vision.camera.reason)))
+
+    def fault_name(self, now: float) -> str:
+        """Name the fault in two or three words."""
+        return fault_name(self._calls.reason_filter.newest, self.silent(now))
 
     def check(self, now: float) -> None:
         """Collect the signs of life, and report what changed."""
@@ -228,12 +231,11 @@ class HealthMonitor:
             self._link.send_text(notices.unknown_autopilot(), WARNING, now)
 
     def _check_faults(self, now: float) -> None:
-        if Reason.FAULT in self._calls.reason_filter.reasons(now):
+        if self._calls.reason_filter.standing_faults(now):
             if self._fault_seen_at is None:
                 log.error("fault: %s", self.fault(now))
                 if self._calls.current_id == 0:
-                    why = fault_name(self._calls.reason_filter.newest, self.silent(now))
-                    self._link.send_text(texts.companion_fault(why), ERROR, now)
+                    self._link.send_text(texts.companion_fault(self.fault_name(now)), ERROR, now)
             self._fault_seen_at = now
         elif self._fault_seen_at is not None and now - self._fault_seen_at >= RECOVERED_AFTER:
             self._fault_seen_at = None

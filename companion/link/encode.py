@@ -108,13 +108,13 @@ _STATUS = {
 }
 
 
-def heartbeat(state: State, current_id: int, policy: Policy) -> Any:
+def heartbeat(state: State, current_id: int, policy: Policy, fault_accepted: bool = False) -> Any:
     """HEARTBEAT. base_mode stays 0: anything else changes the mode that ground stations display."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         mavlink.MAV_AUTOPILOT_INVALID,
         0,
-        heartbeat_mode(state, current_id, policy),
+        heartbeat_mode(state, current_id, policy, fault_accepted),
         _STATUS[state],
         3,
     )

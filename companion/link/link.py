@@ -212,10 +212,12 @@ class Link:
         with self._error_guard.survived("files", now):
             self._files.tick(now)
 
-    def set_state(self, state: State, current_id: int, policy: Policy) -> None:
-        """Set what the heartbeat reports: state, id of the open call or hold (0: none), policy in force."""
+    def set_state(
+        self, state: State, current_id: int, policy: Policy, *, fault_accepted: bool = False
+    ) -> None:
+        """Set what the heartbeat reports, see `HeartbeatMode`: current_id 0 for none, policy in force."""
         for channel in self._channels:
-            channel.periodic.set_state(state, current_id, policy)
+            channel.periodic.set_state(state, current_id, policy, fault_accepted)
 
     def summary(self, summary: Summary, now: float) -> None:
         """Set the newest summary, which is sent at the table's rate.

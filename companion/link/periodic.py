@@ -47,7 +47,7 @@ class PeriodicTelemetry:
     def __init__(self, sender: Sender, now: float) -> None:
         self._sender = sender
         self._started = now
-        self._content = (State.STARTING, 0, Policy.REPORT)
+        self._content = (State.STARTING, 0, Policy.REPORT, False)
         self._heartbeat_at = -math.inf
         self._heartbeat_now = False
         self._summary: tuple[Summary, float] | None = None
@@ -64,10 +64,10 @@ class PeriodicTelemetry:
         step = _period("number") / len(NUMBERS)
         self._number_at = {name: now + (place - len(NUMBERS)) * step for place, name in enumerate(NUMBERS)}
 
-    def set_state(self, state: State, current_id: int, policy: Policy) -> None:
+    def set_state(self, state: State, current_id: int, policy: Policy, fault_accepted: bool = False) -> None:
         """Set the heartbeat's content; a change is sent at once, at most four times a second."""
-        if (state, current_id, policy) != self._content:
-            self._content = (state, current_id, policy)
+        if (state, current_id, policy, fault_accepted) != self._content:
+            self._content = (state, current_id, policy, fault_accepted)
             self._heartbeat_now = True
 
     def newest_heartbeat(self) -> Any:

@@ -17,6 +17,8 @@ from companion.calls.decisions import (
     CallClosed,
     CallOpened,
     Decision,
+    FaultAcceptanceEnds,
+    FaultAccepted,
     GoLapsed,
     HoldMoved,
     HoldRenamed,
@@ -122,6 +124,8 @@ _NAMES = {
     HoldShown: "hold shown",
     HoldRenamed: "hold renamed",
     GoLapsed: "go lapsed",
+    FaultAccepted: "fault accepted",
+    FaultAcceptanceEnds: "fault acceptance ends",
     SetMode: "set mode",
     WouldHold: "would hold",
     WouldResume: "would resume",
@@ -144,6 +148,10 @@ def _figures(one: Decision) -> dict[str, Any]:
             return {"id": hold.id, "before": old}
         case GoLapsed(number):
             return {"id": number}
+        case FaultAccepted(number, accepted):
+            return {"id": number, "faults": accepted.faults if accepted is not None else ()}
+        case FaultAcceptanceEnds(seconds, metres):
+            return {"seconds": seconds, "metres": metres}
         case SetMode(mode):
             return {"mode": mode}
         case WouldHold(reasons, number):

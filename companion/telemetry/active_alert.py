@@ -9,7 +9,6 @@ from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
 from companion.calls.decisions import Call
-from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
 from companion.telemetry.summary import call_data, current_data, current_text
 from companion.wire import texts
@@ -48,9 +47,9 @@ class ActiveAlert:
         """Remember the id of a call, by which `kind_of` knows the call's hold after the call is closed."""
         self._last_call = call.id
 
-    def kind_of(self, hold: Hold) -> Kind:
-        """Whether texts name a hold as a call, whose hold it is, or as a hold."""
-        return Kind.CALL if hold.id == self._last_call else Kind.HOLD
+    def kind_of(self, number: int) -> Kind:
+        """Whether texts name the hold of this id as a call, whose hold it is, or as a hold."""
+        return Kind.CALL if number == self._last_call else Kind.HOLD
 
     def compose(
         self, words: Preferences, place: Place, picture: str, silent: list[str], now: float

@@ -150,21 +150,33 @@ class Policy(IntEnum):
 
 
 class HeartbeatMode(NamedTuple):
-    """The content of the companion's heartbeat. current_id: of the open call or hold, 0 for none."""
+    """The content of the companion's heartbeat. current_id: of the open call or hold, 0 for none.
+
+    fault_accepted: a human drives on in spite of the fault that stands, so that it holds nobody for now.
+    """
 
     state: State
     current_id: int
     policy: Policy
+    fault_accepted: bool = False
 
 
-def heartbeat_mode(state: State, current_id: int, policy: Policy) -> int:
-    """Pack custom_mode of the heartbeat: bits 0-7 state, 8-23 id of the open call or hold, 24-25 policy."""
-    return int(state) | (current_id & 0xFFFF) << 8 | int(policy) << 24
+def heartbeat_mode(state: State, current_id: int, policy: Policy, fault_accepted: bool = False) -> int:
+    """Pack custom_mode of the heartbeat.
+
+    Bits 0-7: state. 8-23: id of the open call or hold. 24-25: policy. 26: the fault is accepted by hand.
+    """
+    return int(state) | (current_id & 0xFFFF) << 8 | int(policy) << 24 | int(fault_accepted) << 26
 
 
 def read_heartbeat_mode(custom_mode: int) -> HeartbeatMode:
     """Unpack a heartbeat's custom_mode. Raises ValueError for a state of a later version."""
-    return HeartbeatMode(State(custom_mode & 0xFF), custom_mode >> 8 & 0xFFFF, Policy(custom_mode >> 24 & 3))
+    return HeartbeatMode(
+        State(custom_mode & 0xFF),
+        custom_mode >> 8 & 0xFFFF,
+        Policy(custom_mode >> 24 & 3),
+        bool(custom_mode >> 26 & 1),
+    )
 
 
 def words_hash(weights: Mapping[str, float]) -> int:

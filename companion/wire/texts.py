@@ -208,6 +208,26 @@ def taken_over(kind: Kind, number: int, mode: str) -> str:
     return fit(f"{name(kind, number)} taken over by hand: {mode}")
 
 
+def _limits(seconds: float | None, metres: float | None) -> str:
+    known = [(value, unit) for value, unit in ((seconds, "s"), (metres, "m")) if value is not None]
+    return " or ".join(f"{math.ceil(value)} {unit}" for value, unit in known if math.isfinite(value)) or "?"
+
+
+def fault_accepted(kind: Kind, number: int, what: str, seconds: float | None, metres: float | None) -> str:
+    """Reports that a human drives on in spite of a fault, and for how long. what: two or three words."""
+    return fit(f"{name(kind, number)} driven on for {_limits(seconds, metres)}: {what}")
+
+
+def fault_not_accepted(kind: Kind, number: int) -> str:
+    """Refuses to drive on in spite of a fault, since a human did so too often of late."""
+    return fit(f"{name(kind, number)} accepted too often: drive in MANUAL")
+
+
+def fault_acceptance_ends(seconds: float | None, metres: float | None, what: str) -> str:
+    """Reports that the vehicle is held again soon, since the fault still stands."""
+    return fit(f"Holds again in {_limits(seconds, metres)}: {what}")
+
+
 def rebooted(kind: Kind, number: int) -> str:
     """Reports that the autopilot rebooted during our hold, which stays open."""
     return fit(f"{name(kind, number)} stays open: the autopilot rebooted")

@@ -247,8 +247,8 @@ class Rig:
     def state(self) -> tuple[str, int]:
         """State and open id of the newest heartbeat."""
         own = [one for one in self.stage.sent("HEARTBEAT") if one.get_srcComponent() == COMPONENT_ID]
-        state, number, _ = read_heartbeat_mode(own[-1].custom_mode)
-        return state.name, number
+        told = read_heartbeat_mode(own[-1].custom_mode)
+        return told.state.name, told.current_id
 
     @property
     def told_policy(self) -> Policy:

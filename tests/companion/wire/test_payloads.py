@@ -208,13 +208,13 @@ def test_an_answer_with_transaction_0_is_refused() -> None:
         AnswerMessage.unpack(bytes(payload))
 
 
-@given(st.sampled_from(State), U16, st.sampled_from(Policy), st.integers(0, 63))
-def test_the_heartbeat_carries_state_id_and_policy_and_leaves_bits_for_later(
-    state: State, current: int, policy: Policy, later: int
+@given(st.sampled_from(State), U16, st.sampled_from(Policy), st.booleans(), st.integers(0, 31))
+def test_the_heartbeat_carries_state_id_policy_and_acceptance_and_leaves_bits_for_later(
+    state: State, current: int, policy: Policy, accepted: bool, later: int
 ) -> None:
-    mode = heartbeat_mode(state, current, policy)
-    assert mode < 1 << 26
-    assert read_heartbeat_mode(mode | later << 26) == (state, current, policy)
+    mode = heartbeat_mode(state, current, policy, accepted)
+    assert mode < 1 << 27
+    assert read_heartbeat_mode(mode | later << 27) == (state, current, policy, accepted)
 
 
 def test_the_hash_of_the_words_knows_no_order_but_every_weight() -> None:

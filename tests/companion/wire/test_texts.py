@@ -34,7 +34,9 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "component": st.integers(0, 255),
     "rate": st.floats(0.1, 60.0),
     "configured": st.floats(0.5, 60.0),
-    **dict.fromkeys(("uncertainty", "similarity", "drivable", "share", "seconds", "speed", "fits"), FIGURE),
+    **dict.fromkeys(
+        ("uncertainty", "similarity", "drivable", "share", "seconds", "metres", "speed", "fits"), FIGURE
+    ),
     **dict.fromkeys(FREE, st.text(max_size=80)),
 }
 FUNCTIONS: list[Callable[..., str]] = [

@@ -109,7 +109,7 @@ class ReasonFilter:
             debounce.amend(bad=bad, clear=clear)
 
     def tick(self, now: float) -> None:
-        """Update the fault of the view. Without a fresh frame, or in another fault, end the run of OK frames."""
+        """Update the view's fault. Without a fresh frame, or in another fault, end the run of OK frames."""
         self.faults.report(Fault.VIEW, now, stands=Reason.FAULT in self._reasons_of_view(now))
         if not self.fresh(now) or self.faults.standing - {Fault.VIEW}:
             self.not_ok_at, self.ok_run = now, 0

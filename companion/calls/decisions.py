@@ -76,9 +76,15 @@ _OUTCOMES = {CallState.ANSWERED: Outcome.ANSWERED, CallState.ACCEPTED: Outcome.A
 
 @dataclass(frozen=True)
 class SetMode:
-    """Command the autopilot to change to a custom_mode."""
+    """Command the autopilot to change to a custom_mode.
+
+    expected: the mode that this was decided on; if it shows another one, a human has set it. None: any.
+    hold: id of the hold that begins or ends, 0 for none.
+    """
 
     mode: int
+    expected: int | None = None
+    hold: int = 0
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
 from anytraverse.assessment import Assessment
+from companion.calls.mode_monitor import ModeAnswer, ModeReport
 from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
+
+_REPORT_LAG = 0.25
+_LATE_REPORT_LAG = 1.2
+"""Seconds after which a mode is shown: at once by HEARTBEAT, or late, see `Autopilot.reports_mode_late`."""
 
 
 class HoldState(str, Enum):
@@ -25,6 +31,8 @@ class HoldEvent(Enum):
     FAILED = "failed"
     TAKEN_OVER = "taken over"
     RESUMED = "resumed"
+    OVERRODE = "overrode"
+    """Our late resume replaced the mode of a human who had taken over. The vehicle is held again."""
     REBOOTED = "rebooted"
     """The autopilot rebooted. Nobody took over, and the hold goes on."""
     DROPPED = "dropped"
@@ -37,11 +45,13 @@ class Hold:
 
     id: that of its call, where it has one. mode: the custom_mode that holds. mode_before: the mode to return
     to. started_at: monotonic seconds.
-    tries: commands sent in this state. tried_at: when the last one was sent.
+    tries: commands sent in this state. commanded_at, tried_at: when the first and the last one were sent.
     failed: the autopilot did not follow after all tries; a human must act.
     only_fault: only faults caused it, so that it may end without a go where the configuration allows that. A
     hold whose resume failed needs a go.
-    resume_cancelled_at: when a resume was cancelled last.
+    resumed_at: when the resume was commanded that may still be under way, None without one.
+    resume_taken: the autopilot has acknowledged that resume.
+    held_at: when the autopilot acknowledged the newest command to hold, None before.
     rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
     seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
     confirmed_at: when the autopilot first confirmed it, None before.
@@ -53,10 +63,13 @@ class Hold:
     started_at: float
     state: HoldState = HoldState.REQUESTED
     tries: int = 0
+    commanded_at: float = 0.0
     tried_at: float = 0.0
     failed: bool = False
     only_fault: bool = True
-    resume_cancelled_at: float | None = None
+    resumed_at: float | None = None
+    resume_taken: bool = False
+    held_at: float | None = None
     rebooted: bool = False
     seen: Assessment | None = None
     confirmed_at: float | None = None
@@ -79,15 +92,20 @@ class Hold:
         """Change to another state, and start counting tries again."""
         self.state, self.tries, self.failed = state, 0, False
 
-    def cancel_resume(self, now: float) -> None:
+    def begin_resume(self) -> None:
+        """Return to the mode before the hold."""
+        self.enter(HoldState.RESUMING)
+        self.resumed_at, self.resume_taken = None, False
+
+    def cancel_resume(self) -> None:
         """Hold again while a resume is under way: the autopilot may already have changed back."""
         self.enter(HoldState.REQUESTED)
-        self.resume_cancelled_at = now
+        self.held_at = None
 
     def request_again(self) -> None:
         """Request the hold again after the autopilot rebooted. From now on it needs a go to end."""
         self.enter(HoldState.REQUESTED)
-        self.rebooted, self.only_fault = True, False
+        self.rebooted, self.only_fault, self.resumed_at = True, False, None
 
     def needs_lead(self, autopilot: Autopilot | None, now: float) -> bool:
         """Whether setpoints must be streamed for longer before the mode that holds is commanded."""
@@ -114,32 +132,62 @@ class Hold:
                 self.enter(HoldState.STANDING)
                 return None, event
             self.failed = True
+        self.commanded_at = self.commanded_at if self.tries else now
         self.tries += 1
         self.tried_at = now
         return wanted, event
 
-    def mode_reported(self, mode: int, now: float, numbers: Numbers) -> HoldEvent | None:
+    def answered(self, answer: ModeAnswer, now: float) -> HoldEvent | None:
+        """Take in the answer to a mode command, and return what that means for the hold."""
+        if answer.by_hand:
+            return HoldEvent.TAKEN_OVER
+        if answer.accepted and answer.mode == self.mode and self.state is HoldState.REQUESTED:
+            # Commands are carried out in order, so no resume is under way behind this one.
+            self.held_at, self.resumed_at = now, None
+        elif answer.mode == self.mode_before and self.resumed_at is not None:
+            self.resume_taken = answer.accepted
+            self.resumed_at = self.resumed_at if answer.accepted else None
+        return None
+
+    def mode_reported(self, report: ModeReport, now: float) -> HoldEvent | None:
         """Take in the mode that the vehicle reports, and return what that means for the hold.
 
         A mode that we did not command was set by a human, who always wins.
         """
-        if mode == self.mode:
-            if self.state is HoldState.REQUESTED:
-                self.enter(HoldState.STANDING)
-                self.confirmed_at = now if self.confirmed_at is None else self.confirmed_at
-                return HoldEvent.CONFIRMED
-            return None
-        if mode != self.mode_before:
+        if report.mode == self.mode:
+            if self.state is not HoldState.REQUESTED or self._from_before_cancel(report):
+                return None
+            self.enter(HoldState.STANDING)
+            self.resumed_at = None
+            self.confirmed_at = now if self.confirmed_at is None else self.confirmed_at
+            return HoldEvent.CONFIRMED
+        if report.mode != self.mode_before:
             return HoldEvent.TAKEN_OVER
         if self.state is HoldState.RESUMING:
             return HoldEvent.RESUMED
-        if self.state is HoldState.REQUESTED:
+        if self.state is HoldState.REQUESTED and self._ours(report):
             return None
-        # The autopilot may carry out our cancelled resume late: that is not a human who takes over.
-        if self.resume_cancelled_at is None or now - self.resume_cancelled_at > numbers.mode_settles:
-            return HoldEvent.TAKEN_OVER
-        self.enter(HoldState.REQUESTED)
-        return None
+        self.resumed_at = None  # it is the human's mode, too: a late resume changes nothing
+        return HoldEvent.TAKEN_OVER
+
+    def resume_under_way(self, now: float, round_trip: float) -> bool:
+        """Whether a resume was commanded, and the autopilot may still carry it out."""
+        return self.resumed_at is not None and (self.resume_taken or now - self.resumed_at <= round_trip)
+
+    def _from_before_cancel(self, report: ModeReport) -> bool:
+        """Whether the report may have left before the command that cancels a resume was carried out."""
+        if self.resumed_at is None or report.reported_at is None:
+            return False
+        return not self.tries or report.reported_at < self.commanded_at + report.round_trip
+
+    def _ours(self, report: ModeReport) -> bool:
+        """Whether the mode before the hold shows only because our command to hold is not carried out yet."""
+        late = report.autopilot is not None and report.autopilot.reports_mode_late
+        lag = _LATE_REPORT_LAG if late else _REPORT_LAG
+        at = -math.inf if report.reported_at is None else report.reported_at
+        if self.held_at is not None:
+            return at <= self.held_at + (lag if late else 0.0)
+        return self.resumed_at is None or self.resume_under_way(at, report.round_trip + lag)
 
 
 @dataclass

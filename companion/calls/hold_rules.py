@@ -19,11 +19,16 @@ from companion.calls.decisions import (
     SetMode,
 )
 from companion.calls.hold import Hold, HoldEvent, HoldState, OffboardRelease
-from companion.calls.mode_monitor import ModeMonitor, ModeReport
+from companion.calls.mode_monitor import ModeAnswer, ModeMonitor, ModeReport
 from companion.calls.numbers import Numbers
 from companion.calls.reason_filter import ReasonFilter
 from companion.vehicle.ardupilot import ScriptHold
 from companion.wire.ids import Motion
+
+OVERRIDE_WINDOW = 1.5
+"""Seconds, beside the round trip, after which our resume is not under way any more when a human took over."""
+SHOWN_WITHIN = 2.5
+"""Seconds: a resume waits for a report of the mode that is no older."""
 
 
 class HoldController:
@@ -46,6 +51,8 @@ class HoldController:
         self.revoked_at = -math.inf
         self._first_go_at = -math.inf
         self.offboard_release: OffboardRelease | None = None
+        self._late_resume: tuple[int, float] = 0, -math.inf
+        """The mode of a resume that may still be under way after a human took over, and until when."""
 
     def restore(self, hold: Hold | None) -> None:
         """Take the hold from before a restart."""
@@ -54,14 +61,32 @@ class HoldController:
     def vehicle_reported(self, report: ModeReport, now: float) -> HoldEvent | None:
         """Take in a report of the autopilot, and return what it means for the hold."""
         before = self._monitor.reported(report)
-        if before is None or self.hold is None or report.mode is None or self.offboard_release is not None:
+        if before is None or report.mode is None or self.offboard_release is not None:
             return None
+        if self.hold is None:
+            return HoldEvent.OVERRODE if self._overrides(report, now) else None
         silent_before = self._monitor.silent_since(before)
         if silent_before:
             self.hold.adopt_rest_mode(report.mode, report.autopilot)
         return self._reboot(self.hold, before, now, silent_before=silent_before) or (
-            None if self.hold.rebooted else self.hold.mode_reported(report.mode, now, self._numbers)
+            None if self.hold.rebooted else self._mode_reported(self.hold, report, now)
         )
+
+    def _mode_reported(self, hold: Hold, report: ModeReport, now: float) -> HoldEvent | None:
+        event = hold.mode_reported(report, now)
+        window = OVERRIDE_WINDOW + report.round_trip
+        if event is HoldEvent.TAKEN_OVER and hold.resume_under_way(now, window):
+            self._late_resume = hold.mode_before, now + window
+        return event
+
+    def mode_answered(self, answer: ModeAnswer, now: float) -> HoldEvent | None:
+        """Take in the answer to a mode command, and return what it means for the hold."""
+        return None if self.hold is None else self.hold.answered(answer, now)
+
+    def _overrides(self, report: ModeReport, now: float) -> bool:
+        """Whether our late resume has replaced the mode of a human who had taken over."""
+        mode, until = self._late_resume
+        return report.drives_itself and report.mode == mode and now <= until
 
     def _reboot(self, hold: Hold, before: ModeReport, now: float, *, silent_before: bool) -> HoldEvent | None:
         """Detect a reboot of the autopilot, and decide what the modes after it mean.
@@ -83,7 +108,7 @@ class HoldController:
             return None
         if report.mode == hold.mode:
             hold.rebooted = not report.armed
-            return hold.mode_reported(report.mode, now, self._numbers)
+            return hold.mode_reported(report, now)
         hold.enter(HoldState.REQUESTED)
         if not report.armed:
             return None
@@ -111,7 +136,7 @@ class HoldController:
         assert report.mode is not None
         assert report.autopilot is not None
         self.hold, self.go_at = Hold(number, report.autopilot.hold_mode, report.mode, now), None
-        self.offboard_release = None
+        self.offboard_release, self._late_resume = None, (0, -math.inf)
         return HoldStarted(self.hold, reasons)
 
     def end(self) -> Hold | None:
@@ -189,9 +214,9 @@ class HoldController:
             decisions.append(GoLapsed(hold.id))
         ready = not reasons and self._ready(hold, now)
         if hold.state is HoldState.RESUMING and not ready:
-            hold.cancel_resume(now)
+            hold.cancel_resume()
         elif hold.state is not HoldState.RESUMING and ready:
-            hold.enter(HoldState.RESUMING)
+            hold.begin_resume()
         return decisions + self._command(hold, now)
 
     def _show_blocked(self, hold: Hold, newest: Assessment | None) -> list[Decision]:
@@ -212,7 +237,9 @@ class HoldController:
             if resuming:
                 self.go_at, hold.only_fault = None, False
         if mode is not None and self._may_command(hold, mode, now):
-            decisions.append(SetMode(mode))
+            expected = hold.mode if hold.state is HoldState.RESUMING else hold.mode_before
+            hold.resumed_at = now if hold.state is HoldState.RESUMING else hold.resumed_at
+            decisions.append(SetMode(mode, expected, hold.id))
         return decisions
 
     def _may_command(self, hold: Hold, mode: int, now: float) -> bool:
@@ -233,7 +260,19 @@ class HoldController:
         if report.mode not in (hold.mode, hold.mode_before):
             return False
         given = self.go_at is not None and self.go_counts
-        return given or (self._numbers.fault_ends_hold and hold.only_fault)
+        if not given and not (self._numbers.fault_ends_hold and hold.only_fault):
+            return False
+        return self._still_held(self._first_go_at if given else self._reason_filter.not_ok_at, now)
+
+    def _still_held(self, since: float, now: float) -> bool:
+        """Whether a report that left after `since` shows the mode, so that no human changed it unseen.
+
+        A script that compares before it sets the mode knows better.
+        """
+        report = self._monitor.newest
+        if report.compares or report.reported_at is None:
+            return report.compares
+        return report.reported_at >= since + report.round_trip and now - report.reported_at <= SHOWN_WITHIN
 
     def _go_expired(self, go_at: float, now: float) -> bool:
         """Whether a go has expired.

@@ -20,7 +20,7 @@ from companion.calls.decisions import Call, Decision, FaultAcceptanceEnds, Fault
 from companion.calls.faults import TOLD_FOR, Fault
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.hold_rules import HoldController
-from companion.calls.mode_monitor import ModeMonitor, ModeReport
+from companion.calls.mode_monitor import ModeAnswer, ModeMonitor, ModeReport
 from companion.calls.numbers import Numbers
 from companion.calls.policy import PolicyState
 from companion.calls.reason_filter import ReasonFilter
@@ -73,11 +73,22 @@ class OperatorCalls:
     @_transition()
     def vehicle_reported(self, report: ModeReport, now: float) -> list[Decision]:
         """Take in a report of the autopilot. A mode that we did not command was set by a human, who wins."""
-        event = self.holding.vehicle_reported(report, now)
+        return self._hold_moved(self.holding.vehicle_reported(report, now), now)
+
+    @_transition()
+    def mode_answered(self, answer: ModeAnswer, now: float) -> list[Decision]:
+        """Take in the answer of the autopilot, or of its script, to a mode command."""
+        return self._hold_moved(self.holding.mode_answered(answer, now), now)
+
+    def _hold_moved(self, event: HoldEvent | None, now: float) -> list[Decision]:
         decisions: list[Decision] = []
-        if event in (HoldEvent.CONFIRMED, HoldEvent.REBOOTED) and self.hold is not None:
+        if event is HoldEvent.OVERRODE and self.policy is Policy.HOLD:
+            started = self.holding.start(self.take_id(), self.reason_filter.reasons(now), now)
+            self.holding.require_go(anew=True)
+            decisions += [started, HoldMoved(started.hold, event)]
+        elif event in (HoldEvent.CONFIRMED, HoldEvent.REBOOTED) and self.hold is not None:
             decisions.append(HoldMoved(self.hold, event))
-        elif event is not None:
+        elif event is not None and self.hold is not None:
             decisions += self._end_hold(event, now)
         return decisions + self._settle(now)
 

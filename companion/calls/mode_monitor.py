@@ -17,6 +17,8 @@ class ModeReport:
     mode: custom_mode, None before the first heartbeat. travelled: metres driven, None where not known.
     reported_at: when the mode was last reported; None: what was reported counts no more.
     autopilot: its table, None for a kind that is never commanded.
+    round_trip: seconds from a command to its acknowledgement.
+    compares: its script compares the mode before it sets one, and so overrides no human.
     """
 
     mode: int | None = None
@@ -24,6 +26,8 @@ class ModeReport:
     travelled: float | None = None
     reported_at: float | None = None
     autopilot: Autopilot | None = None
+    round_trip: float = 0.0
+    compares: bool = False
 
     @property
     def drives_itself(self) -> bool:
@@ -34,6 +38,18 @@ class ModeReport:
     def at_rest(self) -> bool:
         """Whether the vehicle is armed, and in the mode that stands still without setpoints."""
         return self.armed and self.autopilot is not None and self.mode == self.autopilot.rest_mode
+
+
+@dataclass(frozen=True)
+class ModeAnswer:
+    """The answer to a mode command, by the autopilot or its script.
+
+    mode: the custom_mode that was commanded. by_hand: refused, since a human has set the mode that stands.
+    """
+
+    mode: int
+    accepted: bool
+    by_hand: bool = False
 
 
 class ModeMonitor:

@@ -44,10 +44,7 @@ class Numbers:
     mode_retry_failed: float = 5.0
     """From then on the mode is commanded at this interval."""
     mode_settles: float = 3.0
-    """For so long after a resume was cancelled, the mode before the hold is not taken for a human's command.
-
-    The autopilot may show it because it executes our earlier command late.
-    """
+    """For so long after a hold on setpoints is released, the command to hold may still be on its way."""
     vehicle_silence: float = 5.0
     """A mode that was reported longer ago than this is unknown, and nothing is commanded."""
     heartbeat_lost: float = 3.0

@@ -173,6 +173,9 @@ class DecisionExecutor:
             case HoldEvent.TAKEN_OVER:
                 mode = self._mode_name(self._calls.monitor.newest.mode or 0)
                 self._link.send_text(texts.taken_over(kind, hold.id, mode), NOTICE, now)
+            case HoldEvent.OVERRODE:
+                text = texts.overrode(kind, hold.id, self._mode_name(hold.mode_before))
+                self._link.send_text(text, ALERT, now)
             case HoldEvent.REBOOTED:
                 self._link.send_text(texts.rebooted(kind, hold.id), WARNING, now)
             case HoldEvent.DROPPED:

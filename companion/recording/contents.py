@@ -152,8 +152,8 @@ def _figures(one: Decision) -> dict[str, Any]:
             return {"id": number, "faults": accepted.faults if accepted is not None else ()}
         case FaultAcceptanceEnds(seconds, metres):
             return {"seconds": seconds, "metres": metres}
-        case SetMode(mode):
-            return {"mode": mode}
+        case SetMode(mode, expected, hold):
+            return {"mode": mode, "expected": expected, "id": hold}
         case WouldHold(reasons, number):
             return {"number": number, "reasons": reasons}
         case WouldResume(reasons, number, lasted, by_hand):

@@ -228,6 +228,11 @@ def fault_acceptance_ends(seconds: float | None, metres: float | None, what: str
     return fit(f"Holds again in {_limits(seconds, metres)}: {what}")
 
 
+def overrode(kind: Kind, number: int, mode: str) -> str:
+    """Reports that our late command replaced a person's mode, and that it is held. Severity ALERT."""
+    return fit(f"{name(kind, number)} our {mode} came after yours: HELD")
+
+
 def rebooted(kind: Kind, number: int) -> str:
     """Reports that the autopilot rebooted during our hold, which stays open."""
     return fit(f"{name(kind, number)} stays open: the autopilot rebooted")

@@ -152,7 +152,7 @@ ELSEWHERE = View(turned=60.0)
 
 @dataclass
 class Autopilot:
-    """An autopilot that obeys a mode command after `delay`, unless `deaf`.
+    """An autopilot that obeys a mode command after `delay`, unless `deaf`. Its answers take as long.
 
     It sends a heartbeat at once on a change, else once a second. It refuses a mode that needs setpoints until
     it had them for half a second, and changes to RTL half a second after they end.
@@ -161,6 +161,7 @@ class Autopilot:
     mode: int = AUTO
     armed: bool = True
     delay: float = 0.1
+    compares: bool = False
     deaf: bool = False
     silent: bool = False
     travelled: float | None = None
@@ -269,7 +270,9 @@ class Scene:
     def hear(self) -> None:
         """Receive the autopilot's heartbeat."""
         pilot = self.autopilot
-        report = ModeReport(pilot.mode, pilot.armed, pilot.travelled, self.now, pilot.kind)
+        report = ModeReport(
+            pilot.mode, pilot.armed, pilot.travelled, self.now, pilot.kind, pilot.delay, pilot.compares
+        )
         self.keep(self.calls.vehicle_reported(report, self.now))
 
     def human(self, mode: int, *, armed: bool = True) -> None:

@@ -179,7 +179,7 @@ def test_a_thing_that_counted_only_after_the_call_opened_is_accepted_with_it(hol
     assert hold.opened() == [1]
 
 
-def test_a_fault_is_not_accepted_by_driving_on(hold: Scene) -> None:
+def test_a_fault_is_not_accepted_before_its_hold_was_told(hold: Scene) -> None:
     hold.run(1.0, BROKEN)
     hold.human(AUTO)
     hold.run(1.0, BROKEN)

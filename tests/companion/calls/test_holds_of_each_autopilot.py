@@ -41,7 +41,7 @@ def brought_to(stage: HoldState, kind: Autopilot) -> Scene:
     scene.autopilot.deaf = stage is not HoldState.STANDING
     if stage is HoldState.RESUMING:
         scene.go()
-    scene.run(0.8, DRUM)
+    scene.run(0.8 if stage is not HoldState.RESUMING else 1.4, DRUM)
     assert scene.hold.state is stage
     return scene
 
@@ -216,7 +216,7 @@ def test_off_and_on_again_while_offboard_is_on_its_way_is_a_hold_like_any_other(
     assert LOITER not in scene.modes()
     assert scene.hold.state is HoldState.STANDING
     scene.go()
-    scene.run(2.0, DRUM)
+    scene.run(3.0, DRUM)
     assert scene.autopilot.mode == MISSION
 
 

@@ -118,7 +118,7 @@ def test_frames_that_waited_in_a_queue_while_we_were_stalled_are_no_fresh_views(
     assert held.calls.state(held.now) is State.FAULT
     assert held.modes() == [HOLD]
     held.due = held.now
-    held.run(1.0, CLEAR)
+    held.run(2.0, CLEAR)
     assert held.autopilot.mode == AUTO
 
 

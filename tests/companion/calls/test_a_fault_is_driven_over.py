@@ -1,0 +1,164 @@
+"""A human who drives on over a hold has accepted the fault that stood, for a while and for some metres."""
+
+from __future__ import annotations
+
+import pytest
+
+from anytraverse.assessment import Reason
+from companion.calls.decisions import FaultAcceptanceEnds, FaultAccepted
+from companion.calls.faults import ACCEPTANCES, WITHIN, Fault
+from companion.wire.ids import Policy, State
+from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, MANUAL, Scene
+
+
+@pytest.fixture
+def blind(hold: Scene) -> Scene:
+    """Held for two seconds since the camera is broken."""
+    hold.camera = False
+    hold.run(3.5)
+    assert hold.autopilot.mode == HOLD
+    return hold
+
+
+@pytest.mark.parametrize("mode", [AUTO, GUIDED])
+def test_the_fault_holds_again_after_twenty_seconds(blind: Scene, mode: int) -> None:
+    blind.human(mode)
+    blind.run(19.5)
+    assert blind.autopilot.mode == mode
+    blind.run(1.0)
+    assert blind.autopilot.mode == HOLD
+    assert blind.held() == [{Reason.FAULT}] * 2
+
+
+def test_or_after_ten_metres(blind: Scene) -> None:
+    blind.autopilot.travelled = 50.0
+    blind.run(1.0)
+    blind.human(AUTO)
+    for metres in range(1, 10):
+        blind.autopilot.travelled = 50.0 + metres
+        blind.run(1.0)
+        assert blind.autopilot.mode == AUTO
+    blind.autopilot.travelled = 60.0
+    blind.run(1.5)
+    assert blind.autopilot.mode == HOLD
+
+
+def test_it_is_told_once_and_again_before_it_ends(blind: Scene) -> None:
+    blind.human(AUTO)
+    (told,) = blind.all(FaultAccepted)
+    assert told.acceptance is not None
+    assert told.acceptance.faults == {Fault.VIEW}
+    blind.run(14.0)
+    assert not blind.all(FaultAcceptanceEnds)
+    blind.run(8.0)
+    (ends,) = blind.all(FaultAcceptanceEnds)
+    assert ends.seconds == pytest.approx(5.0, abs=0.1)
+    assert ends.metres is None
+
+
+def test_its_last_metres_are_told_too(blind: Scene) -> None:
+    blind.autopilot.travelled = 0.0
+    blind.run(1.0)
+    blind.human(AUTO)
+    blind.autopilot.travelled = 7.5
+    blind.run(1.5)
+    (ends,) = blind.all(FaultAcceptanceEnds)
+    assert ends.metres == 2.5
+
+
+def test_the_state_stays_fault_while_it_is_accepted(blind: Scene) -> None:
+    assert not blind.calls.fault_accepted(blind.now)
+    blind.human(AUTO)
+    assert blind.calls.fault_accepted(blind.now)
+    assert blind.calls.state(blind.now) is State.FAULT
+
+
+def test_a_mode_that_was_set_before_the_hold_was_told_for_a_second_accepts_nothing(hold: Scene) -> None:
+    hold.camera = False
+    while hold.autopilot.mode != HOLD:
+        hold.run(0.05)
+    hold.run(0.5)
+    hold.human(AUTO)
+    hold.run(0.5)
+    assert hold.autopilot.mode == HOLD
+    assert not hold.all(FaultAccepted)
+
+
+def test_nor_does_a_mode_in_which_the_human_drives(blind: Scene) -> None:
+    blind.human(MANUAL)
+    blind.run(2.0)
+    blind.human(AUTO)
+    blind.run(0.5)
+    assert blind.autopilot.mode == HOLD
+    assert not blind.all(FaultAccepted)
+
+
+def test_a_thing_ahead_holds_meanwhile(blind: Scene) -> None:
+    blind.human(AUTO)
+    blind.camera = True
+    blind.run(0.5, DRUM)
+    assert blind.autopilot.mode == HOLD
+    assert Reason.UNKNOWN_OBJECT in blind.held()[-1]
+
+
+def test_and_so_does_another_fault(blind: Scene) -> None:
+    blind.human(AUTO)
+    blind.run(2.0)
+    blind.keep(blind.calls.fault_reported(Fault.COURSE, "drives backwards", blind.now))
+    blind.run(0.5)
+    assert blind.autopilot.mode == HOLD
+
+
+def test_a_fault_that_began_a_moment_ago_was_not_told_and_is_not_accepted(blind: Scene) -> None:
+    blind.keep(blind.calls.fault_reported(Fault.COURSE, "drives backwards", blind.now))
+    blind.human(AUTO)
+    blind.run(0.5)
+    assert blind.autopilot.mode == HOLD
+
+
+def test_when_it_sees_again_the_acceptance_is_over(blind: Scene) -> None:
+    blind.human(AUTO)
+    blind.camera = True
+    blind.run(2.0, CLEAR)
+    assert not blind.calls.fault_accepted(blind.now)
+    blind.camera = False
+    blind.run(1.5)
+    assert blind.autopilot.mode == HOLD
+
+
+def test_one_good_frame_is_not_seeing_again(blind: Scene) -> None:
+    blind.human(AUTO)
+    blind.show(CLEAR)
+    blind.run(3.0)
+    assert blind.autopilot.mode == AUTO
+
+
+def test_the_fourth_time_in_ten_minutes_is_refused(blind: Scene) -> None:
+    for _ in range(ACCEPTANCES):
+        blind.human(AUTO)
+        assert blind.autopilot.mode == AUTO
+        blind.run(25.0)
+        assert blind.autopilot.mode == HOLD
+    blind.human(AUTO)
+    blind.run(0.5)
+    assert blind.autopilot.mode == HOLD
+    assert blind.all(FaultAccepted)[-1].acceptance is None
+    blind.run(WITHIN)
+    blind.human(AUTO)
+    blind.run(10.0)
+    assert blind.autopilot.mode == AUTO
+
+
+def test_a_lower_policy_drives_on(blind: Scene) -> None:
+    blind.policy(Policy.REPORT)
+    blind.human(AUTO)
+    blind.run(60.0)
+    assert blind.autopilot.mode == AUTO
+
+
+def test_the_acceptance_does_not_outlive_a_change_of_policy(blind: Scene) -> None:
+    blind.human(AUTO)
+    blind.policy(Policy.REPORT)
+    blind.policy(Policy.HOLD)
+    blind.run(0.5)
+    assert blind.autopilot.mode == HOLD

@@ -15,12 +15,12 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.regions import Box
 from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
 from companion.answers.answer import Answer, Via
+from companion.calls.mode_monitor import ModeAnswer
 from companion.config.link_settings import MAIN, LinkSettings
 from companion.config.video import CameraSettings
 from companion.link.camera import Tap
 from companion.link.inbound import (
     InboundEvent,
-    ModeAck,
     ParameterRequest,
     PolicyRequest,
     RcChannels,
@@ -198,7 +198,7 @@ class Fuzz:
         return mode, [self._link.parameters.value(one.name) for one in self._listed]
 
     def _grant(self, event: InboundEvent) -> None:
-        if isinstance(event, VehicleUpdate | RcChannels | ModeAck | ScriptHold):
+        if isinstance(event, VehicleUpdate | RcChannels | ModeAnswer | ScriptHold):
             return
         if not ALLOWED[0] <= event.sender[0] <= ALLOWED[1]:
             raise Broken(f"not from one that may: {event}")

@@ -14,7 +14,7 @@ from anytraverse.memory import Adoption
 from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled, Reply
 from companion.calls.machine import OperatorCalls
-from companion.calls.mode_monitor import ModeReport
+from companion.calls.mode_monitor import ModeAnswer, ModeReport
 from companion.config.video import video_size
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
@@ -28,7 +28,6 @@ from companion.daemon.status import Status
 from companion.daemon.trial_call import TrialCall
 from companion.link.inbound import (
     InboundEvent,
-    ModeAck,
     ParameterRequest,
     PolicyRequest,
     RcChannels,
@@ -144,9 +143,7 @@ class Daemon:
         # Checked twice in a turn: before anything is received, and before anything is sent, because the
         # process may be stopped at any point between.
         self._stall_detector.check(now)
-        for event in self._link.poll(now):
-            with self._error_guard.survived(type(event).__name__, now):
-                self._handle(event, now)
+        self._receive(now)
         # A hold that the events led to is sent before anything else, which may take its time.
         self._executor.send_hold_now(now)
         self._vision.rate.tick(now, self.computer.newest)
@@ -172,7 +169,15 @@ class Daemon:
         self._report(now)
         self.recording.tick(self._reported_state, now)
         self._stall_detector.check(time.monotonic())
+        if self._link.modes.resume_waits:
+            # What came meanwhile may say that a human has set another mode.
+            self._receive(now)
         self._link.tick(now)
+
+    def _receive(self, now: float) -> None:
+        for event in self._link.poll(now):
+            with self._error_guard.survived(type(event).__name__, now):
+                self._handle(event, now)
 
     def sees_or_reports_fault(self, now: float) -> bool:
         """Whether the turn was a sound one: the link sends, and what it reports of the view is true.
@@ -248,8 +253,10 @@ class Daemon:
                 self._executor.carry_out(self.settings.policy.command(event, now), now)
             case ScriptHold():
                 self.calls.monitor.script_hold_reported(event)
-            case ModeAck(accepted=False):
-                log.info("the autopilot says no to a mode: MAV_RESULT %d", event.result)
+            case ModeAnswer():
+                if not event.accepted:
+                    log.info("the autopilot refuses mode %d", event.mode)
+                self._executor.carry_out(self.calls.mode_answered(event, now), now)
             case RcChannels():
                 self._executor.carry_out(self.settings.policy.rc_channels_received(event, now), now)
 
@@ -273,7 +280,16 @@ class Daemon:
         decisions = self.settings.policy.check_hold_again(
             autopilot, now, misled_by_infrared=self._vision.misled_by_infrared
         )
-        report = ModeReport(vehicle.custom_mode, vehicle.armed, travelled, vehicle.heard_at, autopilot)
+        modes = self._link.modes
+        report = ModeReport(
+            vehicle.custom_mode,
+            vehicle.armed,
+            travelled,
+            vehicle.heard_at,
+            autopilot,
+            modes.round_trip,
+            modes.compares,
+        )
         decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)
 

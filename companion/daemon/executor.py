@@ -102,8 +102,8 @@ class DecisionExecutor:
         match decision:
             case HoldMoved() if decision.event in _ENDS or decision.event is HoldEvent.REBOOTED:
                 self._link.modes.cancel()
-            case SetMode(mode):
-                self._link.modes.command(mode, now)
+            case SetMode(mode, expected, hold):
+                self._link.modes.command(mode, now, expected=expected, hold=hold)
 
     def _do(self, decision: Decision, now: float) -> None:
         match decision:

@@ -14,6 +14,7 @@ from companion.wire.ids import (
     CPU_THROTTLED,
     DISK_FULL,
     MAX_TEXT,
+    MODE_REQUEST_COMMAND,
     NO_TEMPERATURE,
     UNDER_VOLTAGE,
     Policy,
@@ -241,9 +242,14 @@ def command_ack(command: int, result: int, target: tuple[int, int]) -> Any:
     return mavlink.MAVLink_command_ack_message(command, result, 0, 0, *target)
 
 
-def set_mode(system_id: int, command: ModeCommand) -> Any:
-    """MAV_CMD_DO_SET_MODE with base, main and sub mode."""
-    return _command(system_id, mavlink.MAV_CMD_DO_SET_MODE, *command)
+def set_mode(system_id: int, command: ModeCommand, hold: int = 0) -> Any:
+    """MAV_CMD_DO_SET_MODE with base, main and sub mode; param7 tells the autopilot's script the hold's id."""
+    return _command(system_id, mavlink.MAV_CMD_DO_SET_MODE, *command, seventh=hold)
+
+
+def mode_request(system_id: int, hold: int, expected: int, mode: int, serial: int) -> Any:
+    """`MODE_REQUEST_COMMAND` to the script on the autopilot."""
+    return _command(system_id, MODE_REQUEST_COMMAND, hold, expected, mode, serial)
 
 
 def stand_still(system_id: int, uptime_ms: int) -> Any:
@@ -263,7 +269,16 @@ def ask_for(system_id: int, message_id: int, period: float) -> Any:
     return _command(system_id, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(period * 1e6))
 
 
-def _command(system_id: int, command: int, first: float, second: float, third: float = 0.0) -> Any:
+def _command(
+    system_id: int,
+    command: int,
+    first: float,
+    second: float,
+    third: float = 0.0,
+    fourth: float = 0.0,
+    *,
+    seventh: float = 0.0,
+) -> Any:
     return mavlink.MAVLink_command_long_message(
-        system_id, AUTOPILOT_COMPONENT_ID, command, 0, first, second, third, 0, 0, 0, 0
+        system_id, AUTOPILOT_COMPONENT_ID, command, 0, first, second, third, fourth, 0, 0, seventh
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.answers.answer import Answer
+from companion.calls.mode_monitor import ModeAnswer
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.state import Vehicle
 from companion.wire.ids import Policy, SenderId
@@ -59,17 +60,6 @@ class RcChannels:
         return width if _SHORTEST <= width <= _LONGEST else None
 
 
-@dataclass(frozen=True)
-class ModeAck:
-    """The autopilot's reply to a mode command, for the log only: the mode that it reports counts.
-
-    result: MAV_RESULT.
-    """
-
-    accepted: bool
-    result: int
-
-
 InboundEvent = (
     VehicleUpdate
     | Answer
@@ -77,6 +67,6 @@ InboundEvent = (
     | ResetRequest
     | PolicyRequest
     | RcChannels
-    | ModeAck
+    | ModeAnswer
     | ScriptHold
 )

@@ -21,6 +21,7 @@ from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
 from companion.link.ftp.server import FtpServer
 from companion.link.inbound import InboundEvent
+from companion.link.mode_commands import ModeCommands
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import FOLDER as PARAMETERS
 from companion.link.parameter_server import ParameterFile, ParameterServer
@@ -29,7 +30,7 @@ from companion.link.signing import Signing
 from companion.link.text_parameters import TextParameters
 from companion.link.transport import Transport
 from companion.link.vehicle import VehicleTracker
-from companion.link.vehicle_commands import MessageIntervals, ModeCommands, Setpoints
+from companion.link.vehicle_commands import MessageIntervals, Setpoints
 from companion.storage.served_tree import Tree
 from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
@@ -108,11 +109,13 @@ class Link:
             self._files,
             self.camera,
         )
-        self._router = MessageRouter(self._outbox, self._text_sender, self._access, self._tracker, requests)
+        self.modes = ModeCommands(self._outbox, self._access, self._tracker)
+        self._router = MessageRouter(
+            self._outbox, self._text_sender, self._access, self._tracker, self.modes, requests
+        )
         self._alerts = AlertRepeater()
         self._returns_seen = 0
         self._intervals = MessageIntervals(self._outbox, self._router.remote_control)
-        self.modes = ModeCommands(self._outbox, self._access, self._tracker)
         self._setpoints = Setpoints(self._outbox, now)
         self.sent_at = now
         """When `tick` last sent on every connection without an error."""
@@ -197,6 +200,7 @@ class Link:
             self.text_parameters.tick(now)
             self.camera.tick(now)
             self._intervals.tick(self.vehicle, returns, now)
+            self.modes.tick(now)
         # The autopilot may have rebooted, or be on another connection: a heartbeat announces us at once.
         if returns != self._returns_seen:
             self._returns_seen = returns

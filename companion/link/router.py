@@ -14,7 +14,8 @@ from companion.link.camera import CameraService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
 from companion.link.ftp.server import FtpServer
-from companion.link.inbound import InboundEvent, ModeAck, VehicleUpdate
+from companion.link.inbound import InboundEvent, VehicleUpdate
+from companion.link.mode_commands import ModeCommands
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
@@ -166,12 +167,14 @@ class MessageRouter:
         text_sender: TextSender,
         access: AccessControl,
         tracker: VehicleTracker,
+        modes: ModeCommands,
         requests: RequestDispatcher,
     ) -> None:
         self._outbox = outbox
         self._text_sender = text_sender
         self._access = access
         self._tracker = tracker
+        self._modes = modes
         self._requests = requests
         self._deduplicator = Deduplicator()
         self.remote_control = RemoteControl()
@@ -228,7 +231,8 @@ class MessageRouter:
         ):
             pass
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
-            return self._take_mode_ack(message)
+            for_us = message.target_component in (0, COMPONENT_ID)
+            return self._modes.answered(message, now) if for_us else None
         elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
             return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
@@ -242,12 +246,6 @@ class MessageRouter:
                 self._tracker.time(system_id, message, now)
             return None
         return None if self._tracker.vehicle is None else VehicleUpdate(self._tracker.vehicle)
-
-    def _take_mode_ack(self, message: Any) -> ModeAck | None:
-        for_us = message.target_component in (0, COMPONENT_ID)
-        if message.command != mavlink.MAV_CMD_DO_SET_MODE or not for_us:
-            return None
-        return ModeAck(message.result == mavlink.MAV_RESULT_ACCEPTED, int(message.result))
 
     def _is_request(
         self, kind: str, sender: tuple[int, int], message: Any, channel: Channel, now: float

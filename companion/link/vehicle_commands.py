@@ -1,4 +1,4 @@
-"""Sends the autopilot mode commands, zero-velocity setpoints and message interval requests."""
+"""Sends the autopilot zero-velocity setpoints and message interval requests."""
 
 from __future__ import annotations
 
@@ -7,51 +7,12 @@ import math
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link import encode
-from companion.link.access_control import AccessControl
 from companion.link.outbox import Outbox
-from companion.link.vehicle import RemoteControl, VehicleTracker
+from companion.link.vehicle import RemoteControl
 from companion.vehicle import known_autopilot
 from companion.vehicle.state import Vehicle
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.messages import MESSAGES
-
-LIFETIME = 1.0
-"""s that a mode command may wait to be sent: later it may no longer be right."""
-
-
-class ModeCommands:
-    """Sends mode commands, one at a time: the newest replaces one that waits."""
-
-    def __init__(self, outbox: Outbox, access: AccessControl, tracker: VehicleTracker) -> None:
-        self._outbox = outbox
-        self._access = access
-        self._tracker = tracker
-
-    def command(self, custom_mode: int, now: float) -> None:
-        """Command a mode, before all other messages; it is dropped when it cannot be sent within 1 s.
-
-        While another component uses our ids, only modes that hold the vehicle are sent. Without a known
-        autopilot the command is counted as rejected.
-        """
-        vehicle = self._tracker.vehicle
-        autopilot = known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
-        if vehicle is None or autopilot is None:
-            self._access.rejected["no autopilot for modes"] += 1
-            return
-        message = encode.set_mode(vehicle.system_id, autopilot.command(custom_mode))
-        to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
-        self.cancel()
-        row = "resume" if custom_mode in autopilot.holdable else "hold"
-        self._outbox.push(row, message, now, lifetime=LIFETIME, to=to)
-
-    def send_hold_now(self, now: float) -> None:
-        """Send a queued hold command at once, not with the next `Link.tick`."""
-        self._outbox.send_now("hold", now)
-
-    def cancel(self) -> None:
-        """Drop a mode command that waits."""
-        self._outbox.forget("hold")
-        self._outbox.forget("resume")
 
 
 class Setpoints:

@@ -44,6 +44,7 @@ ROVER = Autopilot(
     command=_command,
     loses_target=frozenset({GUIDED}),
     booting=frozenset({INITIALISING}),
+    scripted=True,
     names={
         0: "MANUAL",
         1: "ACRO",

@@ -23,6 +23,12 @@ CAMERA_COMPONENT_ID = 100
 ANSWER_COMMAND = 31010
 """MAV_CMD_USER_1: param1 id of the call or hold (0 = the current one), param2 `Motion` or 4."""
 
+MODE_REQUEST_COMMAND = 31014
+"""MAV_CMD_USER_5, to the script on the autopilot: set a mode, if the one that stands is the expected one.
+
+param1 id of the hold (0: only answer), param2 expected mode, param3 the mode to set, param4 serial number.
+"""
+
 TUNNEL_SUMMARY = 45001
 TUNNEL_CALL = 45002
 TUNNEL_ANSWER = 45003

@@ -1,0 +1,197 @@
+"""Sends mode commands: as requests to the script on the autopilot where it runs, else as DO_SET_MODE.
+
+The script compares before it sets a mode, so that a human who was faster is not overridden. DO_SET_MODE sets
+the mode whatever it was.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.calls.mode_monitor import ModeAnswer
+from companion.link import encode
+from companion.link.access_control import AccessControl
+from companion.link.outbox import Outbox
+from companion.link.vehicle import VehicleTracker
+from companion.vehicle import Autopilot, known_autopilot
+from companion.vehicle.state import Vehicle
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MODE_REQUEST_COMMAND
+from companion.wire.messages import MESSAGES
+
+LIFETIME = 1.0
+"""s that a mode command may wait to be sent: later it may no longer be right."""
+HOLD_UNANSWERED = 0.3
+"""s after which a hold that the script has not answered goes as DO_SET_MODE."""
+FIRST_ROUND_TRIP = 0.5
+_SHORTEST, _LONGEST = 0.02, 3.0
+"""s. Round trip of a command and its answer: assumed before the first one; limits of a measured one."""
+_ANSWERED_WITHIN = 5.0
+"""s after which a command counts as lost, so that a later answer is not taken for its own."""
+_MAX_UNANSWERED = 8
+_SERIALS = 1 << 24
+"""Serial numbers of requests: a parameter of a command is a float, which holds whole numbers up to here."""
+_ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
+_DENIED: int = mavlink.MAV_RESULT_DENIED
+_UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
+
+
+class _Script(Enum):
+    """What is known of the script on the autopilot. Once it was heard, nothing resumes past it."""
+
+    UNKNOWN = "unknown"
+    ABSENT = "absent"
+    HEARD = "heard"
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """A command that waits for its answer. mode: None for the question whether the script is there.
+
+    serial: of a request to the script, 0 for DO_SET_MODE, whose answer names none. hold: id of the hold.
+    """
+
+    mode: int | None
+    serial: int
+    at: float
+    hold: int = 0
+
+
+class ModeCommands:
+    """Sends mode commands, one at a time: the newest replaces one that waits.
+
+    round_trip: seconds from a command to its answer, as measured; it rises at once and falls slowly.
+    """
+
+    def __init__(self, outbox: Outbox, access: AccessControl, tracker: VehicleTracker) -> None:
+        self._outbox = outbox
+        self._access = access
+        self._tracker = tracker
+        self._script = _Script.UNKNOWN
+        self._returns = 0
+        self._asked_at: float | None = None
+        self._unanswered: deque[_Sent] = deque(maxlen=_MAX_UNANSWERED)
+        self._hold: _Sent | None = None
+        """The hold that goes as DO_SET_MODE unless the script answers it."""
+        # The script answers each serial once, also one of before a restart of the companion.
+        self._serial = random.randrange(1, _SERIALS)
+        self.round_trip = FIRST_ROUND_TRIP
+
+    @property
+    def compares(self) -> bool:
+        """Whether the script on the autopilot was heard: it compares the mode before it sets one."""
+        return self._script is _Script.HEARD
+
+    @property
+    def resume_waits(self) -> bool:
+        """Whether a resume waits to be sent."""
+        return self._outbox.waiting("resume") > 0
+
+    def command(self, mode: int, now: float, *, expected: int | None = None, hold: int = 0) -> None:
+        """Command a mode, before all other messages; it is dropped when it cannot be sent within 1 s.
+
+        expected: the mode that this was decided on, None to set `mode` whatever stands. hold: id of the hold.
+        While another component uses our ids, only modes that hold the vehicle are sent. A resume is not sent
+        before it is known whether the script is there. Without a known autopilot the command is counted as
+        rejected.
+        """
+        vehicle, autopilot = self._known()
+        if vehicle is None or autopilot is None:
+            self._access.rejected["no autopilot for modes"] += 1
+            return
+        self.cancel()
+        resumes = mode in autopilot.holdable
+        if self.compares and expected is not None:
+            sent = self._request(vehicle, "resume" if resumes else "hold", mode, expected, hold, now)
+            self._hold = None if resumes else sent
+        elif not resumes or self._script is _Script.ABSENT or not autopilot.scripted:
+            self._set_mode(vehicle, autopilot, mode, hold, now)
+
+    def send_hold_now(self, now: float) -> None:
+        """Send a queued hold command at once, not with the next `Link.tick`."""
+        self._outbox.send_now("hold", now)
+
+    def cancel(self) -> None:
+        """Drop a mode command that waits."""
+        self._hold = None
+        self._outbox.forget("hold")
+        self._outbox.forget("resume")
+
+    def tick(self, now: float) -> None:
+        """Ask whether the script is there, and send a hold that it has not answered as DO_SET_MODE."""
+        vehicle, autopilot = self._known()
+        if vehicle is None or autopilot is None:
+            return
+        if self._tracker.returns != self._returns:  # it may have rebooted, with another script or none
+            self._returns, self._script, self._asked_at = self._tracker.returns, _Script.UNKNOWN, None
+        hold = self._hold
+        if hold is not None and hold.mode is not None and now - hold.at >= HOLD_UNANSWERED:
+            self.cancel()
+            self._set_mode(vehicle, autopilot, hold.mode, hold.hold, now)
+            self.send_hold_now(now)
+        period = (MESSAGES["script"].period or 0.0) if self._script is not _Script.UNKNOWN else 1.0
+        if autopilot.scripted and (self._asked_at is None or now - self._asked_at >= period):
+            self._asked_at = now
+            self._request(vehicle, "script", None, 0, 0, now)
+
+    def answered(self, message: Any, now: float) -> ModeAnswer | None:
+        """Take a COMMAND_ACK of our autopilot to us; return what it answers, None where that is no mode."""
+        if message.command not in (mavlink.MAV_CMD_DO_SET_MODE, MODE_REQUEST_COMMAND):
+            return None
+        by_script = message.command == MODE_REQUEST_COMMAND
+        sent = self._take_sent(message.result_param2 if by_script else 0, now, by_script=by_script)
+        if by_script and message.result == _UNSUPPORTED:
+            self._script = self._script if self.compares else _Script.ABSENT
+        elif by_script:
+            self._script = _Script.HEARD
+        if sent is None:
+            return None
+        if self._hold is not None and sent.serial == self._hold.serial:
+            self._hold = None
+        measured = min(max(now - sent.at, _SHORTEST), _LONGEST)
+        self.round_trip = max(measured, (self.round_trip + measured) / 2)
+        if sent.mode is None:
+            return None
+        accepted = message.result == _ACCEPTED
+        return ModeAnswer(sent.mode, accepted, by_hand=by_script and message.result == _DENIED)
+
+    def _known(self) -> tuple[Vehicle | None, Autopilot | None]:
+        vehicle = self._tracker.vehicle
+        return vehicle, known_autopilot(vehicle.autopilot, vehicle.type) if vehicle is not None else None
+
+    def _set_mode(self, vehicle: Vehicle, autopilot: Autopilot, mode: int, hold: int, now: float) -> None:
+        row = "resume" if mode in autopilot.holdable else "hold"
+        message = encode.set_mode(vehicle.system_id, autopilot.command(mode), hold)
+        self._push(row, message, _Sent(mode, 0, now, hold), vehicle)
+
+    def _request(
+        self, vehicle: Vehicle, row: str, mode: int | None, expected: int, hold: int, now: float
+    ) -> _Sent:
+        self._serial = self._serial % (_SERIALS - 1) + 1
+        sent = _Sent(mode, self._serial, now, hold)
+        message = encode.mode_request(vehicle.system_id, hold, expected, mode or 0, sent.serial)
+        self._push(row, message, sent, vehicle)
+        return sent
+
+    def _push(self, row: str, message: Any, sent: _Sent, vehicle: Vehicle) -> None:
+        self._unanswered.append(sent)
+        to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
+        self._outbox.push(row, message, sent.at, lifetime=LIFETIME, to=to)
+
+    def _take_sent(self, serial: int, now: float, *, by_script: bool) -> _Sent | None:
+        """Return the command that is answered: by its serial number, or the oldest of its kind without one.
+
+        DO_SET_MODE is answered in order. MAVLink 1 carries no serial number.
+        """
+        for sent in list(self._unanswered):
+            if now - sent.at > _ANSWERED_WITHIN:
+                self._unanswered.remove(sent)
+            elif bool(sent.serial) is by_script and serial in (0, sent.serial):
+                self._unanswered.remove(sent)
+                return sent
+        return None

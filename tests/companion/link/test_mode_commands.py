@@ -1,0 +1,195 @@
+"""Mode commands: as requests to the script on the autopilot where it was heard, else as DO_SET_MODE."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import development as mavlink
+
+from companion.calls.mode_monitor import ModeAnswer
+from companion.link.mode_commands import FIRST_ROUND_TRIP, HOLD_UNANSWERED
+from companion.sim.loopback_link import LoopbackLink
+from companion.wire.ids import MODE_REQUEST_COMMAND
+
+AUTO, HOLD = 10, 4
+SET_MODE = int(mavlink.MAV_CMD_DO_SET_MODE)
+ACCEPTED, CHANGED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
+
+
+def sent(stage: LoopbackLink, command: int) -> list[Any]:
+    """The commands of one number that left so far."""
+    return [message for message in stage.sent("COMMAND_LONG") if message.command == command]
+
+
+def requests(stage: LoopbackLink) -> list[Any]:
+    """The requests for a mode that left so far, without the questions whether the script is there."""
+    return [message for message in sent(stage, MODE_REQUEST_COMMAND) if message.param1]
+
+
+def answer(stage: LoopbackLink, command: int, result: int, serial: int = 0) -> None:
+    """The autopilot, or its script, answers."""
+    stage.send(mavlink.MAVLink_command_ack_message(command, result, 0, serial, 1, 191), (1, 1))
+    stage.run(0.02)
+
+
+def started(result: int | None = ACCEPTED) -> LoopbackLink:
+    """A link whose question for the script was answered with `result`, None: not at all."""
+    stage = LoopbackLink()
+    stage.run(0.2)
+    if result is not None:
+        answer(stage, MODE_REQUEST_COMMAND, result, int(sent(stage, MODE_REQUEST_COMMAND)[-1].param4))
+    return stage
+
+
+def test_a_question_whether_the_script_is_there_changes_no_mode() -> None:
+    stage = started()
+    (question,) = sent(stage, MODE_REQUEST_COMMAND)
+    assert (question.target_system, question.target_component, question.param1) == (1, 1, 0)
+    assert stage.link.modes.compares
+
+
+def test_it_is_asked_again_until_it_is_answered_and_later_now_and_then() -> None:
+    stage = started(None)
+    stage.run(3.0)
+    assert len(sent(stage, MODE_REQUEST_COMMAND)) >= 3
+    stage = started()
+    stage.run(10.0)
+    assert len(sent(stage, MODE_REQUEST_COMMAND)) == 3
+
+
+def test_where_the_script_was_heard_modes_are_asked_for_with_what_they_were_decided_on() -> None:
+    stage = started()
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    (request,) = requests(stage)
+    assert (request.param1, request.param2, request.param3) == (7, AUTO, HOLD)
+    assert not sent(stage, SET_MODE)
+    answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, int(request.param4))
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+    stage.run(1.0)
+    assert not sent(stage, SET_MODE)
+
+
+def test_each_request_has_a_serial_number_of_its_own() -> None:
+    stage = started()
+    for _ in range(5):
+        stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+        stage.run(0.1)
+    serials = [int(message.param4) for message in sent(stage, MODE_REQUEST_COMMAND)]
+    assert len(set(serials)) == len(serials) == 6
+
+
+def test_a_hold_that_the_script_does_not_answer_goes_past_it() -> None:
+    stage = started()
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(HOLD_UNANSWERED - 0.05)
+    assert not sent(stage, SET_MODE)
+    stage.run(0.1)
+    (command,) = sent(stage, SET_MODE)
+    assert (command.param2, command.param7) == (HOLD, 7)
+
+
+@pytest.mark.parametrize("result", [CHANGED, DENIED, FAILED])
+def test_one_that_the_script_refuses_does_not(result: int) -> None:
+    stage = started()
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    answer(stage, MODE_REQUEST_COMMAND, result, int(requests(stage)[-1].param4))
+    stage.run(1.0)
+    assert not sent(stage, SET_MODE)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=False, by_hand=result == DENIED)]
+
+
+def test_a_resume_never_goes_past_a_script_that_was_heard() -> None:
+    stage = started()
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(2.0)
+    answer(stage, MODE_REQUEST_COMMAND, UNSUPPORTED, int(sent(stage, MODE_REQUEST_COMMAND)[-1].param4))
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(2.0)
+    assert not sent(stage, SET_MODE)
+
+
+def test_nor_before_it_is_known_whether_there_is_one() -> None:
+    stage = started(None)
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(2.0)
+    assert not sent(stage, SET_MODE)
+    assert not requests(stage)
+
+
+def test_a_hold_does_not_wait_for_that() -> None:
+    stage = started(None)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    assert len(sent(stage, SET_MODE)) == 1
+
+
+def test_without_a_script_a_resume_is_set() -> None:
+    stage = started(UNSUPPORTED)
+    assert not stage.link.modes.compares
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    assert [message.param2 for message in sent(stage, SET_MODE)] == [AUTO]
+
+
+def test_after_a_silence_of_the_autopilot_it_is_asked_anew() -> None:
+    stage = started()
+    vehicle, stage.vehicle = stage.vehicle, None
+    stage.run(4.0)
+    stage.vehicle = vehicle
+    stage.run(1.2)
+    assert not stage.link.modes.compares
+    answer(stage, MODE_REQUEST_COMMAND, UNSUPPORTED, int(sent(stage, MODE_REQUEST_COMMAND)[-1].param4))
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    assert len(sent(stage, SET_MODE)) == 1
+
+
+def test_a_death_holds_without_asking_the_script() -> None:
+    stage = started()
+    stage.link.modes.command(HOLD, stage.now)
+    stage.run(0.05)
+    assert [message.param2 for message in sent(stage, SET_MODE)] == [HOLD]
+
+
+def test_answers_without_a_serial_number_are_taken_in_order() -> None:
+    stage = started(UNSUPPORTED)
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    answer(stage, SET_MODE, FAILED)
+    answer(stage, SET_MODE, ACCEPTED)
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == [
+        ModeAnswer(AUTO, accepted=False),
+        ModeAnswer(HOLD, accepted=True),
+    ]
+
+
+def test_the_round_trip_is_measured_and_falls_slowly() -> None:
+    stage = started(None)
+    assert stage.link.modes.round_trip == FIRST_ROUND_TRIP
+    for wait, low, high in ((0.8, 0.75, 0.9), (0.1, 0.4, 0.55), (0.1, 0.25, 0.35)):
+        stage.link.modes.command(HOLD, stage.now)
+        stage.run(wait)
+        answer(stage, SET_MODE, ACCEPTED)
+        assert low <= stage.link.modes.round_trip <= high
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([176, 31014, 511]), st.integers(0, 9), st.integers(-5, 5)), max_size=20
+    )
+)
+def test_answers_to_nothing_are_survived_and_report_nothing(answers: list[tuple[int, int, int]]) -> None:
+    stage = LoopbackLink()
+    stage.run(0.05)
+    for command, result, serial in answers:
+        answer(stage, command, result, serial)
+    assert stage.reported(ModeAnswer) == []

@@ -1,9 +1,17 @@
 --[[
-AnyTraverse on the autopilot: stops the rover when its companion computer is dead. ArduPilot Rover 4.5 or newer.
+AnyTraverse on the autopilot: stops the rover when its companion computer is dead, and changes modes for it without
+overriding a human. ArduPilot Rover 4.5 or newer.
 
 When in a guarded mode, armed, the companion (component 191 of this vehicle) is silent for ATS_TIMEOUT, reports a
-fault, or the obstacle feed that the autopilot avoids by is dead, the mode becomes HOLD and a text says why. This
-script arms nothing and resumes nothing. The only mode it sets is HOLD, never over MANUAL, RTL or a failsafe's.
+fault, or the obstacle feed that the autopilot avoids by is dead, the mode becomes HOLD and a text says why. By
+itself this script arms nothing and resumes nothing: the only mode it sets is HOLD, never over MANUAL, RTL or a
+failsafe's. A fault in spite of which a human drives on (the companion says so) holds nobody; its silence still does.
+
+The companion asks for HOLD, AUTO and GUIDED by MAV_CMD_USER_5 (31014): id of its hold, expected mode, mode to set,
+serial number. HOLD is set where the expected mode stands, AUTO and GUIDED only out of the HOLD that was set for that
+id, where its mode reason still stands and nobody has commanded HOLD since. A HOLD that a switch of the transmitter
+sets within ours changes nothing that a script could see. Answers: ACCEPTED; TEMPORARILY_REJECTED, another mode
+stands; DENIED, the HOLD is a human's now; FAILED. A serial number counts once, and a request for one second.
 
 It acts only where the companion may: when the last policy that its heartbeat told is "hold". One that was heard in
 policy hold and falls silent is a loss; in report, shadow or off its silence and its faults stop nobody, nor does
@@ -22,7 +30,7 @@ Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The 
 
 | parameter   | default | unit | meaning                                                                           |
 |-------------|---------|------|-----------------------------------------------------------------------------------|
-| ATS_ENABLE  | 1       |      | 0: the script does nothing and repeats no texts                                   |
+| ATS_ENABLE  | 1       |      | 0: the script stops nobody and repeats no texts; it still sets what is asked for  |
 | ATS_TIMEOUT | 1.5     | s    | silence that counts as dead, 1.2 to 10. Heartbeats come once a second: below 2.1  |
 |             |         |      | one that is lost stops the rover. 0.5 s more are 1 m more at 2 m/s                |
 | ATS_MODES   | 33792   | bits | guarded modes, 2^mode added up: AUTO 1024 and GUIDED 32768, the default; FOLLOW   |
@@ -56,17 +64,23 @@ local CYCLE_MS, LONGEST_MS = 100, 100000
 local QUEUE, IDS = 20, 4 -- where no other script was first
 local MAX_CHECKED = 4 -- checksums a cycle: they cost most of SCR_VM_I_COUNT
 local COMPANION, ONBOARD_CONTROLLER = 191, 18
-local HEARTBEAT, STATUSTEXT = 0, 253
-local CRC_EXTRA = { [HEARTBEAT] = 50, [STATUSTEXT] = 83 }
+local HEARTBEAT, SET_MODE, COMMAND_LONG, COMMAND_ACK, STATUSTEXT = 0, 11, 76, 77, 253
+local CRC_EXTRA = { [HEARTBEAT] = 50, [SET_MODE] = 89, [COMMAND_LONG] = 152, [STATUSTEXT] = 83 }
+local DO_SET_MODE, MODE_REQUEST = 176, 31014
+local ACCEPTED, CHANGED, DENIED, FAILED = 0, 1, 2, 4
+local REQUEST_MS, REMEMBERED = 1000, 8
 local STARTING, FAULT, OFF = 0, 5, 6 -- states, in the low byte of the heartbeat's custom_mode
 local POLICIES = { [0] = "report", "shadow", "hold", "off" } -- in its bits 24 and 25
 local REPORT, MAY_HOLD, SWITCHED_OFF = 0, 2, 3
 local HOLD = 4
+local RESUMABLE = { [10] = true, [15] = true }
 local GUARDABLE = { [6] = "FOLLOW", [8] = "DOCK", [9] = "CIRCLE", [10] = "AUTO", [15] = "GUIDED" }
+local BY_GCS, BY_SCRIPT = 2, 32 -- a companion's own DO_SET_MODE counts as a ground station's
 local BY_HUMAN = { [1] = true, [2] = true, [42] = true, [53] = true } -- RC, GCS, FrSky, RC auxiliary switch
 local ALERT, CRITICAL, ERROR, WARNING, INFO = 1, 2, 3, 4, 6
 local TRIES, RETRY_MS = 3, 1000
 local STEADY_MS = 5000
+local WORD_MS = 600 -- until the companion has said whether a human's mode accepts its fault
 local STANDS_MS = 10000
 local GOOD = 2 -- proximity:get_status()
 
@@ -74,6 +88,9 @@ local own_system, avoid, path_planner
 local settings, defaults = {}, {}
 local seen, watched, state, silent_ms = false, false, STARTING, 0
 local policy, told_policy, asked, guarding = REPORT, nil, false, false
+local fault_accepted, mode_ms, last_mode = false, 0, nil
+local hold_id, hold_reason, pressed = nil, nil, false -- the companion's HOLD that stands; a human commanded HOLD within
+local answered = {}
 local feed_seen, feed_dead_ms = false, 0
 local held, held_from, accepted, warned = false, nil, false, nil
 local stands = nil -- what the hold that still stands was for
@@ -109,13 +126,13 @@ local function checksum(bytes) -- CRC-16/MCRF4XX
 end
 
 -- Frames that were damaged on the way reach scripts.
-local function payload(raw, start, id)
+local function payload(raw, start, id, system, component)
   local sum, magic, length, incompat, compat, seq = string.unpack("<I2BBBBB", raw)
   local sent
   if magic == 0xFE then
-    sent = string.pack("<BBBBB", length, seq, own_system, COMPANION, id)
+    sent = string.pack("<BBBBB", length, seq, system, component, id)
   elseif magic == 0xFD and incompat & 0xFE == 0 then
-    sent = string.pack("<BBBBBBI3", length, incompat, compat, seq, own_system, COMPANION, id)
+    sent = string.pack("<BBBBBBI3", length, incompat, compat, seq, system, component, id)
   else
     return nil
   end
@@ -131,6 +148,7 @@ local function hear_heartbeat(content, age_ms)
   -- One that starts has no eyes yet: after a crash it must not pass for the one that drove.
   if now == STARTING and (watched or is_on("NEED")) then return end
   seen, state, policy, silent_ms = true, now, custom_mode >> 24 & 3, age_ms
+  fault_accepted = custom_mode >> 26 & 1 == 1
   watched = watched or now ~= STARTING
 end
 
@@ -143,23 +161,100 @@ local function hear_text(content)
   gcs:send_text(content:byte(1), text)
 end
 
+-- The calls that compare and set stand side by side: nothing can hold the autopilot's loop between them.
+local function set_hold(expected)
+  local mode = vehicle:get_mode()
+  if expected and mode ~= expected then return CHANGED end
+  vehicle:set_mode(HOLD)
+  if vehicle:get_mode() ~= HOLD then return FAILED end
+  -- A human who was faster has set this HOLD.
+  if vehicle:get_control_mode_reason() ~= BY_SCRIPT then return CHANGED end
+  hold_id, hold_reason, pressed = nil, BY_SCRIPT, false
+  return ACCEPTED
+end
+
+local function resume(mode)
+  local now, reason = vehicle:get_mode(), vehicle:get_control_mode_reason()
+  if now ~= HOLD then return CHANGED end
+  if pressed or reason ~= hold_reason then return DENIED end
+  return vehicle:set_mode(mode) and ACCEPTED or FAILED
+end
+
+local function set_requested(id, expected, mode)
+  if not arming:is_armed() then return FAILED end
+  if RESUMABLE[mode] then
+    if not hold_id or hold_id ~= id then return FAILED end
+    return resume(mode)
+  end
+  if mode ~= HOLD then return FAILED end
+  local result = ACCEPTED
+  if vehicle:get_mode() ~= HOLD then
+    result = set_hold(expected)
+  elseif pressed or vehicle:get_control_mode_reason() ~= hold_reason then
+    result = CHANGED
+  end
+  if result == ACCEPTED then hold_id = id end
+  return result
+end
+
+local function hear_request(content, channel)
+  local id, expected, mode, serial = string.unpack("<ffff", content)
+  if not (serial >= 1 and serial <= 0xFFFFFF and mode >= 0 and mode <= 255) then return end
+  serial, mode = math.floor(serial), math.floor(mode)
+  local result = answered[serial]
+  if not result then
+    result = id == 0 and ACCEPTED or set_requested(id, expected, mode) -- 0 asks whether this script is there
+    answered[serial] = result
+    table.insert(answered, serial)
+    if #answered > REMEMBERED then answered[table.remove(answered, 1)] = nil end
+  end
+  mavlink:send_chan(channel, COMMAND_ACK,
+    string.pack("<HBBi4BB", MODE_REQUEST, result, 0, serial, own_system, COMPANION))
+end
+
+-- HOLD within HOLD changes neither mode nor reason: who commands it is known by the frame alone.
+local function hear_hold_command(content, ours)
+  if not ours then
+    pressed = true
+  elseif not pressed and vehicle:get_mode() == HOLD and vehicle:get_control_mode_reason() == BY_GCS then
+    hold_id, hold_reason = string.unpack("<f", content, 25), BY_GCS
+  end
+end
+
+-- What a frame of the ids that are registered is for, before its checksum is worth its time.
+local function purpose(raw, start, id, ours, echoes)
+  if id == HEARTBEAT then return ours and "heartbeat" end
+  if id == STATUSTEXT then return ours and echoes and raw:byte(start) <= ERROR and "text" end
+  if id == SET_MODE then
+    local mode, target = string.unpack("<I4B", raw, start)
+    return mode == HOLD and (target == own_system or target == 0) and "hold command"
+  end
+  local command, target = string.unpack("<HB", raw, start + 28)
+  if target ~= own_system and target ~= 0 then return nil end
+  if command == MODE_REQUEST then return ours and "request" end
+  return command == DO_SET_MODE and string.unpack("<f", raw, start + 4) == HOLD and "hold command"
+end
+
 local function listen()
   local echoes, patience, checked = is_on("ECHO") and is_on("ENABLE"), patience_ms(), 0
   for _ = 1, QUEUE do
     if checked == MAX_CHECKED then return end
-    local raw, _, at = mavlink:receive_chan()
+    local raw, channel, at = mavlink:receive_chan()
     if not raw then return end
     -- A mavlink_message_t, as long as system ids had 8 bits (291 bytes) and since they may have 32 (299).
     local system, component, id, start = string.unpack(#raw >= 299 and "<I4BI3" or "<BBI3", raw, 8)
     local ours = system == own_system and component == COMPANION
-    local wanted = id == HEARTBEAT or id == STATUSTEXT and echoes and raw:byte(start) <= ERROR
-    local age_ms = ours and wanted and (millis() - at):toint() or -1
+    local what = purpose(raw, start, id, ours, echoes)
+    local age_ms = what and (millis() - at):toint() or -1
     -- What waited longer than the time-out, as behind a restart of scripting, is no news.
-    if age_ms >= 0 and age_ms <= patience then
+    if age_ms >= 0 and age_ms <= (what == "request" and REQUEST_MS or patience) then
       checked = checked + 1
-      local content = payload(raw, start, id)
-      if content and id == HEARTBEAT then hear_heartbeat(content, age_ms) end
-      if content and id == STATUSTEXT then hear_text(content) end
+      local content = payload(raw, start, id, system, component)
+      if not content then what = nil end
+      if what == "heartbeat" then hear_heartbeat(content, age_ms) end
+      if what == "text" then hear_text(content) end
+      if what == "request" then hear_request(content, channel) end
+      if what == "hold command" then hear_hold_command(content, ours) end
     end
   end
 end
@@ -195,8 +290,11 @@ local function trouble()
   if not seen then return "no companion" end
   if is_off() then return "companion is off" end
   if silent_ms > patience_ms() then return "companion silent" end
+  -- A human who drives on in spite of a fault: the companion says whether that counts, once it has heard of the mode.
+  local waits = mode_ms < WORD_MS and BY_HUMAN[vehicle:get_control_mode_reason()]
+  local excused = state == FAULT and (fault_accepted or waits)
   -- A state that a later companion may know and this script does not is no reason to drive on.
-  if is_on("FAULT") and (state == FAULT or state > OFF) then return "companion fault" end
+  if is_on("FAULT") and (state == FAULT or state > OFF) and not excused then return "companion fault" end
   local patience = setting("PRX", 0, 10)
   if patience > 0 and feed_dead_ms > 1000 * patience then return "obstacle feed dead" end
 end
@@ -228,7 +326,7 @@ end
 local function hold(reason, mode, dt)
   wait_ms = wait_ms - dt
   if wait_ms > 0 then return ALERT, "HOLD REFUSED, " .. reason .. ": take over" end
-  vehicle:set_mode(HOLD)
+  set_hold(nil)
   if vehicle:get_mode() == HOLD then
     held, held_from, stands, tries, wait_ms = true, GUARDABLE[mode], reason, 0, 0
     return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind"
@@ -272,6 +370,13 @@ local function tell(dt, severity, text, every_ms)
     told_ms = 0
   end
   told = text
+end
+
+local function watch_mode(dt)
+  local mode = vehicle:get_mode()
+  mode_ms = mode == last_mode and later(mode_ms, dt) or 0
+  last_mode = mode
+  if mode ~= HOLD then hold_id, hold_reason, pressed = nil, nil, false end
 end
 
 local function guard(dt)
@@ -322,6 +427,7 @@ local function update()
   last = now
   if dt < 0 or dt > LONGEST_MS then dt = LONGEST_MS end
   silent_ms, echoed_ms = later(silent_ms, dt), later(echoed_ms, dt)
+  pcall(watch_mode, dt) -- before it listens: what a frame means depends on the mode
   local hears, deaf = pcall(listen)
   local sound, problem = pcall(guard, dt)
   failures = sound and 0 or failures + 1
@@ -346,7 +452,10 @@ local function set_up()
   avoid, path_planner = optional("AVOID_ENABLE"), optional("OA_TYPE")
   mavlink:init(QUEUE, IDS)
   mavlink:register_rx_msgid(HEARTBEAT)
-  pcall(function() mavlink:register_rx_msgid(STATUSTEXT) end)
+  for _, id in ipairs({ STATUSTEXT, COMMAND_LONG, SET_MODE }) do
+    pcall(function() mavlink:register_rx_msgid(id) end)
+  end
+  mavlink:block_command(MODE_REQUEST) -- or the autopilot would answer it, too
 end
 
 -- Without its parameters or its ears it guards nothing: better not to drive at all than to believe it does.

@@ -74,6 +74,10 @@ return {
   mavlink = singleton("mavlink", {
     init = function(depth, ids) host.open_queue(whole(depth, 0, 25), whole(ids, 0, 25)) end,
     register_rx_msgid = function(id) return host.register(whole(id, 0, 0xFFFFFF)) end,
+    block_command = function(number) return host.block(whole(number, 0, 65535)) end,
+    send_chan = function(channel, id, payload)
+      return host.send(whole(channel, 0, 255), whole(id, 0, 0xFFFFFF), payload)
+    end,
     receive_chan = function()
       local frame = host.receive()
       if frame then return frame[0], frame[1], boxed(frame[2]) end

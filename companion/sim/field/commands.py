@@ -26,6 +26,8 @@ Handler = Callable[[Port, Sequence[float]], int]
 class Script(Protocol):
     """What a command can do to the autopilot's script."""
 
+    blocked: set[int]
+
     def restart(self) -> None: ...
 
 
@@ -61,7 +63,13 @@ class Commands:
         }
 
     def run(self, port: Port, frame: Any) -> None:
-        """Runs the command in `frame` and acknowledges it; NaN where a number is needed is DENIED."""
+        """Runs the command in `frame` and acknowledges it; NaN where a number is needed is DENIED.
+
+        A command that the script has blocked is the script's to answer.
+        """
+        script = self._autopilot.script
+        if script is not None and frame.command in script.blocked:
+            return
         handler = self._handlers.get(frame.command)
         asked = [frame.param1, frame.param2, frame.param3]
         result = UNSUPPORTED if handler is None else handler(port, asked)

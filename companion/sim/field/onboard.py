@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pymavlink.dialects.v20 import development as mavlink
+
 from anytraverse.resources import resource
 from companion.sim.field.modes import Mode
 from companion.sim.field.parameters import REAL32
+from companion.sim.field.router import Port
 from companion.sim.field.scripting import Scripting
 from companion.sim.field.telemetry import RC_CHANNELS
 
@@ -65,6 +68,18 @@ class ScriptHost:
 
     def send_text(self, severity: int, text: bytes) -> None:
         self._autopilot.send_text(text[:MAX_TEXT], severity)
+
+    def send_message(self, channel: int, number: int, payload: bytes) -> bool:
+        kind = mavlink.mavlink_map.get(number)
+        ports = list(Port)
+        if kind is None or channel >= len(ports):
+            return False
+        # The payload is as on the wire: fields in wire order, zeros at the end may be left out.
+        full = payload.ljust(kind.unpacker.size, b"\0")
+        fields = kind.unpacker.unpack(full[: kind.unpacker.size])
+        ordered = {name: fields[place] for name, place in zip(kind.fieldnames, kind.orders, strict=True)}
+        self._autopilot.send(ports[channel], kind(**ordered))
+        return True
 
     def parameter(self, name: str) -> float | None:
         row = self._autopilot.parameters.find(name)

@@ -34,6 +34,7 @@ class Host(Protocol):
     def set_mode(self, number: int) -> bool: ...
     def is_armed(self) -> bool: ...
     def send_text(self, severity: int, text: bytes) -> None: ...
+    def send_message(self, channel: int, number: int, payload: bytes) -> bool: ...
     def parameter(self, name: str) -> float | None: ...
     def add_parameter(self, name: str, default: float) -> None: ...
     def proximity_sensors(self) -> int: ...
@@ -44,7 +45,8 @@ class Host(Protocol):
 class Scripting:
     """Runs one script. Pass what comes in on any port to `hear`, and call `poll` often.
 
-    `ended` says why the script does not run any more, "" while it runs. An error that it does not catch ends
+    `ended` says why the script does not run any more, "" while it runs. `blocked`: commands that the
+    autopilot does not answer, not even when the script has ended. An error that it does not catch ends
     it; so do more than `vm_steps` instructions in one run, which it cannot prevent. As in ArduPilot up to
     4.6, `restart` does not free the slots of auxiliary authorisation (who may forbid arming).
     """
@@ -61,6 +63,7 @@ class Scripting:
         self._crowded = False
         self._depth = self._places = 0
         self._ids: set[int] = set()
+        self.blocked: set[int] = set()
         self._queue: deque[tuple[bytes, int, int]] = deque()
         self.restart()
 
@@ -69,6 +72,7 @@ class Scripting:
         from lupa import lua53
 
         self.ended = ""
+        self.blocked.clear()
         lua = lua53.LuaRuntime(encoding=None, register_eval=False, register_builtins=False)
         self._error: type[Exception] = lua53.LuaError
         self._set_hook = lua.eval(b"debug.sethook")
@@ -128,6 +132,8 @@ class Scripting:
             b"add_parameter": self._add_parameter,
             b"open_queue": self._open_queue,
             b"register": self._register,
+            b"block": self._block,
+            b"send": host.send_message,
             b"receive": lambda: self._queue.popleft() if self._queue else None,
             b"get_auth": self._get_auth,
             b"set_auth": self._set_auth,
@@ -143,6 +149,10 @@ class Scripting:
         if len(self._ids) >= self._places:
             raise RuntimeError("no registrations free")
         self._ids.add(number)
+        return True
+
+    def _block(self, command: int) -> bool:
+        self.blocked.add(command)
         return True
 
     def _add_table(self, key: int, prefix: bytes, _size: int) -> bool:

@@ -40,6 +40,7 @@ class Board:
         self.sensors, self.status = 0, 0
         self.switches: dict[int, int] = {}
         self.said: list[Said] = []
+        self.sent: list[tuple[int, int, bytes]] = []
         self.set_modes: list[tuple[float, int, int, bool]] = []
         self.policy = policy
         self.companion = mavlink.MAVLink(None, 1, 191)
@@ -72,6 +73,10 @@ class Board:
         self._break("send_text")
         assert len(text) <= 50, text
         self.said.append(Said(self.t, severity, text.decode(errors="replace"), text))
+
+    def send_message(self, channel: int, number: int, payload: bytes) -> bool:
+        self.sent.append((channel, number, payload))
+        return True
 
     def parameter(self, name: str) -> float | None:
         self._break("parameter")

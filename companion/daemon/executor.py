@@ -161,8 +161,10 @@ class DecisionExecutor:
                     title = f"{texts.name(kind, hold.id)} drives on"
                     self._records.draw(newest, self._calls.state(now), title)
             case HoldEvent.TAKEN_OVER:
-                mode = self._mode_name(self._calls.monitor.newest.mode or 0)
-                self._link.send_text(texts.taken_over(kind, hold.id, mode), NOTICE, now)
+                mode = self._calls.monitor.newest.mode or 0
+                itself = autopilot is not None and mode in autopilot.by_itself
+                taken = texts.taken_from_us if itself else texts.taken_over
+                self._link.send_text(taken(kind, hold.id, self._mode_name(mode)), NOTICE, now)
             case HoldEvent.REBOOTED:
                 self._link.send_text(texts.rebooted(kind, hold.id), WARNING, now)
             case HoldEvent.DROPPED:

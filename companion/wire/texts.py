@@ -16,7 +16,7 @@ _OUTCOMES = {
     Outcome.ANSWERED: "answered, thank you",
     Outcome.ACCEPTED: "accepted this once",
     Outcome.PASSED: "the thing has passed",
-    Outcome.TAKEN_OVER: "a human took over",
+    Outcome.TAKEN_OVER: "taken over, not by us",
     Outcome.RECOVERED: "fault is gone",
     Outcome.SWITCHED_OFF: "companion switched off",
 }
@@ -206,6 +206,11 @@ def go_taken_back(kind: Kind, number: int) -> str:
 def taken_over(kind: Kind, number: int, mode: str) -> str:
     """Reports that a person changed the mode during our hold."""
     return fit(f"{name(kind, number)} taken over by hand: {mode}")
+
+
+def taken_from_us(kind: Kind, number: int, mode: str) -> str:
+    """Reports a mode, during our hold, that the autopilot may have entered by itself, as at a fence."""
+    return fit(f"{name(kind, number)} taken over: {mode}, not by us")
 
 
 def rebooted(kind: Kind, number: int) -> str:

@@ -100,6 +100,8 @@ class HoldStarted:
 
     hold: Hold
     reasons: frozenset[Reason]
+    unasked: bool = False
+    """The autopilot rebooted, and drove by itself without anybody having set its mode."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
@@ -269,9 +270,13 @@ class OperatorCalls:
         decisions = released + self._calling.settle(reasons, now)
         if self.policy is Policy.SHADOW:
             decisions += self._update_shadow(reasons, now)
-        if self.policy is Policy.HOLD and reasons and self.hold is None and self.monitor.drives_itself(now):
+        unasked = self.monitor.drives_unasked(now)
+        wanted = bool(reasons) or unasked
+        if self.policy is Policy.HOLD and wanted and self.hold is None and self.monitor.drives_itself(now):
             number = self.call.id if self.call is not None else self.take_id()
-            decisions.append(self.holding.start(number, reasons, now))
+            decisions.append(replace(self.holding.start(number, reasons, now), unasked=unasked))
+            if unasked:
+                self.holding.require_go(anew=False)
         return decisions + self.holding.settle(reasons, self.call is not None, now)
 
     def _update_shadow(self, reasons: frozenset[Reason], now: float) -> list[Decision]:

@@ -272,7 +272,9 @@ class Daemon:
         decisions = self.settings.policy.check_hold_again(
             autopilot, now, misled_by_infrared=self._vision.misled_by_infrared
         )
-        report = ModeReport(vehicle.custom_mode, vehicle.armed, travelled, vehicle.heard_at, autopilot)
+        report = ModeReport(
+            vehicle.custom_mode, vehicle.armed, travelled, vehicle.heard_at, autopilot, vehicle.reboots
+        )
         decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)
 

@@ -112,8 +112,13 @@ class DecisionExecutor:
                 data = self._active_alert.closed_call(call, self._vision.words, self._position.place(), now)
                 self._link.announce(data, texts.closed(Kind.CALL, call.id, call.outcome), now)
                 self._records.call_closed(call)
-            case HoldStarted(hold, reasons):
-                log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
+            case HoldStarted(hold, reasons, unasked):
+                why = sorted(r.value for r in reasons) + ["rebooted into driving"] * unasked
+                log.warning("hold %d: %s", hold.id, ", ".join(why))
+                if unasked:
+                    mode = self._mode_name(hold.mode_before)
+                    kind = self._active_alert.kind_of(hold)
+                    self._link.send_text(texts.rebooted_into(kind, hold.id, mode), WARNING, now)
             case HoldShown():
                 self._hold_to_show = decision
             case HoldRenamed(old, hold):

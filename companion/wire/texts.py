@@ -203,6 +203,11 @@ def go_taken_back(kind: Kind, number: int) -> str:
     return fit(f"{name(kind, number)} go taken back by a later answer")
 
 
+def rebooted_into(kind: Kind, number: int, mode: str) -> str:
+    """Reports a hold since the autopilot rebooted and drove by itself. mode: the one that it drove in."""
+    return fit(f"{name(kind, number)} autopilot rebooted into {mode}: needs a go")
+
+
 def taken_over(kind: Kind, number: int, mode: str) -> str:
     """Reports that a person changed the mode during our hold."""
     return fit(f"{name(kind, number)} taken over by hand: {mode}")

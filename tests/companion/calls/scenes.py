@@ -164,6 +164,7 @@ class Autopilot:
     deaf: bool = False
     silent: bool = False
     travelled: float | None = None
+    reboots: int = 0
     kind: KnownAutopilot | None = ardupilot.ROVER
     told: tuple[int, bool] | None = None
     beat_at: float = -1.0
@@ -269,7 +270,7 @@ class Scene:
     def hear(self) -> None:
         """Receive the autopilot's heartbeat."""
         pilot = self.autopilot
-        report = ModeReport(pilot.mode, pilot.armed, pilot.travelled, self.now, pilot.kind)
+        report = ModeReport(pilot.mode, pilot.armed, pilot.travelled, self.now, pilot.kind, pilot.reboots)
         self.keep(self.calls.vehicle_reported(report, self.now))
 
     def human(self, mode: int, *, armed: bool = True) -> None:

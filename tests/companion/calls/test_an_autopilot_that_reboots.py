@@ -210,6 +210,20 @@ def test_one_that_is_armed_in_auto_with_its_first_heartbeat_is_known_by_its_cloc
     assert hold.autopilot.mode == HOLD
 
 
+def test_one_that_is_armed_as_its_boot_ends_is_held_however_short_it_was(hold: Scene) -> None:
+    """As ArduPilot with ARMING_REQUIRE 0 and INITIAL_MODE 10: silent for 2 s, booting, armed in AUTO."""
+    hold.autopilot.silent = True
+    hold.run(2.0, CLEAR)
+    hold.autopilot.silent = False
+    hold.human(INITIALISING, armed=False)
+    hold.run(1.3, CLEAR)
+    hold.human(AUTO)
+    hold.run(0.5, CLEAR)
+    assert hold.autopilot.mode == HOLD
+    hold.run(30.0, CLEAR)
+    assert hold.modes() == [HOLD]
+
+
 def test_such_a_hold_needs_a_go_where_faults_end_theirs_by_themselves() -> None:
     scene = Scene(Policy.HOLD, fault_ends_hold=True)
     scene.run(1.0)

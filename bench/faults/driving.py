@@ -199,6 +199,52 @@ def _reboot_while_driving(stage: Stage, random: Random) -> Seen:
         return Seen(wrong, None, returned, f"says: autopilot silent; {saw}")
 
 
+def _with_us_or_the_script(job: Job, random: Random) -> Plan:
+    return replace(job.plan(random), script=job.seed % 2 == 0)
+
+
+def _reboot_into_auto(stage: Stage, random: Random) -> Seen:
+    """Reboots an autopilot that then arms itself in AUTO, as it drives.
+
+    By turns it has no script, and the companion is dead.
+    """
+    lives = not stage.plan.script
+    for name, value in (("ARMING_REQUIRE", 3.0), ("INITIAL_MODE", 10.0), ("ATS_NEED", 1.0)):
+        stage.ground.set_of_autopilot(name, value)
+    _drives(stage, random)
+    seconds, checks = random.uniform(4.0, 8.0), random.choice((0.0, random.uniform(0.5, 3.0)))
+    with follows():
+        if not lives:
+            stage.daemon.process.kill()
+            stage.daemon.process.wait(SOON)
+        armed = time.monotonic() + seconds + checks
+        stage.control.ask("reboot", seconds=seconds, checks=checks)
+        watch(stage, seconds + checks) if lives else time.sleep(seconds + checks)
+        before = stage.status()["distance"]
+        if lives:
+            wait_for_mode(stage, "HOLD")
+        else:
+            time.sleep(_WATCHED)
+        ordered = stage.wire.ordered(armed) if lives else None
+        status = stage.status()
+        if status["mode"] != "HOLD" or status["distance"] - before > 2.0:
+            return Seen(f"it moved: {status['mode']}, {status['distance'] - before:.1f} m")
+        by = changed_by(stage)
+        begun = time.monotonic()
+        if not lives:
+            stage.start_daemon()
+        stage.wait_until_well()
+        returned = time.monotonic() - begun
+        watch(stage, READ)
+        if not lives:
+            wrong = "" if stage.status()["mode"] == "HOLD" else "it drove on by itself"
+            return Seen(wrong, None, returned, f"companion dead: held by {by}")
+        stage.ground.go(int(stage.read_status()["current_id"]))
+        wait_for_mode(stage, "AUTO")
+        hold = None if ordered is None else ordered - armed
+        return Seen("", hold, returned, f"held by {by} until a go")
+
+
 def _px4(job: Job, random: Random) -> Plan:
     return replace(job.plan(random), speed=_PX4_SPEED, autopilot="px4", script=False)
 
@@ -293,6 +339,15 @@ ROWS = (
         repeated(5, Job.plan, _reboot_while_driving),
         None,
         RETURN_WITHIN,
+    ),
+    Row(
+        "autopilot reboots armed in AUTO",
+        "ARMING_REQUIRE 3, INITIAL_MODE 10: deaf and silent for 4 to 8 s, it arms itself in AUTO up to 3 s "
+        "later; by turns it has no script, and the companion is dead with ATS_NEED 1",
+        "it is held as soon as it is armed: by the companion until a go, by the script where that is dead",
+        repeated(6, _with_us_or_the_script, _reboot_into_auto),
+        HOLD_WITHIN,
+        BACK_WITHIN,
     ),
     Row(
         "companion dead on PX4",

@@ -66,7 +66,23 @@ _OPPOSITES: Mapping[type[ast.cmpop], type[ast.cmpop]] = {
     ast.In: ast.NotIn,
     ast.NotIn: ast.In,
 }
-KINDS = ("comparison", "junction", "negation", "truth", "condition", "return")
+_BOUNDARIES: Mapping[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+}
+KINDS = (
+    "comparison",
+    "junction",
+    "negation",
+    "truth",
+    "condition",
+    "return",
+    "boundary",
+    "operand",
+    "assignment",
+)
 
 
 @dataclass(frozen=True)
@@ -153,12 +169,18 @@ def _fits(node: ast.AST, kind: str) -> bool:
             return True
         case "return", ast.Return(value=ast.expr()):
             return not isinstance(node.value, ast.Constant)
+        case "boundary", ast.Compare():
+            return type(node.ops[0]) in _BOUNDARIES
+        case "operand", ast.BoolOp():
+            return True
+        case "assignment", ast.Assign(value=ast.BoolOp() | ast.Compare()):
+            return True
     return False
 
 
 def _break(node: ast.AST, kind: str) -> None:
     """Compare the other way, swap and with or, drop a not, swap true with false, never take a branch,
-    or return nothing.
+    return nothing, move a boundary by itself, drop the last operand of and/or, or assign False.
     """
     match kind, node:
         case "comparison", ast.Compare():
@@ -174,3 +196,9 @@ def _break(node: ast.AST, kind: str) -> None:
             node.test = ast.Constant(value=False)
         case "return", ast.Return():
             node.value = ast.Constant(value=None)
+        case "boundary", ast.Compare():
+            node.ops[0] = _BOUNDARIES[type(node.ops[0])]()
+        case "operand", ast.BoolOp():
+            node.values.pop()
+        case "assignment", ast.Assign():
+            node.value = ast.Constant(value=False)

@@ -19,7 +19,7 @@ OUTCOMES = {
     "answered": "answered",
     "accepted": "accepted by a go",
     "passed": "passed by itself",
-    "taken_over": "a human took over",
+    "taken_over": "taken over, not by the companion",
     "recovered": "the fault is gone",
     "switched_off": "the companion was switched off",
 }

@@ -101,12 +101,21 @@ class CallClosed:
     call: Call
 
 
+class Unasked(Enum):
+    """Why the autopilot drives by itself although nobody wants that."""
+
+    REBOOTED = "rebooted into driving"
+    """It rebooted, and nobody has set its mode since."""
+    OVERRODE = "our late resume replaced a human's mode"
+
+
 @dataclass(frozen=True)
 class HoldStarted:
-    """A hold started, for these reasons."""
+    """A hold started, for these reasons, or since the vehicle drove without anybody's will."""
 
     hold: Hold
     reasons: frozenset[Reason]
+    unasked: Unasked | None = None
 
 
 @dataclass(frozen=True)

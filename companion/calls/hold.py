@@ -31,8 +31,6 @@ class HoldEvent(Enum):
     FAILED = "failed"
     TAKEN_OVER = "taken over"
     RESUMED = "resumed"
-    OVERRODE = "overrode"
-    """Our late resume replaced the mode of a human who had taken over. The vehicle is held again."""
     REBOOTED = "rebooted"
     """The autopilot rebooted. Nobody took over, and the hold goes on."""
     DROPPED = "dropped"

@@ -61,10 +61,8 @@ class HoldController:
     def vehicle_reported(self, report: ModeReport, now: float) -> HoldEvent | None:
         """Take in a report of the autopilot, and return what it means for the hold."""
         before = self._monitor.reported(report)
-        if before is None or report.mode is None or self.offboard_release is not None:
+        if before is None or self.hold is None or report.mode is None or self.offboard_release is not None:
             return None
-        if self.hold is None:
-            return HoldEvent.OVERRODE if self._overrides(report, now) else None
         silent_before = self._monitor.silent_since(before)
         if silent_before:
             self.hold.adopt_rest_mode(report.mode, report.autopilot)
@@ -83,10 +81,10 @@ class HoldController:
         """Take in the answer to a mode command, and return what it means for the hold."""
         return None if self.hold is None else self.hold.answered(answer, now)
 
-    def _overrides(self, report: ModeReport, now: float) -> bool:
+    def overrode(self, now: float) -> bool:
         """Whether our late resume has replaced the mode of a human who had taken over."""
         mode, until = self._late_resume
-        return report.drives_itself and report.mode == mode and now <= until
+        return now <= until and self._monitor.drives_itself(now) and self._monitor.newest.mode == mode
 
     def _reboot(self, hold: Hold, before: ModeReport, now: float, *, silent_before: bool) -> HoldEvent | None:
         """Detect a reboot of the autopilot, and decide what the modes after it mean.

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
 from companion.calls.answer_rules import accept_taken_over, answer_call
 from companion.calls.call_rules import CallController
-from companion.calls.decisions import Call, Decision, FaultAcceptanceEnds, FaultAccepted, HoldMoved
+from companion.calls.decisions import Call, Decision, FaultAcceptanceEnds, FaultAccepted, HoldMoved, Unasked
 from companion.calls.faults import TOLD_FOR, Fault
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.hold_rules import HoldController
@@ -82,13 +83,9 @@ class OperatorCalls:
 
     def _hold_moved(self, event: HoldEvent | None, now: float) -> list[Decision]:
         decisions: list[Decision] = []
-        if event is HoldEvent.OVERRODE and self.policy is Policy.HOLD:
-            started = self.holding.start(self.take_id(), self.reason_filter.reasons(now), now)
-            self.holding.require_go(anew=True)
-            decisions += [started, HoldMoved(started.hold, event)]
-        elif event in (HoldEvent.CONFIRMED, HoldEvent.REBOOTED) and self.hold is not None:
+        if event in (HoldEvent.CONFIRMED, HoldEvent.REBOOTED) and self.hold is not None:
             decisions.append(HoldMoved(self.hold, event))
-        elif event is not None and self.hold is not None:
+        elif event is not None:
             decisions += self._end_hold(event, now)
         return decisions + self._settle(now)
 
@@ -294,10 +291,19 @@ class OperatorCalls:
         decisions = ending + released + self._calling.settle(reasons, now)
         if self.policy is Policy.SHADOW:
             decisions += self._update_shadow(reasons, now)
-        if self.policy is Policy.HOLD and reasons and self.hold is None and self.monitor.drives_itself(now):
+        unasked = self._drives_unasked(now)
+        wanted = bool(reasons) or unasked is not None
+        if self.policy is Policy.HOLD and wanted and self.hold is None and self.monitor.drives_itself(now):
             number = self.call.id if self.call is not None else self.take_id()
-            decisions.append(self.holding.start(number, reasons, now))
+            decisions.append(replace(self.holding.start(number, reasons, now), unasked=unasked))
+            if unasked is not None:
+                self.holding.require_go(anew=False)
         return decisions + self.holding.settle(reasons, self.call is not None, now)
+
+    def _drives_unasked(self, now: float) -> Unasked | None:
+        if self.monitor.drives_unasked(now):
+            return Unasked.REBOOTED
+        return Unasked.OVERRODE if self.holding.overrode(now) else None
 
     def _update_shadow(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
         """Update the would-be hold.

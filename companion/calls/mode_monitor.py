@@ -19,6 +19,7 @@ class ModeReport:
     autopilot: its table, None for a kind that is never commanded.
     round_trip: seconds from a command to its acknowledgement.
     compares: its script compares the mode before it sets one, and so overrides no human.
+    reboots: how often it rebooted, as far as its clock shows it.
     """
 
     mode: int | None = None
@@ -28,6 +29,12 @@ class ModeReport:
     autopilot: Autopilot | None = None
     round_trip: float = 0.0
     compares: bool = False
+    reboots: int = 0
+
+    @property
+    def booting(self) -> bool:
+        """Whether the mode is one that it shows while it boots."""
+        return self.autopilot is not None and self.mode in self.autopilot.booting
 
     @property
     def drives_itself(self) -> bool:
@@ -60,6 +67,7 @@ class ModeMonitor:
         self.newest = ModeReport()
         self._script_hold: ScriptHold | None = None
         self._unknown_until = self._back_at = -math.inf
+        self._rebooted = False
         self._heartbeat_at: float | None = None
 
     def restore(self, mode: int | None) -> None:
@@ -76,6 +84,7 @@ class ModeMonitor:
         if report.reported_at is not None and report.reported_at <= self._unknown_until:
             report = replace(report, reported_at=None)
         before, self.newest = self.newest, report
+        self._watch_for_a_reboot(before)
         if (report.reported_at, report.mode, report.armed) == (before.reported_at, before.mode, before.armed):
             return None
         if not report.at_rest:
@@ -117,6 +126,10 @@ class ModeMonitor:
         """Whether the mode is known, and is one in which the autopilot drives by itself."""
         return self.known(now) and self.newest.drives_itself
 
+    def drives_unasked(self, now: float) -> bool:
+        """Whether it rebooted and drives by itself since, in a mode that nobody has set."""
+        return self._rebooted and self.drives_itself(now)
+
     def heartbeat_lost(self, now: float) -> bool:
         """Whether the autopilot's heartbeats have stopped, or came back less than `heartbeat_back` ago.
 
@@ -126,6 +139,25 @@ class ModeMonitor:
             return False
         lost = now - self._heartbeat_at > self._numbers.heartbeat_lost
         return lost or now - self._back_at < self._numbers.heartbeat_back
+
+    def _watch_for_a_reboot(self, before: ModeReport) -> None:
+        """Detect a reboot, and the mode that somebody sets after it.
+
+        A mode that changes while or as the vehicle is armed was set by somebody, any other one by nobody.
+        """
+        report = self.newest
+        heard = before.reported_at is not None and report.reported_at is not None
+        reset = not report.armed and (before.armed or report.mode != before.mode)
+        if (
+            report.booting
+            or report.reboots != before.reboots
+            or (heard and reset and self.silent_since(before))
+        ):
+            self._rebooted = True
+            return
+        changed = report.mode != before.mode and not before.booting
+        if report.armed and (changed or not report.drives_itself):
+            self._rebooted = False
 
     def _take_heartbeat(self, at: float | None) -> None:
         if at is None or (self._heartbeat_at is not None and at <= self._heartbeat_at):

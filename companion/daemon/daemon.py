@@ -289,6 +289,7 @@ class Daemon:
             autopilot,
             modes.round_trip,
             modes.compares,
+            vehicle.reboots,
         )
         decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)

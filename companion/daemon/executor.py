@@ -18,6 +18,7 @@ from companion.calls.decisions import (
     HoldShown,
     HoldStarted,
     SetMode,
+    Unasked,
     WouldHold,
     WouldResume,
 )
@@ -117,8 +118,13 @@ class DecisionExecutor:
                 data = self._active_alert.closed_call(call, self._vision.words, self._position.place(), now)
                 self._link.announce(data, texts.closed(Kind.CALL, call.id, call.outcome), now)
                 self._records.call_closed(call)
-            case HoldStarted(hold, reasons):
-                log.warning("hold %d: %s", hold.id, ", ".join(sorted(r.value for r in reasons)))
+            case HoldStarted(hold, reasons, unasked):
+                why = sorted(r.value for r in reasons) + ([unasked.value] if unasked is not None else [])
+                log.warning("hold %d: %s", hold.id, ", ".join(why))
+                if unasked is not None:
+                    mode, kind = self._mode_name(hold.mode_before), self._active_alert.kind_of(hold.id)
+                    text_of = texts.overrode if unasked is Unasked.OVERRODE else texts.rebooted_into
+                    self._link.send_text(text_of(kind, hold.id, mode), ALERT, now)
             case HoldShown():
                 self._hold_to_show = decision
             case HoldRenamed(old, hold):
@@ -171,11 +177,10 @@ class DecisionExecutor:
                     title = f"{texts.name(kind, hold.id)} drives on"
                     self._records.draw(newest, self._calls.state(now), title)
             case HoldEvent.TAKEN_OVER:
-                mode = self._mode_name(self._calls.monitor.newest.mode or 0)
-                self._link.send_text(texts.taken_over(kind, hold.id, mode), NOTICE, now)
-            case HoldEvent.OVERRODE:
-                text = texts.overrode(kind, hold.id, self._mode_name(hold.mode_before))
-                self._link.send_text(text, ALERT, now)
+                mode = self._calls.monitor.newest.mode or 0
+                itself = autopilot is not None and mode in autopilot.by_itself
+                taken = texts.taken_from_us if itself else texts.taken_over
+                self._link.send_text(taken(kind, hold.id, self._mode_name(mode)), NOTICE, now)
             case HoldEvent.REBOOTED:
                 self._link.send_text(texts.rebooted(kind, hold.id), WARNING, now)
             case HoldEvent.DROPPED:

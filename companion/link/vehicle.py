@@ -59,6 +59,10 @@ SETTLE = 2.5
 SILENCE = 3.0
 """s without a heartbeat after which the autopilot counts as silent."""
 _UNKNOWN_HEADING = 65535
+_BACKWARDS = 3000
+"""ms that the time since boot must run backwards to show a reboot: messages may overtake each other."""
+_WRAPS = 1 << 31
+"""ms that it runs backwards only where its 32 bits are used up, after 49 days."""
 
 
 class VehicleTracker:
@@ -75,6 +79,7 @@ class VehicleTracker:
         self._candidate_since = self._candidate_at = -math.inf
         self.vehicle: Vehicle | None = None
         self.returns = 0
+        self._uptime = 0
 
     def is_ours(self, system_id: int) -> bool:
         """Whether this is the adopted autopilot's system."""
@@ -110,6 +115,7 @@ class VehicleTracker:
         """Take GLOBAL_POSITION_INT; True when it is our vehicle's and valid."""
         if self.vehicle is None or system_id != self.vehicle.system_id:
             return False
+        self._note_uptime(message)
         if message.lat == 0 and message.lon == 0:  # sent before the first fix
             return False
         if abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000:
@@ -128,14 +134,18 @@ class VehicleTracker:
         angles = (message.roll, message.pitch, message.yaw)
         if self.vehicle is None or system_id != self.vehicle.system_id:
             return
+        self._note_uptime(message)
         if all(abs(angle) <= math.tau for angle in angles):  # False for NaN
             roll, pitch, yaw = (round(math.degrees(angle), 2) for angle in angles)
             self.vehicle = replace(self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now)
 
     def time(self, system_id: int, message: Any, now: float) -> None:
         """Take SYSTEM_TIME. An autopilot without the time sends 0 or a year long ago: that is ignored."""
+        if not self.is_ours(system_id):
+            return
+        self._note_uptime(message)
         seconds = message.time_unix_usec / 1e6
-        if self.is_ours(system_id) and self.vehicle is not None and is_set(seconds):
+        if self.vehicle is not None and is_set(seconds):
             self.vehicle = replace(self.vehicle, clock=seconds - now, clock_at=now)
 
     def tick(self, now: float) -> None:
@@ -147,6 +157,12 @@ class VehicleTracker:
             self.vehicle = vehicle = replace(vehicle, position=None, speed=None)
         if vehicle.attitude is not None and now - (vehicle.attitude_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = replace(vehicle, attitude=None)
+
+    def _note_uptime(self, message: Any) -> None:
+        """Count a reboot where `time_boot_ms`, which many messages carry, has run backwards."""
+        before, self._uptime = self._uptime, int(message.time_boot_ms)
+        if self.vehicle is not None and _BACKWARDS < before - self._uptime < _WRAPS:
+            self.vehicle = replace(self.vehicle, reboots=self.vehicle.reboots + 1)
 
     def _adopts(self, system_id: int, now: float) -> bool:
         if system_id == self._configured:

@@ -19,6 +19,7 @@ from companion.preflight.rules import (
     with_bit,
     without_bits,
 )
+from companion.vehicle.ardupilot import AUTO, GUIDED
 
 SERIAL_APART, MAV_APART = 1 << 10, 1 << 1
 """Bits of SERIALn_OPTIONS (4.6 and older) and MAVn_OPTIONS (4.7) that keep a port's MAVLink to itself."""
@@ -28,7 +29,10 @@ _SCRIPT = (
     f"set SCR_HEAP_SIZE {HEAP} or more, copy config/ardupilot/anytraverse.lua to APM/scripts on the "
     "autopilot's card, and reboot it"
 )
-_AUTO, _GUIDED = 1 << 10, 1 << 15
+_AUTO, _GUIDED = 1 << AUTO, 1 << GUIDED
+_ARMS_ITSELF = (0, 3, 4)
+"""Values of ARMING_REQUIRE. With 0 it is always armed, with 3 and 4 (4.7) once its arming checks pass."""
+_BOOTS = "after each boot it arms itself and drives off in INITIAL_MODE"
 _ALL_CHECKS, _AUX_AUTH = 1 << 0, 1 << 17
 """Bits of ARMING_CHECK (4.6 and older). The second one, with which arming needs the consent of scripts, is
 also in ARMING_SKIPCHK (4.7)."""
@@ -65,6 +69,19 @@ def _unchecked(value: float, facts: Facts) -> bool:
 
 def _skipped(value: float, facts: Facts) -> bool:
     return _is_needed(facts) and int(value) & _AUX_AUTH != 0
+
+
+def _boots_into_driving(value: float, facts: Facts) -> bool:
+    """Whether it arms itself after a boot, in a mode in which it drives by itself."""
+    return value in _ARMS_ITSELF and facts.values.get("INITIAL_MODE", 0) in (AUTO, GUIDED)
+
+
+def _drives_off(value: float, facts: Facts) -> bool:
+    return _boots_into_driving(value, facts) and not _is_needed(facts)
+
+
+def _waits_for_us(value: float, facts: Facts) -> bool:
+    return _boots_into_driving(value, facts) and _is_needed(facts)
 
 
 def _no_switch(value: float, facts: Facts) -> bool:
@@ -113,9 +130,28 @@ RULES = (
     ),
     Rule("ARMING_CHECK", _unchecked, FAIL, f"{_NOT_ASKED}: set 1, or add {_AUX_AUTH}"),
     Rule("ARMING_SKIPCHK", _skipped, FAIL, f"{_NOT_ASKED}: set 0, or leave out {_AUX_AUTH}"),
+    Rule(
+        "ARMING_REQUIRE",
+        _drives_off,
+        WARN,
+        f"{_BOOTS}, with a companion or without: set 1, or INITIAL_MODE 4, or ATS_NEED 1",
+    ),
+    Rule(
+        "ARMING_REQUIRE",
+        _waits_for_us,
+        WARN,
+        f"{_BOOTS} once a companion runs, which holds it until a go in policy hold alone: set 1 where a "
+        "person can arm it",
+    ),
     Rule("FS_ACTION", one_of(0), WARN, "a failsafe does nothing: set 2 (hold)"),
     Rule("FS_ACTION", one_of(1, 3, 4), WARN, f"a failsafe {HOME}: set 2 (hold)"),
     Rule("FS_THR_ENABLE", one_of(0), WARN, "the loss of the pilot's transmitter is not noticed: set 1"),
+    Rule(
+        "FS_THR_ENABLE",
+        one_of(2),
+        WARN,
+        "in AUTO it drives on without the pilot's transmitter, so that nobody there can take over: set 1",
+    ),
     Rule("SYSID_MYGCS", _is_own, FAIL, _OURS),
     Rule("SYSID_MYGCS", _is_not_allowed, WARN, _FOREIGN),
     Rule("MAV_GCS_SYSID", _is_own, FAIL, _OURS),
@@ -147,5 +183,5 @@ TABLE = Table(
         ("SYSID_MYGCS", "MAV_GCS_SYSID"),
     ),
     speeds=("WP_SPEED", "CRUISE_SPEED"),
-    also=("AVOID_ENABLE", *_SENSORS, *_SWITCHES),
+    also=("AVOID_ENABLE", "INITIAL_MODE", *_SENSORS, *_SWITCHES),
 )

@@ -85,7 +85,7 @@ _STATE = {
     "reasons": "array",
 }
 _VEHICLE = {
-    **dict.fromkeys(("custom_mode", "autopilot", "type", "system_id"), "integer"),
+    **dict.fromkeys(("custom_mode", "autopilot", "type", "system_id", "reboots"), "integer"),
     "armed": "boolean",
     **dict.fromkeys(("speed", "heard_at", "position_at", "clock"), "number"),
     **dict.fromkeys(("position", "attitude"), "array"),

@@ -9,6 +9,7 @@ from companion.vehicle.autopilot import Autopilot, ModeCommand
 
 MAV_AUTOPILOT = 3
 AUTO, GUIDED, HOLD, INITIALISING = 10, 15, 4, 16
+_RTL, _SMART_RTL = 11, 12
 _CUSTOM = 1
 """MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
 
@@ -45,6 +46,7 @@ ROVER = Autopilot(
     loses_target=frozenset({GUIDED}),
     booting=frozenset({INITIALISING}),
     scripted=True,
+    by_itself=frozenset({_RTL, _SMART_RTL}),
     names={
         0: "MANUAL",
         1: "ACRO",
@@ -56,8 +58,8 @@ ROVER = Autopilot(
         8: "DOCK",
         9: "CIRCLE",
         AUTO: "AUTO",
-        11: "RTL",
-        12: "SMART_RTL",
+        _RTL: "RTL",
+        _SMART_RTL: "SMART_RTL",
         GUIDED: "GUIDED",
         INITIALISING: "INITIALISING",
     },

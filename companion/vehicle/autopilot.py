@@ -19,6 +19,7 @@ class Autopilot:
     loses_target: modes that forget their target in a hold; the operator must send it again.
     streamed: modes that stand still only while zero-velocity setpoints are streamed to them.
     booting: modes that it shows by itself while it boots.
+    by_itself: modes that it also enters by itself, for a fence or a failsafe. Nobody need have set them.
     rest_mode: a mode that stands still without setpoints. A hold in a streamed mode changes to it when the
     setpoints must end.
     lead: seconds of setpoints that a streamed mode needs before the autopilot accepts it.
@@ -36,6 +37,7 @@ class Autopilot:
     loses_target: frozenset[int] = frozenset()
     streamed: frozenset[int] = frozenset()
     booting: frozenset[int] = frozenset()
+    by_itself: frozenset[int] = frozenset()
     lead: float = 0.0
     reports_mode_late: bool = False
     scripted: bool = False

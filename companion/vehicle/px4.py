@@ -30,6 +30,7 @@ def _command(mode: int) -> ModeCommand:
 MISSION = custom_mode(_AUTO, 4)
 LOITER = custom_mode(_AUTO, 3)
 OFFBOARD = custom_mode(6)
+_RTL, _LAND = custom_mode(_AUTO, 5), custom_mode(_AUTO, 6)
 
 LOITERING = Autopilot(
     name="PX4",
@@ -38,6 +39,7 @@ LOITERING = Autopilot(
     rest_mode=LOITER,
     command=_command,
     streamed=frozenset({OFFBOARD}),
+    by_itself=frozenset({_RTL, _LAND}),
     lead=0.7,
     reports_mode_late=True,
     overrun=2.5,
@@ -52,8 +54,8 @@ LOITERING = Autopilot(
         custom_mode(_AUTO, 2): "TAKEOFF",
         LOITER: "LOITER",
         MISSION: "MISSION",
-        custom_mode(_AUTO, 5): "RTL",
-        custom_mode(_AUTO, 6): "LAND",
+        _RTL: "RTL",
+        _LAND: "LAND",
     },
 )
 OFFBOARD_HOLD = replace(LOITERING, hold_mode=OFFBOARD, overrun=0.0)

@@ -20,6 +20,7 @@ class Vehicle:
     than 5 s.
     clock: the autopilot's time at second 0 of the link's clock, in seconds since 1970; None where it has no
     time.
+    reboots: how often its time since boot has run backwards.
     """
 
     system_id: int
@@ -36,6 +37,7 @@ class Vehicle:
     attitude_at: float | None = None
     clock: float | None = None
     clock_at: float | None = None
+    reboots: int = 0
 
 
 MOVES = 0.2

@@ -16,7 +16,7 @@ _OUTCOMES = {
     Outcome.ANSWERED: "answered, thank you",
     Outcome.ACCEPTED: "accepted this once",
     Outcome.PASSED: "the thing has passed",
-    Outcome.TAKEN_OVER: "a human took over",
+    Outcome.TAKEN_OVER: "taken over, not by us",
     Outcome.RECOVERED: "fault is gone",
     Outcome.SWITCHED_OFF: "companion switched off",
 }
@@ -203,6 +203,11 @@ def go_taken_back(kind: Kind, number: int) -> str:
     return fit(f"{name(kind, number)} go taken back by a later answer")
 
 
+def rebooted_into(kind: Kind, number: int, mode: str) -> str:
+    """Reports a hold since the autopilot rebooted and drove by itself. mode: the one that it drove in."""
+    return fit(f"{name(kind, number)} autopilot rebooted into {mode}: needs a go")
+
+
 def taken_over(kind: Kind, number: int, mode: str) -> str:
     """Reports that a person changed the mode during our hold."""
     return fit(f"{name(kind, number)} taken over by hand: {mode}")
@@ -231,6 +236,11 @@ def fault_acceptance_ends(seconds: float | None, metres: float | None, what: str
 def overrode(kind: Kind, number: int, mode: str) -> str:
     """Reports that our late command replaced a person's mode, and that it is held. Severity ALERT."""
     return fit(f"{name(kind, number)} our {mode} came after yours: HELD")
+
+
+def taken_from_us(kind: Kind, number: int, mode: str) -> str:
+    """Reports a mode, during our hold, that the autopilot may have entered by itself, as at a fence."""
+    return fit(f"{name(kind, number)} taken over: {mode}, not by us")
 
 
 def rebooted(kind: Kind, number: int) -> str:

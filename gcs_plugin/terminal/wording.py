@@ -45,7 +45,7 @@ _OUTCOMES = {
     Outcome.ANSWERED: "answered",
     Outcome.ACCEPTED: "accepted",
     Outcome.PASSED: "passed by itself",
-    Outcome.TAKEN_OVER: "a human took over",
+    Outcome.TAKEN_OVER: "taken over, not by the companion",
     Outcome.RECOVERED: "fault is gone",
     Outcome.SWITCHED_OFF: "companion switched off",
 }

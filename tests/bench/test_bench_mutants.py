@@ -41,7 +41,15 @@ def test_what_is_gone_is_said() -> None:
         Mutant(some()[0].file, some()[0].function, "condition", 99, "").source()
 
 
-def test_two_hundred_are_fixed_in_a_file() -> None:
+def test_two_hundred_and_three_of_a_review_are_fixed_in_a_file() -> None:
     found = [Mutant(**one) for one in json.loads(CHOSEN.read_text())]
-    assert len(set(found)) == 200
+    assert len(set(found)) == 203
     assert {one.file for one in found} == set(SAFETY_PATH)
+    assert all(one.source() for one in found[200:]), "they are there"
+
+
+def test_a_boundary_moves_an_operand_goes_and_an_assignment_is_false() -> None:
+    *_, boundary, operand, assignment = (Mutant(**one) for one in json.loads(CHOSEN.read_text()))
+    assert "report.reported_at < self._unknown_until" in boundary.source()
+    assert "at < self._first_go_at" not in operand.source()
+    assert "late = False" in assignment.source()

@@ -31,6 +31,12 @@ SYSTEM = 1
 COMPONENT = 1
 COMPANION = 191
 PARAMETER_GAP = 0.02
+ARMS_ITSELF = (3, 4)
+"""Values of ARMING_REQUIRE with which it arms itself once after a boot."""
+ARMS_AGAIN = 5.0
+"""s after which it tries again to arm itself."""
+_POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+_POSITION_RATES = {Port.GCS: "MAV1_POSITION", Port.COMPANION: "MAV2_POSITION"}
 LOGGED_MODES = 200
 HAND = "hand"
 BY_ITSELF = "autopilot"
@@ -74,12 +80,13 @@ class Autopilot:
         self.mode_log: deque[ModeChange] = deque(maxlen=LOGGED_MODES)
         self.bytes_from_companion = 0
         self.router = Router(SYSTEM, COMPONENT)
-        self.streams = {port: telemetry.Streams(self.periods()) for port in Port}
+        self.streams = self._booted_streams()
         self._send = send
         self._mav = {port: mavlink.MAVLink(None, SYSTEM, COMPONENT) for port in Port}
         self._commands = Commands(self)
         self._next_heartbeat = 0.0
         self._boots_until = -math.inf
+        self._arms_itself_at = math.inf
         self._listing: dict[Port, deque[Parameter]] = {port: deque() for port in Port}
         self._next_listed = dict.fromkeys(Port, 0.0)
         self._apply()
@@ -110,6 +117,8 @@ class Autopilot:
             return
         if self.script is not None:
             self.script.poll()
+        if self.rover.time >= self._arms_itself_at:
+            self._arms_itself_at = math.inf if self.arm(on=True) else self.rover.time + ARMS_AGAIN
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + telemetry.HEARTBEAT_PERIOD
             self._send_heartbeat()
@@ -125,16 +134,22 @@ class Autopilot:
         """Whether it boots: it is deaf and silent."""
         return self.rover.time < self._boots_until
 
-    def reboot(self, seconds: float) -> None:
+    def reboot(self, seconds: float, checks: float = 0.0) -> None:
         """Reboots: the motors are off, for so long it is deaf and silent, and then all but parameters is new.
 
-        It is disarmed then, and in the mode that it boots in. No message says that it rebooted.
+        It is disarmed then, in INITIAL_MODE, and its clock has begun anew. No message says that it rebooted.
+        With an ARMING_REQUIRE of `ARMS_ITSELF` it arms itself `checks` s later, unless the script forbids it.
         """
-        self._boots_until = self.rover.time + seconds
+        self._boots_until = self.rover.booted_at = self.rover.time + seconds
         self.armed = False
-        self.set_mode(self.boots_in, BY_ITSELF)
+        initial, require = self.parameters.find("INITIAL_MODE"), self.parameters.find("ARMING_REQUIRE")
+        arms = require is not None and require.value in ARMS_ITSELF
+        self._arms_itself_at = self._boots_until + checks if arms else math.inf
+        mode = self.find_mode(int(initial.value), 0) if initial is not None else None
+        self.set_mode(self.boots_in if mode is None else mode, BY_ITSELF)
+        self.mode_by = BY_ITSELF
         self.router = Router(SYSTEM, COMPONENT)
-        self.streams = {port: telemetry.Streams(self.periods()) for port in Port}
+        self.streams = self._booted_streams()
         self._listing = {port: deque() for port in Port}
         self.obstacles_at = None
         if self.script is not None:
@@ -210,6 +225,16 @@ class Autopilot:
     def periods(self) -> dict[int, float]:
         """Returns each message id that can be streamed with its default period in s; inf: only on request."""
         return {number: period for number, (_, period) in telemetry.MESSAGES.items()}
+
+    def _booted_streams(self) -> dict[Port, telemetry.Streams]:
+        """Returns each port's streams as after a boot: a parameter says how often a position comes."""
+        streams = {}
+        for port in Port:
+            periods, rate = self.periods(), self.parameters.find(_POSITION_RATES[port])
+            if rate is not None:
+                periods[_POSITION] = 1.0 / rate.value if rate.value else math.inf
+            streams[port] = telemetry.Streams(periods)
+        return streams
 
     def message(self, number: int) -> Any:
         """Makes the message of one of the ids of `periods` with its values now; None for other ids."""

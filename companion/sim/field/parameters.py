@@ -1,7 +1,8 @@
 """Stores the autopilot's parameters: an ordered table with ArduPilot Rover's names, to which a script adds.
 
 Values travel as floats whatever their type, as ArduPilot sends them. Most of them can only be read and set;
-WP_SPEED, CRUISE_SPEED and MIS_RESTART change how the rover drives.
+WP_SPEED, CRUISE_SPEED and MIS_RESTART change how the rover drives, ARMING_REQUIRE and INITIAL_MODE how it
+boots.
 """
 
 from __future__ import annotations
@@ -38,13 +39,15 @@ ARDUPILOT: tuple[Row, ...] = (
     ("SYSID_MYGCS", INT16, 255, 1, 255),
     ("FRAME_CLASS", INT8, 1, 0, 3),
     ("ARMING_CHECK", INT32, 0, 0, 1 << 20),
-    ("ARMING_REQUIRE", INT8, 1, 0, 2),
+    ("ARMING_REQUIRE", INT8, 1, 0, 4),
     ("INITIAL_MODE", INT8, 4, 0, 15),
     ("MODE_CH", INT8, 8, 0, 16),
     ("CRUISE_SPEED", REAL32, 2.5, 0.0, 5.0),
     ("CRUISE_THROTTLE", INT8, 50, 5, 100),
     ("WP_SPEED", REAL32, 0.0, 0.0, 5.0),
     ("WP_RADIUS", REAL32, 2.0, 0.1, 100.0),
+    ("MAV1_POSITION", INT16, 4, 0, 50),
+    ("MAV2_POSITION", INT16, 4, 0, 50),
     ("MIS_RESTART", INT8, 0, 0, 1),
     ("MIS_TOTAL", INT16, 6, 0, 32766),
     ("ATC_ACCEL_MAX", REAL32, 1.0, 0.0, 10.0),

@@ -78,8 +78,8 @@ class Px4(Autopilot):
                 self._fed_since = self.rover.time
             self._fed_at = self.rover.time
 
-    def reboot(self, seconds: float) -> None:
-        super().reboot(seconds)
+    def reboot(self, seconds: float, checks: float = 0.0) -> None:
+        super().reboot(seconds, checks)
         self._fed_since = self._fed_at = -math.inf
         self._companion_at = None
 

@@ -36,7 +36,8 @@ class ControlRequests:
             "mode": self._mode,
             "move": self._move,
             "reboot": lambda request: simulation.autopilot.reboot(
-                _number(request, "seconds", 0.0, MAX_BOOT_SECONDS, default=5.0)
+                _number(request, "seconds", 0.0, MAX_BOOT_SECONDS, default=5.0),
+                _number(request, "checks", 0.0, MAX_BOOT_SECONDS, default=0.0),
             ),
             "remove": lambda request: simulation.remove(self._thing(request)),
             "rc": self._rc,

@@ -94,7 +94,7 @@ class Rover:
         self.s = trail.start
         self.distance = 0.0
         self.standstill = 0.0
-        self.time = 0.0
+        self.time = self.booted_at = 0.0
         self._progress = 0.0
         self._wheels = 0.0
         self._rejoining = False

@@ -128,4 +128,4 @@ def _yaw(rover: Rover) -> float:
 
 
 def _boot_ms(rover: Rover) -> int:
-    return int(rover.time * 1000) & 0xFFFFFFFF
+    return int((rover.time - rover.booted_at) * 1000) & 0xFFFFFFFF

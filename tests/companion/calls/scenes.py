@@ -165,6 +165,7 @@ class Autopilot:
     deaf: bool = False
     silent: bool = False
     travelled: float | None = None
+    reboots: int = 0
     kind: KnownAutopilot | None = ardupilot.ROVER
     told: tuple[int, bool] | None = None
     beat_at: float = -1.0
@@ -271,7 +272,14 @@ class Scene:
         """Receive the autopilot's heartbeat."""
         pilot = self.autopilot
         report = ModeReport(
-            pilot.mode, pilot.armed, pilot.travelled, self.now, pilot.kind, pilot.delay, pilot.compares
+            pilot.mode,
+            pilot.armed,
+            pilot.travelled,
+            self.now,
+            pilot.kind,
+            pilot.delay,
+            pilot.compares,
+            pilot.reboots,
         )
         self.keep(self.calls.vehicle_reported(report, self.now))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.calls.decisions import HoldMoved, SetMode
+from companion.calls.decisions import HoldMoved, HoldStarted, SetMode, Unasked
 from companion.calls.hold import HoldEvent, HoldState
 from companion.calls.mode_monitor import ModeAnswer
 from companion.wire.ids import Motion, Policy
@@ -98,7 +98,7 @@ def test_our_mode_that_replaces_a_human_s_is_held_at_once_and_told(round_trip: f
     scene.autopilot.commands = under_way
     while scene.autopilot.mode == MANUAL:
         scene.run(0.05, CLEAR)
-    assert scene.events()[-1] is HoldEvent.OVERRODE
+    assert scene.all(HoldStarted)[-1].unasked is Unasked.OVERRODE
     assert scene.modes()[-1] == HOLD
     scene.run(round_trip + 0.1, CLEAR)
     assert scene.autopilot.mode == HOLD
@@ -117,7 +117,7 @@ def test_later_it_is_the_human_s_own_mode() -> None:
     scene.human(AUTO)
     scene.run(3.0, CLEAR)
     assert scene.autopilot.mode == AUTO
-    assert HoldEvent.OVERRODE not in scene.events()
+    assert len(scene.all(HoldStarted)) == 1
 
 
 def test_nor_is_a_human_s_own_mode_held_where_no_resume_was_under_way(held: Scene) -> None:

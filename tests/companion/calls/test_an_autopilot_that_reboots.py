@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from companion.calls.decisions import HoldStarted, Unasked
 from companion.calls.hold import HoldEvent, HoldState
 from companion.vehicle import ardupilot, px4
-from companion.wire.ids import Outcome, Policy
+from companion.wire.ids import Outcome, Policy, Stage
 from tests.companion.calls.scenes import (
     AUTO,
     BROKEN,
@@ -171,3 +172,115 @@ def test_a_px4_that_reboots_keeps_it_too() -> None:
     assert scene.call.id == 1
     assert scene.hold.mode == px4.LOITER
     assert scene.events()[-2:] == [HoldEvent.REBOOTED, HoldEvent.CONFIRMED]
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("mode", [AUTO, GUIDED])
+def test_one_that_arms_itself_to_drive_after_it_rebooted_is_held_until_a_go(
+    hold: Scene, mode: int, told: bool
+) -> None:
+    reboot(hold, mode, told=told, seen=CLEAR)
+    hold.run(20.0, CLEAR)
+    assert (hold.modes(), hold.calls.hold) == ([], None), "it is not armed yet"
+    hold.human(mode)
+    hold.run(1.0, CLEAR)
+    assert hold.autopilot.mode == HOLD
+    assert [started.unasked for started in hold.all(HoldStarted)] == [Unasked.REBOOTED]
+    hold.run(60.0, CLEAR)
+    assert (hold.autopilot.mode, hold.calls.stage()) == (HOLD, Stage.CLEAR)
+    hold.go()
+    hold.run(20.0, CLEAR)
+    assert hold.autopilot.mode == mode
+    assert len(hold.all(HoldStarted)) == 1
+
+
+@pytest.mark.parametrize("silent", [0.0, 2.0, 4.0])
+def test_one_that_is_armed_in_auto_with_its_first_heartbeat_is_known_by_its_clock(
+    hold: Scene, silent: float
+) -> None:
+    hold.autopilot.silent = True
+    hold.run(silent, CLEAR)
+    hold.autopilot.silent = False
+    hold.run(0.3, CLEAR)
+    assert hold.modes() == []
+    hold.autopilot.reboots = 1
+    hold.run(1.5, CLEAR)
+    assert hold.autopilot.mode == HOLD
+    hold.run(20.0, CLEAR)
+    assert hold.autopilot.mode == HOLD
+
+
+def test_one_that_is_armed_as_its_boot_ends_is_held_however_short_it_was(hold: Scene) -> None:
+    """As ArduPilot with ARMING_REQUIRE 0 and INITIAL_MODE 10: silent for 2 s, booting, armed in AUTO."""
+    hold.autopilot.silent = True
+    hold.run(2.0, CLEAR)
+    hold.autopilot.silent = False
+    hold.human(INITIALISING, armed=False)
+    hold.run(1.3, CLEAR)
+    hold.human(AUTO)
+    hold.run(0.5, CLEAR)
+    assert hold.autopilot.mode == HOLD
+    hold.run(30.0, CLEAR)
+    assert hold.modes() == [HOLD]
+
+
+def test_such_a_hold_needs_a_go_where_faults_end_theirs_by_themselves() -> None:
+    scene = Scene(Policy.HOLD, fault_ends_hold=True)
+    scene.run(1.0)
+    reboot(scene, AUTO, armed=True, seen=CLEAR)
+    scene.autopilot.reboots = 1
+    scene.run(30.0, CLEAR)
+    assert scene.autopilot.mode == HOLD
+
+
+@pytest.mark.parametrize("into", [HOLD, MANUAL, LOITER])
+@pytest.mark.parametrize("heard", [True, False])
+def test_who_arms_one_that_rebooted_and_sets_auto_then_has_set_it(
+    hold: Scene, into: int, heard: bool
+) -> None:
+    """Arming and AUTO may be told by one heartbeat, or by two."""
+    reboot(hold, into, seen=CLEAR)
+    if heard:
+        hold.human(into)
+    hold.human(AUTO)
+    hold.run(20.0, CLEAR)
+    assert (hold.modes(), hold.autopilot.mode) == ([], AUTO)
+
+
+def test_a_human_s_other_mode_over_such_a_hold_is_a_human_s(hold: Scene) -> None:
+    reboot(hold, AUTO, seen=CLEAR)
+    hold.autopilot.deaf = True
+    hold.human(AUTO)
+    hold.human(GUIDED)
+    hold.autopilot.deaf = False
+    hold.run(20.0, CLEAR)
+    assert hold.events()[-1] is HoldEvent.TAKEN_OVER
+    assert hold.autopilot.mode == GUIDED
+
+
+@pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW, Policy.OFF])
+def test_in_no_other_policy_is_one_that_reboots_held(policy: Policy) -> None:
+    scene = Scene(policy)
+    scene.run(1.0)
+    reboot(scene, AUTO, seen=CLEAR)
+    scene.human(AUTO)
+    scene.run(5.0, CLEAR)
+    assert scene.modes() == []
+
+
+def test_a_silence_alone_is_no_reboot(hold: Scene) -> None:
+    hold.autopilot.silent = True
+    hold.run(8.0, CLEAR)
+    hold.autopilot.silent = False
+    hold.run(20.0, CLEAR)
+    assert hold.modes() == []
+
+
+def test_nor_is_a_disarming_that_the_companion_slept_through(hold: Scene) -> None:
+    hold.now += 20.0
+    hold.calls.monitor.forget(hold.now, 20.0)
+    hold.autopilot.armed = False
+    hold.run(2.0, CLEAR)
+    hold.human(AUTO)
+    hold.run(5.0, CLEAR)
+    assert hold.modes() == []

@@ -208,7 +208,7 @@ class Calls(RuleBasedStateMachine):
         calls = self.scene.calls
         drives = self.armed and self.mode in self.kind.holdable and self.scene.now - self.heard_at < SILENCE
         late = self.scene.now - max(self.good_at, self.excused_at) > T + 1e-6
-        if calls.policy is Policy.HOLD and drives and late:
+        if calls.policy is Policy.HOLD and drives and late and not calls.fault_accepted(self.scene.now):
             assert calls.hold is not None
 
     @invariant()
@@ -292,8 +292,8 @@ class Calls(RuleBasedStateMachine):
                 assert call.outcome is not Outcome.NONE
                 self.closed.append(call.id)
                 self.open = None
-            case HoldStarted(hold, reasons):
-                assert reasons
+            case HoldStarted(hold, reasons, unasked):
+                assert reasons or unasked is not None
                 assert self.hold is None
                 assert self.mode in self.kind.holdable
                 assert hold.id == self.open or hold.id > self.highest

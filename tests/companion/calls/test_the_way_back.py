@@ -113,6 +113,23 @@ def test_the_way_back_is_tried_three_times_then_failed_and_needs_another_go(held
     assert held.autopilot.mode == HOLD
 
 
+def test_a_revoked_go_that_the_disk_has_at_last_does_not_confirm_a_later_one(held: Scene) -> None:
+    held.run(2.0, CLEAR)
+    first = held.now
+    held.keep(held.calls.apply_answer(1, Motion.GO, changed=False, outcome=None, now=first, go_at=first)[1])
+    held.run(0.2, CLEAR)
+    held.answer(Motion.STAY)
+    held.run(0.2, CLEAR)
+    second = held.now
+    held.keep(held.calls.apply_answer(1, Motion.GO, changed=False, outcome=None, now=second, go_at=second)[1])
+    held.keep(held.calls.confirm_go(first, held.now))
+    held.run(2.0, CLEAR)
+    assert held.modes() == [HOLD], "the second go is not in the journal yet"
+    held.keep(held.calls.confirm_go(second, held.now))
+    held.run(2.0, CLEAR)
+    assert held.modes() == [HOLD, AUTO]
+
+
 def test_a_go_lapses_after_sixty_seconds_of_not_ok(blocked: Scene) -> None:
     assert blocked.go() is Result.APPLIED
     blocked.run(59.0)

@@ -224,6 +224,17 @@ def test_a_go_after_a_stay_counts(held: Scene) -> None:
     assert held.autopilot.mode == AUTO
 
 
+def test_a_go_that_the_eyes_kept_for_more_than_a_minute_drives_nothing_on_and_says_so(held: Scene) -> None:
+    held.run(2.0, CLEAR)
+    talk = Talk(held)
+    talk.say(1, GO)
+    held.run(held.numbers.go_lasts + 1.0, CLEAR)
+    talk.seen()
+    assert talk.last == (Result.APPLIED, "C1 go is too old: send it again")
+    held.run(2.0, CLEAR)
+    assert (held.autopilot.mode, held.calls.go_at) == (HOLD, None)
+
+
 def test_a_go_does_not_overtake_the_words_before_it(blocked: Scene) -> None:
     talk = Talk(blocked)
     talk.say(1, log=1.0)

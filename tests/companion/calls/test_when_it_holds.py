@@ -88,6 +88,17 @@ def test_a_mode_that_was_heard_too_long_ago_is_not_commanded_over(hold: Scene) -
     assert hold.modes() == [HOLD]
 
 
+def test_a_mode_that_was_told_in_the_moment_of_waking_is_old_news(hold: Scene) -> None:
+    hold.autopilot.silent = True
+    hold.calls.monitor.forget(hold.now)
+    hold.hear()
+    hold.show(DRUM, DRUM, DRUM)
+    assert hold.modes() == []
+    hold.autopilot.silent = False
+    hold.run(1.0, DRUM)
+    assert hold.modes() == [HOLD]
+
+
 def test_a_position_alone_is_no_news_of_the_mode(hold: Scene) -> None:
     heard = hold.calls.monitor.newest.reported_at
     hold.autopilot.silent = True

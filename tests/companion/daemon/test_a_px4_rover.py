@@ -197,7 +197,7 @@ def test_killed_while_it_stands_on_setpoints_it_drives_home_and_the_call_is_clos
     rig.start()
     rig.see(3.0, "drum")
     assert rig.px4.mode is Mode.RTL
-    assert any("taken over by hand: RTL" in text for text in rig.texts)
+    assert any("taken over: RTL, not by us" in text for text in rig.texts)
 
 
 @pytest.mark.parametrize("px4_hold", ["loiter", "offboard"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.wire.ids import Policy
+from companion.wire.ids import Motion, Policy
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
 TEXT = "Companion FAULT: autopilot silent, STOP BY HAND"
@@ -91,6 +91,27 @@ def test_an_autopilot_that_reboots_with_a_call_open_keeps_it_and_that_is_said(he
     assert "C1 stays open: the autopilot rebooted" in held.texts
     assert not [text for text in held.texts if "taken over" in text]
     assert held.daemon.status()["held_by"] is None
+
+
+def test_an_autopilot_that_reboots_armed_in_auto_is_held_until_a_go_and_that_is_said(rig: Rig) -> None:
+    rig.stage.send(mavlink.MAVLink_system_time_message(0, 90_000), (1, 1))
+    rig.see(1.0)
+    broken(rig)
+    rig.see(2.0)
+    rig.stage.vehicle = 1
+    rig.see(1.0)
+    assert commanded(rig) == [], "it was not silent for long enough to count"
+    rig.stage.send(mavlink.MAVLink_system_time_message(0, 6_000), (1, 1))
+    rig.see(2.0)
+    assert (rig.stage.mode, rig.state) == (HOLD, ("HOLDING", 1))
+    assert "H1 autopilot rebooted into AUTO: needs a go" in rig.texts
+    rig.see(20.0)
+    assert "H1 clear now, go?" in rig.texts
+    rig.answer(1, Motion.GO)
+    rig.see(2.0)
+    assert rig.stage.mode == AUTO
+    rig.see(10.0)
+    assert commanded(rig) == [HOLD, AUTO]
 
 
 def test_the_script_on_the_autopilot_stops_the_rover_and_the_companion_commands_nothing(rig: Rig) -> None:

@@ -235,6 +235,18 @@ def test_a_human_who_takes_over_right_after_a_restart_closes_the_call_not_a_hold
     assert closed(held) == [(Kind.CALL, 1, Outcome.TAKEN_OVER)]
 
 
+@pytest.mark.parametrize(("mode", "name"), [(11, "RTL"), (12, "SMART_RTL")])
+def test_a_fence_that_drives_it_home_out_of_our_hold_is_not_told_to_be_a_hand(
+    held: Rig, mode: int, name: str
+) -> None:
+    held.stage.mode = mode
+    held.see(1.0, "drum")
+    assert f"C1 taken over: {name}, not by us" in held.texts
+    assert "C1 closed: taken over, not by us" in held.texts
+    assert not [text for text in held.texts if "hand" in text or "human" in text]
+    assert closed(held) == [(Kind.CALL, 1, Outcome.TAKEN_OVER)]
+
+
 def test_an_old_mode_told_with_positions_is_no_news_of_the_mode(rig: Rig) -> None:
     from pymavlink.dialects.v20 import development as mavlink
 

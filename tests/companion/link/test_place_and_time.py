@@ -86,3 +86,25 @@ def test_both_are_asked_for_on_the_way_to_the_autopilot_until_they_come_and_when
     assert not {ATTITUDE, SYSTEM_TIME} & set(asked()[before:])
     stage.run(35.0)
     assert {ATTITUDE, SYSTEM_TIME} <= set(asked()[before:])
+
+
+def test_a_time_since_boot_that_runs_backwards_is_a_reboot_whoever_tells_it() -> None:
+    stage = LoopbackLink()
+    position = mavlink.MAVLink_global_position_int_message
+    later = [
+        mavlink.MAVLink_system_time_message(0, 60_000),
+        position(500, 470000000, 80000000, 0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_system_time_message(0, 20_000),
+        mavlink.MAVLink_attitude_message(900, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+        position(40_000, 0, 0, 0, 0, 0, 0, 0, 0),
+        position(1_000, 0, 0, 0, 0, 0, 0, 0, 0),
+    ]
+    assert [told(stage, message).reboots for message in later] == [0, 1, 1, 2, 2, 3]
+
+
+def test_messages_that_overtake_each_other_and_a_counter_that_is_used_up_are_none() -> None:
+    stage = LoopbackLink()
+    for at in (60_000, 57_500, 61_000, 2**32 - 500, 700):
+        assert told(stage, mavlink.MAVLink_system_time_message(0, at)).reboots == 0
+    assert told(stage, mavlink.MAVLink_system_time_message(0, 9_000), (2, 1)).reboots == 0
+    assert told(stage, mavlink.MAVLink_system_time_message(0, 2_000), (2, 1)).reboots == 0

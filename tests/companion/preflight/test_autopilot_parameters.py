@@ -50,6 +50,7 @@ def test_good_parameters_raise_nothing() -> None:
         (ARDUPILOT, "FS_ACTION", 0, Verdict.WARN, "does nothing"),
         (ARDUPILOT, "FS_ACTION", 1, Verdict.WARN, "drives the vehicle home"),
         (ARDUPILOT, "FS_THR_ENABLE", 0, Verdict.WARN, "transmitter"),
+        (ARDUPILOT, "FS_THR_ENABLE", 2, Verdict.WARN, "in AUTO it drives on without the pilot's"),
         (ARDUPILOT, "SYSID_MYGCS", 1, Verdict.FAIL, "passes for the ground station"),
         (ARDUPILOT, "MAV_GCS_SYSID", 1, Verdict.FAIL, "passes for the ground station"),
         (ARDUPILOT, "SYSID_MYGCS", 77, Verdict.WARN, "allowed_senders"),
@@ -135,6 +136,27 @@ def test_a_demand_that_arming_does_not_ask_about_fails(name: str, value: float) 
 )
 def test_a_demand_that_arming_asks_about_is_sound(name: str, value: float) -> None:
     assert judge(ARDUPILOT, Facts({**GOOD, "ATS_NEED": 1.0, name: value}), holds=True) == []
+
+
+@pytest.mark.parametrize("value", [0.0, 3.0, 4.0])
+@pytest.mark.parametrize("mode", [10.0, 15.0])
+def test_an_autopilot_that_reboots_armed_in_a_mode_that_drives_is_warned_of(
+    value: float, mode: float
+) -> None:
+    boots = {**GOOD, "ARMING_REQUIRE": value, "INITIAL_MODE": mode}
+    (found,) = judge(ARDUPILOT, Facts(boots), holds=True)
+    assert (found.check, found.verdict) == (f"ARMING_REQUIRE {value:g}", Verdict.WARN)
+    assert "ATS_NEED 1" in found.text
+    (found,) = judge(ARDUPILOT, Facts({**boots, "ATS_NEED": 1.0, "ARMING_CHECK": 1.0}), holds=True)
+    assert "holds it until a go" in found.text
+
+
+@pytest.mark.parametrize(("value", "mode"), [(3.0, 4.0), (3.0, 0.0), (1.0, 10.0), (2.0, 15.0)])
+def test_one_that_a_person_arms_or_that_boots_in_a_mode_that_stands_is_sound(
+    value: float, mode: float
+) -> None:
+    boots = {**GOOD, "ARMING_REQUIRE": value, "INITIAL_MODE": mode}
+    assert judge(ARDUPILOT, Facts(boots), holds=True) == []
 
 
 def test_an_off_switch_of_the_script_that_a_channel_has_is_sound() -> None:

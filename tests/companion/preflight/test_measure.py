@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.stopping.ground import Ground
-from companion.preflight.measure import Recorder
+from companion.preflight.measure import ENOUGH, Recorder, too_seldom
 from companion.sim.demo.child import Child
 from companion.sim.field.control import FieldControl
 from companion.sim.field.modes import Mode
@@ -34,15 +34,15 @@ PATIENCE = 30.0
 class Drives:
     """A person with a simulated rover, a recorder beside it, in virtual time."""
 
-    def __init__(self, late: float = 0.0) -> None:
-        """late: s by which heartbeats tell a mode later than it is taken."""
+    def __init__(self, late: float = 0.0, period: float = PERIOD) -> None:
+        """late: s by which heartbeats tell a mode later than it is taken. period: s between two speeds."""
         self.rover = Rover(WORLD.trail, cruise_speed=1.0)
         self.recorder = Recorder(hold=int(Mode.HOLD))
         self.lines: list[str] = []
         self.mode = self.told = Mode.AUTO
         self.armed = True
         self.silent = False
-        self._late = late
+        self._late, self._period = late, period
         self._tell_at = 0.0
 
     def set(self, mode: Mode) -> None:
@@ -57,7 +57,7 @@ class Drives:
                 self._hear(heartbeat(self.told, armed=self.armed))
             if not self.silent:
                 self._hear(position(self.rover))
-            self.rover.step(PERIOD)
+            self.rover.step(self._period)
 
     def stop_from(self, speed: float) -> float:
         """Drive at `speed` m/s, HOLD, and wait until it stands; the true way from there."""
@@ -133,6 +133,59 @@ def test_a_rover_that_stands_or_is_disarmed_is_not_measured() -> None:
     assert person.recorder.stops == []
 
 
+@pytest.mark.parametrize(("period", "rate"), [(0.1, 10.0), (0.26, 3.8), (0.5, 2.0), (1.0, 1.0), (5.0, 0.2)])
+def test_how_often_speeds_come_is_known_after_three_seconds(period: float, rate: float) -> None:
+    person = Drives(period=period)
+    person.go(2.5)
+    assert person.recorder.rate is None
+    person.go(10.0)
+    assert person.recorder.rate == pytest.approx(rate, rel=0.05)
+
+
+def test_two_speeds_a_second_are_enough() -> None:
+    person = Drives(period=0.5)
+    true = [person.stop_from(speed) for speed in (0.6, 1.2, 2.4)]
+    assert person.recorder.rate is not None
+    assert person.recorder.rate > ENOUGH
+    for way, stop in zip(true, person.recorder.stops, strict=True):
+        assert stop.way == pytest.approx(way, rel=0.02)
+
+
+def test_speeds_that_were_lost_or_a_reboot_are_counted_as_they_come() -> None:
+    person = Drives()
+    person.go(4.0)
+    person.silent = True
+    person.go(12.0)
+    person.silent = False
+    person.go(0.3)
+    assert person.recorder.rate is not None
+    assert person.recorder.rate < ENOUGH
+    person.rover.booted_at = person.rover.time
+    person.go(4.5)
+    assert person.recorder.rate == pytest.approx(5.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (
+            {"MAV1_POSITION": 4.0, "MAV2_POSITION": 1.0, "MAV3_POSITION": 0.0},
+            "set MAV2_POSITION to 4, reboot",
+        ),
+        (
+            {"MAV1_POSITION": 1.0, "MAV2_POSITION": 1.0, "MAV3_POSITION": 2.0},
+            "set MAV1_POSITION or MAV2_POSITION, that of this port, to 4",
+        ),
+        ({"SR0_POSITION": 4.0, "SR2_POSITION": 1.0}, "set SR2_POSITION to 4"),
+        ({"SR0_POSITION": 4.0, "SR1_POSITION": 3.0}, "set SR1_POSITION to 4"),
+        ({}, "set MAVn_POSITION (SRn_POSITION up to 4.6), that of this port, to 4"),
+    ],
+)
+def test_the_parameter_to_set_for_more_speeds_is_named(values: dict[str, float], told: str) -> None:
+    assert told in too_seldom(1.0, values)
+    assert "1.0 times a second" in too_seldom(1.0, values)
+
+
 def test_without_a_speed_it_says_what_to_set() -> None:
     person = Drives()
     person.silent = True
@@ -180,6 +233,30 @@ def children(tmp_path: Path) -> Iterator[Callable[[str, list[str]], Child]]:
     yield start
     for child in started:
         child.stop()
+
+
+def test_where_speeds_come_too_seldom_it_says_what_to_set_before_anybody_drives(
+    children: Callable[[str, list[str]], Child], tmp_path: Path
+) -> None:
+    field = children("field", ["companion.sim.field", "--fps", "1"])
+    ports = json.loads(field.first_line(PATIENCE))
+    config = tmp_path / "companion.toml"
+    config.write_text(
+        f'[web]\nlisten = ""\n[vehicle]\nfile = ""\n[journal]\nfolder = "{tmp_path / "state"}"\n'
+    )
+    host, _, port = ports["control"].rpartition(":")
+    with closing(Ground(ports["gcs"])) as ground, FieldControl(host, int(port)) as control:
+        ground.set_of_autopilot("MAV2_POSITION", 1.0)
+        time.sleep(0.5)
+        control.ask("reboot", seconds=0.5)
+    check = children("check", ["companion", "check", "--measure", "--link", ports["companion"], str(config)])
+    assert "Do not drive yet" in check.first_line(PATIENCE)
+    wait_for(lambda: not check.running)
+    assert check.process.returncode == 1
+    told = [line for _, line in check.lines()]
+    assert told[-1].startswith("speeds come 1.")
+    assert "set MAV2_POSITION to 4, reboot the autopilot" in told[-1]
+    assert not any("drive steadily" in line for line in told)
 
 
 def test_a_person_s_holds_on_the_field_become_lines_for_the_configuration(

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.sim.field.autopilot import Autopilot
 from companion.sim.field.modes import Mode
 from companion.sim.field.router import Parser, Port
-from companion.sim.field.rover import Rover
+from companion.sim.field.rover import Drive, Rover
 from companion.sim.field.trail import Trail
 
 TRAIL = Trail(1)
@@ -377,3 +377,45 @@ def test_one_that_reboots_is_deaf_and_silent_and_comes_back_disarmed_with_its_pa
     assert beats
     assert bench.autopilot.parameters["CRUISE_SPEED"] == 1.25
     assert [change.by for change in bench.autopilot.mode_log] == ["hand", "autopilot"]
+
+
+def beats_after_a_reboot(bench: Bench, checks: float, seconds: float) -> list[tuple[int, bool]]:
+    """Modes and arming that it tells after a reboot out of AUTO, without repetition."""
+    bench.autopilot.arm(on=True)
+    bench.autopilot.set_mode(Mode.AUTO, "hand")
+    bench.sent.clear()
+    bench.autopilot.reboot(4.0, checks)
+    bench.pass_time(4.0 + seconds)
+    beats = [message for message in bench.heard(Port.COMPANION) if message.get_type() == "HEARTBEAT"]
+    return list(dict.fromkeys((beat.custom_mode, bool(beat.base_mode & 0x80)) for beat in beats))
+
+
+@pytest.mark.parametrize("require", [3, 4])
+def test_one_that_arms_itself_boots_in_its_initial_mode_and_drives_off(require: int) -> None:
+    bench = Bench()
+    bench.autopilot.set_parameter("ARMING_REQUIRE", require)
+    bench.autopilot.set_parameter("INITIAL_MODE", int(Mode.AUTO))
+    assert beats_after_a_reboot(bench, 2.0, 1.5) == [(Mode.AUTO, False)]
+    bench.pass_time(1.0)
+    assert bench.autopilot.armed
+    assert bench.autopilot.rover.drive is Drive.FOLLOW
+    bench.autopilot.arm(on=False)
+    bench.pass_time(20.0)
+    assert not bench.autopilot.armed, "it does so once"
+
+
+def test_one_that_a_person_arms_boots_in_its_initial_mode_too() -> None:
+    bench = Bench()
+    bench.autopilot.set_parameter("INITIAL_MODE", int(Mode.MANUAL))
+    assert beats_after_a_reboot(bench, 0.0, 20.0) == [(Mode.MANUAL, False)]
+
+
+def test_its_clock_begins_anew_when_it_reboots() -> None:
+    bench = Bench()
+    bench.pass_time(10.0)
+    bench.autopilot.reboot(4.0)
+    bench.sent.clear()
+    bench.pass_time(5.0)
+    told = [one.time_boot_ms for one in bench.heard(Port.COMPANION) if one.get_type() == "SYSTEM_TIME"]
+    assert told
+    assert all(0 <= time <= 1000 for time in told)

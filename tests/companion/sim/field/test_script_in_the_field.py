@@ -225,3 +225,28 @@ def test_after_a_reboot_the_script_knows_no_companion_until_it_is_heard_again() 
     scene.state = None
     scene.pass_time(2.0)
     assert scene.is_in(Mode.HOLD)
+
+
+@pytest.mark.parametrize("asked", [0, 1], ids=["scripts are not asked", "scripts are asked"])
+def test_with_need_one_that_reboots_armed_in_auto_does_not_move_before_a_companion_is_heard(
+    asked: int,
+) -> None:
+    scene = Scene()
+    for name, value in (
+        ("ATS_NEED", 1),
+        ("ARMING_CHECK", asked),
+        ("ARMING_REQUIRE", 3),
+        ("INITIAL_MODE", 10),
+    ):
+        scene.autopilot.set_parameter(name, value)
+    scene.state = None
+    scene.autopilot.reboot(4.0, 2.0)
+    before = scene.autopilot.rover.distance
+    scene.pass_time(14.0)
+    assert scene.autopilot.rover.distance - before < 0.1
+    assert scene.autopilot.armed is not bool(asked)
+    assert scene.is_in(Mode.AUTO if asked else Mode.HOLD)
+    scene.state = State.OK
+    scene.pass_time(7.0)
+    assert scene.autopilot.armed
+    assert scene.is_in(Mode.AUTO if asked else Mode.HOLD), "then it is for the companion to hold it"

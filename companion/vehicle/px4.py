@@ -37,6 +37,7 @@ LOITERING = Autopilot(
     hold_mode=LOITER,
     rest_mode=LOITER,
     command=_command,
+    mission_modes=frozenset({MISSION}),
     streamed=frozenset({OFFBOARD}),
     lead=0.7,
     reports_mode_late=True,

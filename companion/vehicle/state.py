@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from anytraverse.history import Place
+from companion.vehicle.mission import Mission
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Vehicle:
     than 5 s.
     clock: the autopilot's time at second 0 of the link's clock, in seconds since 1970; None where it has no
     time.
+    mission: its newest report, None before the first.
     """
 
     system_id: int
@@ -36,6 +38,7 @@ class Vehicle:
     attitude_at: float | None = None
     clock: float | None = None
     clock_at: float | None = None
+    mission: Mission | None = None
 
 
 MOVES = 0.2
@@ -91,6 +94,17 @@ class VehiclePosition:
     def _autopilot_time(self) -> float | None:
         vehicle = self._newest()
         return None if vehicle is None or vehicle.clock is None else vehicle.clock + time.monotonic()
+
+
+SPEED_LASTS = 2.0
+"""s after which a reported speed says no more that a vehicle stands."""
+
+
+def stands(vehicle: Vehicle, now: float) -> bool:
+    """Whether the vehicle is known to stand. now: seconds of the link's clock."""
+    if vehicle.speed is None or vehicle.position_at is None or now - vehicle.position_at > SPEED_LASTS:
+        return False
+    return vehicle.speed < MOVES
 
 
 def is_moving(vehicle: Vehicle | None, *, drives_itself: bool) -> bool:

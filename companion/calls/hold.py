@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from anytraverse.assessment import Assessment
+from companion.calls.held_mission import HeldMission
 from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
 
@@ -27,6 +28,8 @@ class HoldEvent(Enum):
     RESUMED = "resumed"
     REBOOTED = "rebooted"
     """The autopilot rebooted. Nobody took over, and the hold goes on."""
+    MISSION_OVER = "mission over"
+    """A resume was refused, since it would begin the mission anew. The hold stands, and waits for a human."""
     DROPPED = "dropped"
     """The policy allows no commands any more. The vehicle stays in its mode."""
 
@@ -44,6 +47,7 @@ class Hold:
     resume_cancelled_at: when a resume was cancelled last.
     rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
     seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
+    interrupted: the mission that it interrupted.
     """
 
     id: int
@@ -58,6 +62,7 @@ class Hold:
     resume_cancelled_at: float | None = None
     rebooted: bool = False
     seen: Assessment | None = None
+    interrupted: HeldMission = field(default_factory=HeldMission)
 
     @property
     def standing(self) -> bool:

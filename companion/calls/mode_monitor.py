@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
 from companion.vehicle.ardupilot import ScriptHold
+from companion.vehicle.mission import Mission, MissionState
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,7 @@ class ModeReport:
     mode: custom_mode, None before the first heartbeat. travelled: metres driven, None where not known.
     reported_at: when the mode was last reported; None: what was reported counts no more.
     autopilot: its table, None for a kind that is never commanded.
+    mission: its newest report, None before the first. stands: the vehicle is known to stand.
     """
 
     mode: int | None = None
@@ -24,11 +26,41 @@ class ModeReport:
     travelled: float | None = None
     reported_at: float | None = None
     autopilot: Autopilot | None = None
+    mission: Mission | None = None
+    stands: bool = False
+
+    @property
+    def in_driving_mode(self) -> bool:
+        """Whether the vehicle is armed, and in a mode in which the autopilot drives by itself."""
+        return self.autopilot is not None and self.armed and self.mode in self.autopilot.holdable
 
     @property
     def drives_itself(self) -> bool:
         """Whether the autopilot drives, so that a hold overrides no human."""
-        return self.autopilot is not None and self.armed and self.mode in self.autopilot.holdable
+        return self.in_driving_mode and not self.mission_over
+
+    @property
+    def mission_over(self) -> bool:
+        """Whether the vehicle stands after a mission that is reported as complete.
+
+        A hold would change nothing then, and the resume after it would begin the mission anew.
+        """
+        complete = self.mission is not None and self.mission.state is MissionState.COMPLETE
+        return complete and self.mission_ended and self.stands
+
+    @property
+    def mission_ended(self) -> bool:
+        """Whether its mission is complete, or has no known state and its last item was reached."""
+        mission, autopilot = self.mission, self.autopilot
+        if mission is None or autopilot is None or self.mode not in autopilot.mission_modes:
+            return False
+        if mission.state is MissionState.UNKNOWN:
+            return mission.at_last(autopilot.first_item)
+        return mission.fresh and mission.state is MissionState.COMPLETE
+
+    def mode_name(self, mode: int) -> str:
+        """Return the name of a mode of this autopilot, e.g. "AUTO"."""
+        return f"mode {mode}" if self.autopilot is None else self.autopilot.mode_name(mode)
 
     @property
     def at_rest(self) -> bool:

@@ -46,7 +46,7 @@ from companion.telemetry.summary import summary
 from companion.vehicle import known_autopilot
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.position import Odometer
-from companion.vehicle.state import Vehicle, VehiclePosition, is_moving
+from companion.vehicle.state import Vehicle, VehiclePosition, is_moving, stands
 from companion.vision.client import Applied, Judged, Result, VisionClient
 from companion.vision.messages import Drawn, Encoded, Model
 from companion.wire import notices, texts
@@ -272,7 +272,15 @@ class Daemon:
         decisions = self.settings.policy.check_hold_again(
             autopilot, now, misled_by_infrared=self._vision.misled_by_infrared
         )
-        report = ModeReport(vehicle.custom_mode, vehicle.armed, travelled, vehicle.heard_at, autopilot)
+        report = ModeReport(
+            vehicle.custom_mode,
+            vehicle.armed,
+            travelled,
+            vehicle.heard_at,
+            autopilot,
+            vehicle.mission,
+            stands(vehicle, now),
+        )
         decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)
 

@@ -27,6 +27,7 @@ from companion.calls.policy import PolicyState
 from companion.calls.snapshot import restore, snapshot
 from companion.vehicle import Autopilot as KnownAutopilot
 from companion.vehicle import ardupilot
+from companion.vehicle.mission import Mission
 from companion.wire.ids import Motion, Outcome, Policy, Result
 
 HEIGHT, WIDTH = 40, 60
@@ -164,6 +165,8 @@ class Autopilot:
     deaf: bool = False
     silent: bool = False
     travelled: float | None = None
+    mission: Mission | None = None
+    stands: bool = False
     kind: KnownAutopilot | None = ardupilot.ROVER
     told: tuple[int, bool] | None = None
     beat_at: float = -1.0
@@ -269,7 +272,9 @@ class Scene:
     def hear(self) -> None:
         """Receive the autopilot's heartbeat."""
         pilot = self.autopilot
-        report = ModeReport(pilot.mode, pilot.armed, pilot.travelled, self.now, pilot.kind)
+        report = ModeReport(
+            pilot.mode, pilot.armed, pilot.travelled, self.now, pilot.kind, pilot.mission, pilot.stands
+        )
         self.keep(self.calls.vehicle_reported(report, self.now))
 
     def human(self, mode: int, *, armed: bool = True) -> None:

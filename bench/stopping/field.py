@@ -25,6 +25,7 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=SPEED, help="m/s")
     parser.add_argument("--surprises", action="store_true", help="a drum, a rock and a log on the way")
     parser.add_argument("--autopilot", choices=list(AUTOPILOTS), default="ardupilot")
+    parser.add_argument("--mission", type=float, help="m of the trail after which it is complete")
     parser.add_argument("--no-script", dest="script", action="store_false")
     given = parser.parse_args()
     cv2.setNumThreads(1)
@@ -32,7 +33,12 @@ def main() -> None:
     world.trail.start = given.at
     camera = Camera(world, *SIZE, seed=given.seed)
     options = Options(
-        seed=given.seed, fps=FPS, speed=given.speed, script=given.script, autopilot=given.autopilot
+        seed=given.seed,
+        fps=FPS,
+        speed=given.speed,
+        script=given.script,
+        autopilot=given.autopilot,
+        mission=given.mission,
     )
     server = FieldServer(world, camera, options)
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -68,6 +68,7 @@ class Plan:
     breakable: use the perceiver that `Stage.break_perceiver` breaks. listens: the companion listens on a
     port to which others can send. slow_disk: `Stage.disk` can delay what the companion writes. plugged:
     whether the camera is there when the companion starts. autopilot: ardupilot or px4, which has no script.
+    mission: m of the trail after which the mission is complete; None: it goes round.
     """
 
     seed: int
@@ -82,6 +83,7 @@ class Plan:
     slow_disk: bool = False
     plugged: bool = True
     autopilot: str = "ardupilot"
+    mission: float | None = None
 
 
 class Stage:
@@ -104,6 +106,7 @@ class Stage:
         asked = ["--seed", str(plan.seed), "--at", f"{plan.at:.1f}", "--speed", f"{plan.speed:.2f}"]
         asked += ["--surprises"] * plan.surprises + ["--no-script"] * (not plan.script)
         asked += ["--autopilot", plan.autopilot]
+        asked += [] if plan.mission is None else ["--mission", f"{plan.mission:.1f}"]
         self._driving = AUTOPILOTS[plan.autopilot].mission.name
         field = self._child("field", ["bench.stopping.field", *asked])
         ports: dict[str, Any] = json.loads(field.first_line(READY_WITHIN))

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.demo.rehearsal import free_port
 from companion.sim.field.router import Parser
-from companion.wire.ids import Policy, State, read_heartbeat_mode
+from companion.wire.ids import MODE_REQUEST_COMMAND, Policy, State, read_heartbeat_mode
 
 _MAY_BE_SAID = {
     "HEARTBEAT",
@@ -180,6 +180,8 @@ def _ordered(frame: Any) -> str:
     if kind in _MAY_BE_SAID:
         return ""
     if kind in ("COMMAND_LONG", "COMMAND_INT"):
+        if frame.command == MODE_REQUEST_COMMAND:  # written as the command that it stands for
+            return f"{kind} 176 1 {frame.param3:g}" if frame.param1 else ""
         harmless = frame.command in _MAY_BE_ASKED
         return "" if harmless else f"{kind} {frame.command} {frame.param1:g} {frame.param2:g}"
     return kind

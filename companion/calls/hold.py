@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from anytraverse.assessment import Assessment
+from companion.calls.held_mission import HeldMission
 from companion.calls.mode_monitor import ModeAnswer, ModeReport
 from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
@@ -33,6 +34,8 @@ class HoldEvent(Enum):
     RESUMED = "resumed"
     REBOOTED = "rebooted"
     """The autopilot rebooted. Nobody took over, and the hold goes on."""
+    MISSION_OVER = "mission over"
+    """A resume was refused, since it would begin the mission anew. The hold stands, and waits for a human."""
     DROPPED = "dropped"
     """The policy allows no commands any more. The vehicle stays in its mode."""
 
@@ -53,6 +56,7 @@ class Hold:
     rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
     seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
     confirmed_at: when the autopilot first confirmed it, None before.
+    interrupted: the mission that it interrupted.
     """
 
     id: int
@@ -71,6 +75,7 @@ class Hold:
     rebooted: bool = False
     seen: Assessment | None = None
     confirmed_at: float | None = None
+    interrupted: HeldMission = field(default_factory=HeldMission)
 
     @property
     def standing(self) -> bool:

@@ -18,11 +18,13 @@ from companion.calls.decisions import (
     HoldStarted,
     SetMode,
 )
+from companion.calls.held_mission import HeldMission
 from companion.calls.hold import Hold, HoldEvent, HoldState, OffboardRelease
 from companion.calls.mode_monitor import ModeAnswer, ModeMonitor, ModeReport
 from companion.calls.numbers import Numbers
 from companion.calls.reason_filter import ReasonFilter
 from companion.vehicle.ardupilot import ScriptHold
+from companion.vehicle.mission import MissionState
 from companion.wire.ids import Motion
 
 OVERRIDE_WINDOW = 1.5
@@ -61,6 +63,10 @@ class HoldController:
     def vehicle_reported(self, report: ModeReport, now: float) -> HoldEvent | None:
         """Take in a report of the autopilot, and return what it means for the hold."""
         before = self._monitor.reported(report)
+        if self.hold is not None and not self.hold.standing:
+            self.hold.interrupted = self.hold.interrupted.driving(report)
+        elif self.hold is not None and report.mode == self.hold.mode:
+            self.hold.interrupted = self.hold.interrupted.standing(report)
         if before is None or self.hold is None or report.mode is None or self.offboard_release is not None:
             return None
         silent_before = self._monitor.silent_since(before)
@@ -134,6 +140,7 @@ class HoldController:
         assert report.mode is not None
         assert report.autopilot is not None
         self.hold, self.go_at = Hold(number, report.autopilot.hold_mode, report.mode, now), None
+        self.hold.interrupted = HeldMission().driving(report)
         self.offboard_release, self._late_resume = None, (0, -math.inf)
         return HoldStarted(self.hold, reasons)
 
@@ -213,7 +220,10 @@ class HoldController:
         ready = not reasons and self._ready(hold, now)
         if hold.state is HoldState.RESUMING and not ready:
             hold.cancel_resume()
-        elif hold.state is not HoldState.RESUMING and ready:
+        elif hold.state is not HoldState.RESUMING and ready and self.mission_ended:
+            self.go_at, hold.only_fault = None, False
+            decisions.append(HoldMoved(hold, HoldEvent.MISSION_OVER))
+        elif hold.state is not HoldState.RESUMING and ready and not self._awaits_mission:
             hold.begin_resume()
         return decisions + self._command(hold, now)
 
@@ -247,7 +257,28 @@ class HoldController:
         """
         if self._monitor.newest.mode == hold.mode:
             return self._monitor.known(now) and self._monitor.newest.autopilot is not None
-        return mode == hold.mode and self._monitor.drives_itself(now)
+        return mode == hold.mode and self._monitor.known(now) and self._monitor.newest.in_driving_mode
+
+    @property
+    def interrupted_mission(self) -> HeldMission | None:
+        """The mission to which a resume returns, None where the mode before the hold drives none."""
+        hold, autopilot = self.hold, self._monitor.newest.autopilot
+        drove = hold is not None and autopilot is not None and hold.mode_before in autopilot.mission_modes
+        return hold.interrupted if hold is not None and drove else None
+
+    @property
+    def mission_ended(self) -> bool:
+        """Whether a resume would begin a mission anew that has ended."""
+        mission = self.interrupted_mission
+        return mission is not None and mission.ended
+
+    @property
+    def _awaits_mission(self) -> bool:
+        """Whether the mission's state must first be reported out of the hold: it may have been completed."""
+        mission = self._monitor.newest.mission
+        if self.interrupted_mission is None or mission is None or mission.fresh:
+            return False
+        return mission.state is not MissionState.UNKNOWN
 
     def _ready(self, hold: Hold, now: float) -> bool:
         report = self._monitor.newest

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
 from companion.vehicle.ardupilot import ScriptHold
+from companion.vehicle.mission import Mission, MissionState
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class ModeReport:
     round_trip: seconds from a command to its acknowledgement.
     compares: its script compares the mode before it sets one, and so overrides no human.
     reboots: how often it rebooted, as far as its clock shows it.
+    mission: its newest report, None before the first. stands: the vehicle is known to stand.
     """
 
     mode: int | None = None
@@ -30,6 +32,8 @@ class ModeReport:
     round_trip: float = 0.0
     compares: bool = False
     reboots: int = 0
+    mission: Mission | None = None
+    stands: bool = False
 
     @property
     def booting(self) -> bool:
@@ -37,9 +41,37 @@ class ModeReport:
         return self.autopilot is not None and self.mode in self.autopilot.booting
 
     @property
+    def in_driving_mode(self) -> bool:
+        """Whether the vehicle is armed, and in a mode in which the autopilot drives by itself."""
+        return self.autopilot is not None and self.armed and self.mode in self.autopilot.holdable
+
+    @property
     def drives_itself(self) -> bool:
         """Whether the autopilot drives, so that a hold overrides no human."""
-        return self.autopilot is not None and self.armed and self.mode in self.autopilot.holdable
+        return self.in_driving_mode and not self.mission_over
+
+    @property
+    def mission_over(self) -> bool:
+        """Whether the vehicle stands after a mission that is reported as complete.
+
+        A hold would change nothing then, and the resume after it would begin the mission anew.
+        """
+        complete = self.mission is not None and self.mission.state is MissionState.COMPLETE
+        return complete and self.mission_ended and self.stands
+
+    @property
+    def mission_ended(self) -> bool:
+        """Whether its mission is complete, or has no known state and its last item was reached."""
+        mission, autopilot = self.mission, self.autopilot
+        if mission is None or autopilot is None or self.mode not in autopilot.mission_modes:
+            return False
+        if mission.state is MissionState.UNKNOWN:
+            return mission.at_last(autopilot.first_item)
+        return mission.fresh and mission.state is MissionState.COMPLETE
+
+    def mode_name(self, mode: int) -> str:
+        """Return the name of a mode of this autopilot, e.g. "AUTO"."""
+        return f"mode {mode}" if self.autopilot is None else self.autopilot.mode_name(mode)
 
     @property
     def at_rest(self) -> bool:

@@ -6,14 +6,17 @@ either: after a restart the operator must give them again.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call, CallState
+from companion.calls.held_mission import HeldMission
 from companion.calls.hold import Hold, HoldState
 from companion.calls.machine import OperatorCalls
 from companion.calls.reason_filter import CALLS_FOR_WORDS
+from companion.vehicle.mission import Mission, MissionState
 from companion.vehicle.position import place_figures, read_place
 from companion.wire.ids import Policy
 
@@ -46,6 +49,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
             "mode_before": hold.mode_before,
             "stage": hold.state.value,
             "only_fault": hold.only_fault,
+            "mission": _mission_figures(hold.interrupted),
         },
     }
 
@@ -103,7 +107,35 @@ def _hold(saved: Any, now: float) -> Hold:
         state=HoldState.STANDING if state is HoldState.RESUMING else state,
         only_fault=_flag(saved["only_fault"]),
         confirmed_at=now if state is not HoldState.REQUESTED else None,
+        interrupted=_mission(saved.get("mission")),
     )
+
+
+def _mission_figures(held: HeldMission) -> dict[str, Any] | None:
+    mission = held.before
+    if mission is None:
+        return None
+    return {
+        "item": mission.item,
+        "total": mission.total,
+        "id": mission.id,
+        "settled": held.settled,
+        "ended": held.ended,
+    }
+
+
+def _mission(saved: Any) -> HeldMission:
+    if saved is None:
+        return HeldMission()
+    mission = Mission(
+        item=_whole(saved["item"], _U16),
+        total=None if saved["total"] is None else _whole(saved["total"], _U16),
+        state=MissionState.UNKNOWN,
+        id=_whole(saved["id"], _U32),
+        at=-math.inf,
+        fresh=False,
+    )
+    return HeldMission(mission, None, _flag(saved["settled"]), _flag(saved["ended"]))
 
 
 def _whole(value: Any, highest: int, lowest: int = 0) -> int:

@@ -45,7 +45,7 @@ from companion.telemetry.summary import summary
 from companion.vehicle import known_autopilot
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.position import Odometer
-from companion.vehicle.state import Vehicle, VehiclePosition, is_moving
+from companion.vehicle.state import Vehicle, VehiclePosition, is_moving, stands
 from companion.vision.client import Applied, Judged, Result, VisionClient
 from companion.vision.messages import Drawn, Encoded, Model
 from companion.wire import notices, texts
@@ -290,6 +290,8 @@ class Daemon:
             modes.round_trip,
             modes.compares,
             vehicle.reboots,
+            vehicle.mission,
+            stands(vehicle, now),
         )
         decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)

@@ -22,7 +22,7 @@ from companion.calls.decisions import (
     WouldHold,
     WouldResume,
 )
-from companion.calls.hold import HoldEvent
+from companion.calls.hold import Hold, HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.daemon.health import STALLED_AFTER
 from companion.daemon.recording import Recording
@@ -34,7 +34,7 @@ from companion.telemetry.active_alert import ActiveAlert
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.wire import texts
-from companion.wire.ids import ALERT, ERROR, NOTICE, WARNING, Kind, Outcome
+from companion.wire.ids import ALERT, ERROR, NOTICE, WARNING, Kind, Outcome, Policy
 
 log = logging.getLogger(__name__)
 
@@ -113,6 +113,8 @@ class DecisionExecutor:
                 self._active_alert.call_opened(call)
                 call.place = self._position.place()
                 self._records.call_opened(call, self._calls.state(now))
+                if self._calls.policy is Policy.HOLD and self._calls.monitor.newest.mission_over:
+                    self._link.send_text(texts.not_held(call.id), NOTICE, now)
             case CallClosed(call):
                 log.info("call %d closed: %s", call.id, call.outcome.name.lower())
                 data = self._active_alert.closed_call(call, self._vision.words, self._position.place(), now)
@@ -172,6 +174,8 @@ class DecisionExecutor:
                 )
                 if autopilot is not None and hold.mode_before in autopilot.loses_target:
                     self._link.send_text(texts.send_target_again(), ERROR, now)
+                if autopilot is not None and hold.mode_before in autopilot.mission_modes:
+                    self._report_mission(kind, hold, now)
                 newest = self._calls.reason_filter.newest
                 if newest is not None:
                     title = f"{texts.name(kind, hold.id)} drives on"
@@ -183,6 +187,9 @@ class DecisionExecutor:
                 self._link.send_text(taken(kind, hold.id, self._mode_name(mode)), NOTICE, now)
             case HoldEvent.REBOOTED:
                 self._link.send_text(texts.rebooted(kind, hold.id), WARNING, now)
+            case HoldEvent.MISSION_OVER:
+                mode_before = self._mode_name(hold.mode_before)
+                self._link.send_text(texts.mission_over(kind, hold.id, mode_before), WARNING, now)
             case HoldEvent.DROPPED:
                 self._link.send_text(texts.dropped(kind, hold.id), WARNING, now)
 
@@ -197,9 +204,15 @@ class DecisionExecutor:
         log.warning("a human drives on in spite of a fault: %s", what)
         self._link.send_text(texts.fault_accepted(kind, accepted.id, what, seconds, metres), ERROR, now)
 
+    def _report_mission(self, kind: Kind, hold: Hold, now: float) -> None:
+        """Report what somebody changed in the mission during the hold. It goes on with its current item."""
+        held = hold.interrupted
+        if held.now is not None and (held.replaced or held.moved):
+            text_of = texts.mission_replaced if held.replaced else texts.mission_moved
+            self._link.send_text(text_of(kind, hold.id, held.now.item), NOTICE, now)
+
     def _mode_name(self, mode: int) -> str:
-        autopilot = self._calls.monitor.newest.autopilot
-        return f"mode {mode}" if autopilot is None else autopilot.mode_name(mode)
+        return self._calls.monitor.newest.mode_name(mode)
 
     def _close_hold(self, number: int, outcome: Outcome, now: float) -> None:
         data = self._active_alert.closed_hold(

@@ -118,6 +118,7 @@ class Status:
             "current_id": self._calls.current_id,
             "policy": self._calls.policy.name.lower(),
             "held_by": _held_by(self._calls),
+            "mission": _mission(self._calls),
             "switches": self._settings.policy.figures(),
             "shadow": self._settings.statistics.figures(self._calls.shadow),
             "words": self._vision.words.format(),
@@ -174,6 +175,7 @@ class Status:
             "hold_refused": status["hold_refused"],
             "reasons": status["reasons"],
             "held_by": status["held_by"],
+            "mission": status["mission"],
             "latency_ms": status["latency_ms"],
             "judging": status["judging"],
             "open": None if current is None else _open(current),
@@ -212,6 +214,15 @@ def _held_by(calls: OperatorCalls) -> str | None:
     if script is not None:
         return f"script: {script.why}"
     return "companion" if calls.hold is not None and calls.hold.standing else None
+
+
+def _mission(calls: OperatorCalls) -> dict[str, Any] | None:
+    """Return what is known of the mission. over: the vehicle stands after it, and is not held."""
+    report, mission = calls.monitor.newest, calls.monitor.newest.mission
+    if mission is None:
+        return None
+    state = mission.state.name.lower()
+    return {"state": state, "item": mission.item, "total": mission.total, "over": report.mission_over}
 
 
 def _open(current: CallData) -> dict[str, Any]:

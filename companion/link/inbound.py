@@ -16,7 +16,7 @@ _SHORTEST, _LONGEST = 800, 2200
 
 @dataclass(frozen=True)
 class VehicleUpdate:
-    """The autopilot sent a heartbeat, mode or position."""
+    """The autopilot sent a heartbeat, mode, position or news of its mission."""
 
     vehicle: Vehicle
 

@@ -62,6 +62,10 @@ class _Sent:
     hold: int = 0
 
 
+def _is_mavlink_1(message: Any) -> bool:
+    return bool(message.get_msgbuf()[0] == mavlink.PROTOCOL_MARKER_V1)
+
+
 class ModeCommands:
     """Sends mode commands, one at a time: the newest replaces one that waits.
 
@@ -144,11 +148,12 @@ class ModeCommands:
         if message.command not in (mavlink.MAV_CMD_DO_SET_MODE, MODE_REQUEST_COMMAND):
             return None
         by_script = message.command == MODE_REQUEST_COMMAND
-        sent = self._take_sent(message.result_param2 if by_script else 0, now, by_script=by_script)
-        if by_script and message.result == _UNSUPPORTED:
-            self._script = self._script if self.compares else _Script.ABSENT
-        elif by_script:
-            self._script = _Script.HEARD
+        serial = message.result_param2 if by_script else 0
+        sent = self._take_sent(serial, now, by_script=by_script)
+        if by_script and sent is not None:
+            # Our script names the serial number, where MAVLink 1 does not cut it off.
+            ours = message.result != _UNSUPPORTED and (serial or _is_mavlink_1(message))
+            self._script = _Script.HEARD if ours or self.compares else _Script.ABSENT
         if sent is None:
             return None
         if self._hold is not None and sent.serial == self._hold.serial:

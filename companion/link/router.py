@@ -226,9 +226,13 @@ class MessageRouter:
         return None if self._tracker.vehicle is None else VehicleUpdate(self._tracker.vehicle)
 
     def _take_telemetry(self, kind: str, system_id: int, message: Any, now: float) -> InboundEvent | None:
-        if (kind == "GLOBAL_POSITION_INT" and self._tracker.position(system_id, message, now)) or (
-            kind == "CURRENT_MODE" and self._tracker.mode(system_id, message, now)
-        ):
+        changed = {
+            "GLOBAL_POSITION_INT": self._tracker.position,
+            "CURRENT_MODE": self._tracker.mode,
+            "MISSION_CURRENT": self._tracker.mission,
+            "MISSION_ITEM_REACHED": self._tracker.item_reached,
+        }.get(kind)
+        if changed is not None and changed(system_id, message, now):
             pass
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
             for_us = message.target_component in (0, COMPONENT_ID)

@@ -60,6 +60,8 @@ PRIVATE_TELEMETRY = frozenset(
         "SYS_STATUS",
         "RC_CHANNELS",
         "CURRENT_MODE",
+        "MISSION_CURRENT",
+        "MISSION_ITEM_REACHED",
         "COMMAND_ACK",
         "STATUSTEXT",
     }

@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import RcChannels
+from companion.vehicle.mission import Mission, MissionState
 from companion.vehicle.state import Vehicle, is_set
 
 FAILED_LASTS = 5.0
@@ -53,7 +54,7 @@ class RemoteControl:
 
 
 POSITION_LIFETIME = 5.0
-"""s after which a position or attitude is forgotten."""
+"""s after which a position or attitude is forgotten, and the mission's state is not known any more."""
 SETTLE = 2.5
 """s for which the autopilot with the configured id is waited for, before another is adopted."""
 SILENCE = 3.0
@@ -63,6 +64,12 @@ _BACKWARDS = 3000
 """ms that the time since boot must run backwards to show a reboot: messages may overtake each other."""
 _WRAPS = 1 << 31
 """ms that it runs backwards only where its 32 bits are used up, after 49 days."""
+_HEADER = 10
+"""Bytes of a MAVLink 2 frame before its payload."""
+_NO_TOTAL = (0, 65535)
+"""Values of MISSION_CURRENT.total: not reported, and no mission."""
+_MISSION_ID = slice(6, 10)
+"""Bytes of MISSION_CURRENT with the id of the mission's content, which pymavlink does not know yet."""
 
 
 class VehicleTracker:
@@ -95,6 +102,7 @@ class VehicleTracker:
         """Take a heartbeat for which `claims` was True."""
         before = self.vehicle or Vehicle(system_id, 0, 0, armed=False, heard_at=-math.inf)
         self.returns += now - before.heard_at > SILENCE
+        before = _in_mode(before, int(message.custom_mode))
         self.vehicle = replace(
             before,
             autopilot=int(message.autopilot),
@@ -108,7 +116,8 @@ class VehicleTracker:
         """Take CURRENT_MODE; True when it is our vehicle's. It does not count as a sign of life."""
         if self.vehicle is None or self.vehicle.system_id != system_id:
             return False
-        self.vehicle = replace(self.vehicle, custom_mode=int(message.custom_mode), mode_at=now)
+        vehicle = _in_mode(self.vehicle, int(message.custom_mode))
+        self.vehicle = replace(vehicle, custom_mode=int(message.custom_mode), mode_at=now)
         return True
 
     def position(self, system_id: int, message: Any, now: float) -> bool:
@@ -139,6 +148,34 @@ class VehicleTracker:
             roll, pitch, yaw = (round(math.degrees(angle), 2) for angle in angles)
             self.vehicle = replace(self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now)
 
+    def mission(self, system_id: int, message: Any, now: float) -> bool:
+        """Take MISSION_CURRENT; True when it is our vehicle's. What old firmware leaves out is not known."""
+        if self.vehicle is None or system_id != self.vehicle.system_id:
+            return False
+        states = {int(state) for state in MissionState}
+        told = Mission(
+            item=int(message.seq),
+            total=None if message.total in _NO_TOTAL else int(message.total),
+            state=MissionState(message.mission_state if message.mission_state in states else 0),
+            id=_mission_id(bytes(message.get_msgbuf())),
+            at=now,
+        )
+        before = self.vehicle.mission
+        reached = before.reached if before is not None and not told.replaces(before) else None
+        # With an earlier item the mission began anew, or somebody set the item.
+        if before is not None and reached is not None and told.item >= reached:
+            told = replace(told, reached=reached, reached_at=before.reached_at)
+        self.vehicle = replace(self.vehicle, mission=told)
+        return True
+
+    def item_reached(self, system_id: int, message: Any, now: float) -> bool:
+        """Take MISSION_ITEM_REACHED; True when it is our vehicle's, whose current item is known."""
+        if self.vehicle is None or system_id != self.vehicle.system_id or self.vehicle.mission is None:
+            return False
+        reached = replace(self.vehicle.mission, reached=int(message.seq), reached_at=now)
+        self.vehicle = replace(self.vehicle, mission=reached)
+        return True
+
     def time(self, system_id: int, message: Any, now: float) -> None:
         """Take SYSTEM_TIME. An autopilot without the time sends 0 or a year long ago: that is ignored."""
         if not self.is_ours(system_id):
@@ -149,14 +186,18 @@ class VehicleTracker:
             self.vehicle = replace(self.vehicle, clock=seconds - now, clock_at=now)
 
     def tick(self, now: float) -> None:
-        """Forget a position and an attitude that are older than 5 s."""
+        """Forget a position, an attitude and the mission's state that are older than 5 s."""
         vehicle = self.vehicle
         if vehicle is None:
             return
         if vehicle.position is not None and now - (vehicle.position_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = vehicle = replace(vehicle, position=None, speed=None)
         if vehicle.attitude is not None and now - (vehicle.attitude_at or 0.0) > POSITION_LIFETIME:
-            self.vehicle = replace(vehicle, attitude=None)
+            self.vehicle = vehicle = replace(vehicle, attitude=None)
+        mission = vehicle.mission
+        if mission is not None and mission.state and now - mission.at > POSITION_LIFETIME:
+            unknown = replace(mission, fresh=False, state=MissionState.UNKNOWN)
+            self.vehicle = replace(vehicle, mission=unknown)
 
     def _note_uptime(self, message: Any) -> None:
         """Count a reboot where `time_boot_ms`, which many messages carry, has run backwards."""
@@ -173,3 +214,18 @@ class VehicleTracker:
             return False
         self._candidate_at = now
         return now - self._candidate_since >= SETTLE
+
+
+def _in_mode(vehicle: Vehicle, mode: int) -> Vehicle:
+    """Return `vehicle`, whose mission must be reported again before it counts where the mode is a new one."""
+    if vehicle.mission is None or mode == vehicle.custom_mode:
+        return vehicle
+    return replace(vehicle, mission=replace(vehicle.mission, fresh=False, reached=None))
+
+
+def _mission_id(frame: bytes) -> int:
+    """Return the id of the mission's content in a frame of MISSION_CURRENT, 0 where it has none."""
+    if frame[0] == mavlink.PROTOCOL_MARKER_V1:
+        return 0
+    payload = frame[_HEADER : _HEADER + frame[1]]
+    return int.from_bytes(payload[_MISSION_ID].ljust(4, b"\0"), "little")

@@ -87,6 +87,10 @@ class MessageIntervals:
         if self.wants_rc_channels and now - self._remote_control.health_at > HEALTH_SILENCE:
             period = MESSAGES["rc health"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_SYS_STATUS, period, HEALTH_PATIENCE, now)
+        period = MESSAGES["mission"].period or 0.0
+        if vehicle.mission is None or now - vehicle.mission.at > _MISSED * period:
+            patience = MESSAGES["interval"].period or 0.0
+            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, period, patience, now)
 
     def _ask(self, vehicle: Vehicle, message_id: int, period: float, patience: float, now: float) -> None:
         if now - self._asked_at.get(message_id, -math.inf) >= patience:

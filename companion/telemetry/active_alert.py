@@ -72,6 +72,7 @@ class ActiveAlert:
             calls.call is not None and (calls.call.state, calls.call.seen is None),
             calls.go_at is not None,
             calls.hold is not None and calls.hold.seen is None,
+            calls.holding.mission_ended,
             words_hash(words),
             picture,
             tuple(silent),

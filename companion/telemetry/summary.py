@@ -172,6 +172,8 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
         return texts.hold_failed(kind, number)
     if Reason.FAULT in reasons:
         return texts.fault(number, fault_name(newest, silent), kind)
+    if stage is Stage.CLEAR and calls.hold is not None and calls.holding.mission_ended:
+        return texts.mission_over(kind, number, calls.monitor.newest.mode_name(calls.hold.mode_before))
     if stage is Stage.CLEAR:
         return texts.clear(kind, number)
     call = calls.call

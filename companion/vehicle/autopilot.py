@@ -14,6 +14,7 @@ class Autopilot:
     """Describes one kind of autopilot. Modes are values of HEARTBEAT.custom_mode.
 
     holdable: modes in which it drives by itself. The companion may hold only out of these.
+    mission_modes: those of them that drive a mission. first_item: the number of its first item.
     hold_mode: the mode that holds. command: parameters of MAV_CMD_DO_SET_MODE for a mode.
     names: mode -> its name for people.
     loses_target: modes that forget their target in a hold; the operator must send it again.
@@ -34,6 +35,8 @@ class Autopilot:
     rest_mode: int
     command: Callable[[int], ModeCommand]
     names: Mapping[int, str] = field(hash=False)
+    mission_modes: frozenset[int] = frozenset()
+    first_item: int = 0
     loses_target: frozenset[int] = frozenset()
     streamed: frozenset[int] = frozenset()
     booting: frozenset[int] = frozenset()

@@ -38,6 +38,7 @@ LOITERING = Autopilot(
     hold_mode=LOITER,
     rest_mode=LOITER,
     command=_command,
+    mission_modes=frozenset({MISSION}),
     streamed=frozenset({OFFBOARD}),
     by_itself=frozenset({_RTL, _LAND}),
     lead=0.7,

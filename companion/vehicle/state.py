@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from anytraverse.history import Place
+from companion.vehicle.mission import Mission
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Vehicle:
     clock: the autopilot's time at second 0 of the link's clock, in seconds since 1970; None where it has no
     time.
     reboots: how often its time since boot has run backwards.
+    mission: its newest report, None before the first.
     """
 
     system_id: int
@@ -38,6 +40,7 @@ class Vehicle:
     clock: float | None = None
     clock_at: float | None = None
     reboots: int = 0
+    mission: Mission | None = None
 
 
 MOVES = 0.2
@@ -93,6 +96,17 @@ class VehiclePosition:
     def _autopilot_time(self) -> float | None:
         vehicle = self._newest()
         return None if vehicle is None or vehicle.clock is None else vehicle.clock + time.monotonic()
+
+
+SPEED_LASTS = 2.0
+"""s after which a reported speed says no more that a vehicle stands."""
+
+
+def stands(vehicle: Vehicle, now: float) -> bool:
+    """Whether the vehicle is known to stand. now: seconds of the link's clock."""
+    if vehicle.speed is None or vehicle.position_at is None or now - vehicle.position_at > SPEED_LASTS:
+        return False
+    return vehicle.speed < MOVES
 
 
 def is_moving(vehicle: Vehicle | None, *, drives_itself: bool) -> bool:

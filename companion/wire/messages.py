@@ -83,6 +83,8 @@ _ROWS: tuple[_Row, ...] = (
     ("rc",          "RC_CHANNELS",         "off switch",        IN,   0.2,  54,  None, None,  "old in 3 s"),
     ("rc health",   "SYS_STATUS",          "transmitter lost",  IN,   1.0,  55,  None, None,  "old in 5 s"),
     ("current mode", "CURRENT_MODE",        "PX4 mode, sooner",  IN,   0.2,  21,  None, None,  "heartbeat"),
+    ("mission",     "MISSION_CURRENT",     "complete, item",    IN,   1.0,  30,  None, None,  "old in 5 s"),
+    ("item reached", "MISSION_ITEM_REACHED", "the last item",   IN,   None, 14,  None, None,  "lost"),
     ("script text", "STATUSTEXT",          "the script's hold", IN,   10.0, 63,  None, None,  "next one"),
     ("mode ack",    "COMMAND_ACK",         "mode taken or not", IN,   None, 22,  None, None,  "next one"),
 )

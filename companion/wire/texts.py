@@ -147,13 +147,33 @@ def hold_failed(kind: Kind, number: int) -> str:
 
 
 def resumed(kind: Kind, number: int, mode: str) -> str:
-    """Reports that the mode from before the hold is in force again."""
+    """Reports that the mode from before the hold is in force again. A loiter item begins anew with it."""
     return fit(f"{name(kind, number)} resumed {mode}")
 
 
 def resume_failed(kind: Kind, number: int) -> str:
     """Reports that the autopilot did not accept the mode from before the hold. Severity ALERT."""
     return fit(f"{name(kind, number)} RESUME FAILED: set the mode by hand")
+
+
+def mission_over(kind: Kind, number: int, mode: str) -> str:
+    """Refuses a resume, since the mission is over and would begin anew. mode: a human may set it."""
+    return fit(f"{name(kind, number)} mission over, no resume: {mode} by hand")
+
+
+def not_held(call: int) -> str:
+    """Reports that a rover that stands after its mission is not held for this call."""
+    return fit(f"C{call} mission complete: rover stands, not held")
+
+
+def mission_moved(kind: Kind, number: int, item: int) -> str:
+    """Reports that the mission's current item was changed during the hold, and which one it is now."""
+    return fit(f"{name(kind, number)} goes on with item {item}, set in the hold")
+
+
+def mission_replaced(kind: Kind, number: int, item: int) -> str:
+    """Reports that there is another mission than before the hold. item: its current one."""
+    return fit(f"{name(kind, number)} goes on with a new mission, item {item}")
 
 
 def send_target_again() -> str:

@@ -36,7 +36,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     server = FieldServer(
         world,
         camera,
-        Options(args.seed, args.fps, args.speed, args.autostart, args.duration, args.script, args.autopilot),
+        Options(
+            args.seed,
+            args.fps,
+            args.speed,
+            args.autostart,
+            args.duration,
+            args.script,
+            args.autopilot,
+            args.mission,
+        ),
     )
     if server.no_script:
         print(f"the script on the autopilot is not running: {server.no_script}", file=sys.stderr)
@@ -69,6 +78,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--height", type=_between(int, 48, 1080), default=240, help="pixels (default 240)")
     parser.add_argument(
         "--autopilot", choices=list(AUTOPILOTS), default="ardupilot", help="whose rover (default ardupilot)"
+    )
+    parser.add_argument(
+        "--mission",
+        type=_between(float, 1, 1e6),
+        help="m of the trail after which the mission is complete (default: it goes round)",
     )
     parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
     parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")

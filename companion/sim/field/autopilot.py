@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field import telemetry
 from companion.sim.field.commands import Commands
+from companion.sim.field.mission import Mission
 from companion.sim.field.modes import Mode
 from companion.sim.field.parameters import ARDUPILOT, Parameter, Parameters, Row
 from companion.sim.field.router import Port, Router
@@ -37,6 +38,8 @@ ARMS_AGAIN = 5.0
 """s after which it tries again to arm itself."""
 _POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
 _POSITION_RATES = {Port.GCS: "MAV1_POSITION", Port.COMPANION: "MAV2_POSITION"}
+MISSION_CURRENT = int(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
+MISSION_PERIOD = 1.0
 LOGGED_MODES = 200
 HAND = "hand"
 BY_ITSELF = "autopilot"
@@ -64,6 +67,8 @@ class Autopilot:
     modes: ClassVar[type[enum.IntEnum]] = Mode
     boots_in: ClassVar[enum.IntEnum] = Mode.HOLD
     mission: ClassVar[enum.IntEnum] = Mode.AUTO
+    first_item: ClassVar[int] = 1
+    """Number of a mission's first item: ArduPilot's item 0 is the home position."""
     parameter_table: ClassVar[Sequence[Row]] = ARDUPILOT
     speeds: ClassVar[tuple[str, ...]] = ("WP_SPEED", "CRUISE_SPEED")
     """Names of the speed parameters. The first that is not 0 counts; the constructor sets the last."""
@@ -75,6 +80,7 @@ class Autopilot:
         self.mode = self.boots_in
         self.mode_by = ""
         self.armed = False
+        self.tour = Mission(rover, self.first_item)
         self.script: Scripting | None = None
         self.obstacles_at: float | None = None
         self.mode_log: deque[ModeChange] = deque(maxlen=LOGGED_MODES)
@@ -119,6 +125,8 @@ class Autopilot:
             self.script.poll()
         if self.rover.time >= self._arms_itself_at:
             self._arms_itself_at = math.inf if self.arm(on=True) else self.rover.time + ARMS_AGAIN
+        if self.armed and self.mode is self.mission:
+            self._drive_mission()
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + telemetry.HEARTBEAT_PERIOD
             self._send_heartbeat()
@@ -148,6 +156,8 @@ class Autopilot:
         mode = self.find_mode(int(initial.value), 0) if initial is not None else None
         self.set_mode(self.boots_in if mode is None else mode, BY_ITSELF)
         self.mode_by = BY_ITSELF
+        if self.tour.complete:
+            self.tour.begin_anew()
         self.router = Router(SYSTEM, COMPONENT)
         self.streams = self._booted_streams()
         self._listing = {port: deque() for port in Port}
@@ -176,7 +186,7 @@ class Autopilot:
     def set_mode(self, mode: enum.IntEnum, by: str) -> None:
         """Enters `mode` and reports the change on both ports. by: who set it, for the mode log."""
         if mode is self.mission and self.mode is not self.mission and self.restarts_mission():
-            self.rover.restart_mission()
+            self.tour.begin_anew()
         changed = mode is not self.mode
         self.mode = mode
         self._apply()
@@ -215,8 +225,17 @@ class Autopilot:
         return True
 
     def restarts_mission(self) -> bool:
-        """Whether the mission starts over each time its mode is entered."""
-        return bool(self.parameters["MIS_RESTART"])
+        """Whether the mission starts over as its mode is entered; a complete one does so in any case."""
+        return bool(self.parameters["MIS_RESTART"]) or self.tour.complete
+
+    def mission_state(self) -> int:
+        """MISSION_STATE. ArduPilot calls a mission not started whenever it does not drive it."""
+        active = self.mode is self.mission and not self.tour.complete
+        return int(mavlink.MISSION_STATE_ACTIVE) if active else self.tour.state
+
+    def mission_completed(self) -> None:
+        """Called while the last item is reached: ArduPilot stays in its mode and stands."""
+        self._apply()
 
     def results(self, _command: int, result: int) -> list[int]:
         """Returns the results of the acknowledgements that a command gets, in order."""
@@ -224,7 +243,8 @@ class Autopilot:
 
     def periods(self) -> dict[int, float]:
         """Returns each message id that can be streamed with its default period in s; inf: only on request."""
-        return {number: period for number, (_, period) in telemetry.MESSAGES.items()}
+        known = {number: period for number, (_, period) in telemetry.MESSAGES.items()}
+        return {**known, MISSION_CURRENT: MISSION_PERIOD}
 
     def _booted_streams(self) -> dict[Port, telemetry.Streams]:
         """Returns each port's streams as after a boot: a parameter says how often a position comes."""
@@ -238,6 +258,8 @@ class Autopilot:
 
     def message(self, number: int) -> Any:
         """Makes the message of one of the ids of `periods` with its values now; None for other ids."""
+        if number == MISSION_CURRENT:
+            return self.tour.current(self.mission_state(), in_mode=self.mode is self.mission)
         known = telemetry.MESSAGES.get(number)
         return None if known is None else known[0](self.rover)
 
@@ -246,7 +268,16 @@ class Autopilot:
 
     def drives(self) -> Drive:
         """Returns what the mode makes the motors of an armed rover do."""
+        if self.tour.complete and self.mode is self.mission:
+            return Drive.HOLD
         return {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND}.get(Mode(self.mode), Drive.HOLD)
+
+    def _drive_mission(self) -> None:
+        for reached in self.tour.advance():
+            for port in Port:
+                self.send(port, reached)
+        if self.tour.complete:
+            self.mission_completed()
 
     def _mode_changed(self) -> None:
         """Called when mode or arming has changed: ArduPilot sends a heartbeat at once."""

@@ -61,6 +61,7 @@ class Px4(Autopilot):
     modes: ClassVar[type[enum.IntEnum]] = Mode
     boots_in: ClassVar[enum.IntEnum] = Mode.LOITER
     mission: ClassVar[enum.IntEnum] = Mode.MISSION
+    first_item: ClassVar[int] = 0
     parameter_table: ClassVar[Sequence[Row]] = PARAMETERS
     speeds: ClassVar[tuple[str, ...]] = ("RO_SPEED_LIM",)
 
@@ -103,6 +104,17 @@ class Px4(Autopilot):
 
     def restarts_mission(self) -> bool:
         return False
+
+    def mission_state(self) -> int:
+        if self.tour.complete:
+            return self.tour.state
+        if self.mode is self.mission:
+            return int(mavlink.MISSION_STATE_ACTIVE)
+        return int(mavlink.MISSION_STATE_PAUSED) if self.tour.started else self.tour.state
+
+    def mission_completed(self) -> None:
+        """Goes to LOITER, as PX4 does by itself; it does so again when MISSION is set after that."""
+        self.set_mode(Mode.LOITER, BY_ITSELF)
 
     def results(self, command: int, result: int) -> list[int]:
         """Returns two results that contradict each other for a mode command, in alternating order.

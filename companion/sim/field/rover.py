@@ -124,6 +124,16 @@ class Rover:
         """Number of whole rounds of the trail driven so far, never negative."""
         return max(0, int(self._progress // self._trail.length))
 
+    @property
+    def lap(self) -> float:
+        """Metres of a round of the trail."""
+        return self._trail.length
+
+    @property
+    def progress(self) -> float:
+        """Metres along the trail since the mission began; negative behind its start."""
+        return self._progress
+
     def restart_mission(self) -> None:
         """Drives straight to the start of the trail, then along it from there; the laps count from 0."""
         self._rejoining = True

@@ -41,7 +41,8 @@ class Renders(Protocol):
 class Options:
     """How the field runs. `fps`: of the camera. `speed`: m/s. `duration`: s, None: until it is stopped.
 
-    `script`: whether the autopilot runs the shipped script. `autopilot`: a key of `AUTOPILOTS`.
+    `script`: whether the autopilot runs the shipped script. `autopilot`: a key of `AUTOPILOTS`. `mission`: m
+    of the trail after which the mission is complete; None: it goes round.
     """
 
     seed: int = 1
@@ -51,6 +52,7 @@ class Options:
     duration: float | None = None
     script: bool = True
     autopilot: str = "ardupilot"
+    mission: float | None = None
 
 
 class FieldServer:
@@ -65,7 +67,11 @@ class FieldServer:
         self._drawn = 0
         self._ports = {port: UdpPort() for port in Port}
         self._simulation = Simulation(
-            world, self._send, cruise_speed=options.speed, autopilot=AUTOPILOTS[options.autopilot]
+            world,
+            self._send,
+            cruise_speed=options.speed,
+            autopilot=AUTOPILOTS[options.autopilot],
+            mission=options.mission,
         )
         self.no_script = "--no-script"
         if options.autopilot == "px4":

@@ -35,11 +35,14 @@ class Simulation:
         *,
         cruise_speed: float = 2.5,
         autopilot: type[Autopilot] = Autopilot,
+        mission: float | None = None,
     ) -> None:
+        """mission: m of the trail after which the mission is complete; None: it goes round."""
         self.world = world
         self.lock = threading.Lock()
         self.rover = Rover(world.trail, cruise_speed=cruise_speed)
         self.autopilot = autopilot(self.rover, send)
+        self.autopilot.tour.length = mission
         self.contacts: deque[dict[str, Any]] = deque(maxlen=MAX_CONTACTS)
         self._touching: set[str] = set()
         self._places: dict[tuple[str, float, float], tuple[float, float]] = {}
@@ -85,6 +88,7 @@ class Simulation:
             "speed": rover.speed,
             "mode": autopilot.mode.name,
             "armed": autopilot.armed,
+            "mission_complete": autopilot.tour.complete,
             "laps": rover.laps,
             "distance": rover.distance,
             "standstill": round(rover.standstill, 3),

@@ -27,6 +27,7 @@ from companion.calls.policy import PolicyState
 from companion.calls.snapshot import restore, snapshot
 from companion.vehicle import Autopilot as KnownAutopilot
 from companion.vehicle import ardupilot
+from companion.vehicle.mission import Mission
 from companion.wire.ids import Motion, Outcome, Policy, Result
 
 HEIGHT, WIDTH = 40, 60
@@ -166,6 +167,8 @@ class Autopilot:
     silent: bool = False
     travelled: float | None = None
     reboots: int = 0
+    mission: Mission | None = None
+    stands: bool = False
     kind: KnownAutopilot | None = ardupilot.ROVER
     told: tuple[int, bool] | None = None
     beat_at: float = -1.0
@@ -280,6 +283,8 @@ class Scene:
             pilot.delay,
             pilot.compares,
             pilot.reboots,
+            pilot.mission,
+            pilot.stands,
         )
         self.keep(self.calls.vehicle_reported(report, self.now))
 

@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call, CallState
+from companion.calls.held_mission import HeldMission
 from companion.calls.hold import Hold, HoldEvent, HoldState
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore, snapshot
+from companion.vehicle.mission import Mission, MissionState
 from companion.wire.ids import Outcome, Policy, Stage, State
 from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, LOG, MANUAL, Scene
 
@@ -41,6 +43,12 @@ def states(draw: st.DrawFn) -> OperatorCalls:
     if draw(st.booleans()):
         mode, state = draw(st.sampled_from([AUTO, GUIDED, 0x04040000])), draw(st.sampled_from(HoldState))
         hold = Hold(number, HOLD, mode, 1.0, state, only_fault=draw(st.booleans()))
+        item, total = draw(st.integers(0, 0xFFFF)), draw(st.none() | st.integers(1, 0xFFFE))
+        mission = Mission(
+            item, total, draw(st.sampled_from(MissionState)), draw(st.integers(0, 2**32 - 1)), 1.0
+        )
+        settled, ended = draw(st.booleans()), draw(st.booleans())
+        hold.interrupted = HeldMission(draw(st.sampled_from([None, mission])), None, settled, ended)
     calls.restore(draw(IDS), call, hold, draw(st.none() | st.sampled_from([AUTO, HOLD, MANUAL])))
     return calls
 

@@ -34,6 +34,7 @@ from companion.wire import notices
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
 from companion.wire.ids import (
     COMPONENT_ID,
+    MODE_REQUEST_COMMAND,
     TUNNEL_ACKNOWLEDGEMENT,
     TUNNEL_ANSWER,
     Motion,
@@ -276,9 +277,14 @@ class Rig:
             self.writer.drain()
         stage.collect(stage.now)
         for frame in stage.frames[before:]:
-            if frame.message.get_type() == "COMMAND_LONG" and frame.message.command == 176:
+            if frame.message.get_type() != "COMMAND_LONG":
+                continue
+            if frame.message.command == 176:
                 stage.mode = int(frame.message.param2)
                 stage._heartbeat_at = stage.now
+            if frame.message.command == MODE_REQUEST_COMMAND:  # no script runs on it
+                answer = mavlink.MAVLink_command_ack_message(MODE_REQUEST_COMMAND, 3, 0, 0, 1, COMPONENT_ID)
+                stage.send(answer, (1, 1))
 
 
 MakeRig = Callable[..., Rig]

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
+from companion.sim.field.autopilot import Autopilot
 from companion.sim.field.px4 import Mode, Px4
 from companion.sim.field.router import Parser, Port
 from companion.sim.field.rover import Rover
@@ -23,19 +24,31 @@ STEP = 0.02
 
 
 class Px4Rig(Rig):
-    """A rig whose autopilot is the field's: it drives in MISSION."""
+    """A rig whose autopilot is the field's: it drives in MISSION, or as `kind` calls that.
 
-    def __init__(self, folder: Path, clock: Clock, px4_hold: str, config: Config) -> None:
+    mission: m of the trail after which the mission is complete; None: it goes round.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        clock: Clock,
+        px4_hold: str,
+        config: Config,
+        kind: type[Autopilot] = Px4,
+        mission: float | None = None,
+    ) -> None:
         self.px4_hold = px4_hold
         self.config = config
         self.rover = Rover(TRAIL)
-        self.px4 = Px4(self.rover, self._from_px4)
+        self.px4 = kind(self.rover, self._from_px4)
+        self.px4.tour.length = mission
         self.to_ground: list[Any] = []
         self._obeyed = 0
         self._stepped_at = clock.now
         super().__init__(folder, clock)
         self.px4.arm(on=True)
-        self.px4.set_mode(Mode.MISSION, "hand")
+        self.px4.set_mode(self.px4.mission, "hand")
 
     def start(self, *, mode: int = 0, forget_frame: bool = False) -> None:
         super().start(mode=mode, forget_frame=forget_frame)

@@ -61,6 +61,7 @@ def place(rig: Rig) -> None:
         mavlink.MAVLink_global_position_int_message(0, 470000000, 80000000, 0, 0, 0, 0, 0, 9000), (1, 1)
     )
     rig.stage.send(mavlink.MAVLink_attitude_message(0, 0.1, -0.05, 1.5, 0.0, 0.0, 0.0), (1, 1))
+    rig.stage.send(mavlink.MAVLink_mission_current_message(3, 8, 3, 1), (1, 1))
 
 
 def test_the_state_tells_what_counts_in_two_thousand_bytes(make_rig: MakeRig) -> None:
@@ -168,6 +169,7 @@ def test_the_protocols_page_names_every_key_of_the_documents(make_rig: MakeRig) 
         state["link"],
         state["computer"],
         state["judging"],
+        state["mission"],
         call["place"],
         *call["answers"],
     ]

@@ -17,6 +17,7 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "connection": st.from_regex(r"[a-z][a-z0-9_-]{0,11}", fullmatch=True),
     "call": NUMBER,
     "number": NUMBER,
+    "item": NUMBER,
     "kind": st.sampled_from(Kind),
     "outcome": st.sampled_from(Outcome),
     "value": st.sampled_from(Policy),

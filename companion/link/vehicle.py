@@ -119,6 +119,7 @@ class VehicleTracker:
             self.vehicle,
             position=(message.lat / 1e7, message.lon / 1e7, heading),
             speed=math.hypot(message.vx, message.vy) / 100,
+            course=_course(message.vx, message.vy),
             position_at=now,
         )
         return True
@@ -144,7 +145,7 @@ class VehicleTracker:
         if vehicle is None:
             return
         if vehicle.position is not None and now - (vehicle.position_at or 0.0) > POSITION_LIFETIME:
-            self.vehicle = vehicle = replace(vehicle, position=None, speed=None)
+            self.vehicle = vehicle = replace(vehicle, position=None, speed=None, course=None)
         if vehicle.attitude is not None and now - (vehicle.attitude_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = replace(vehicle, attitude=None)
 
@@ -157,3 +158,8 @@ class VehicleTracker:
             return False
         self._candidate_at = now
         return now - self._candidate_since >= SETTLE
+
+
+def _course(north: int, east: int) -> float | None:
+    """Return the direction of a velocity in degrees clockwise from north, None where it is 0."""
+    return math.degrees(math.atan2(east, north)) % 360 if north or east else None

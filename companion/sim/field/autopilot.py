@@ -132,6 +132,7 @@ class Autopilot:
         """
         self._boots_until = self.rover.time + seconds
         self.armed = False
+        self.rover.reversed = False
         self.set_mode(self.boots_in, BY_ITSELF)
         self.router = Router(SYSTEM, COMPONENT)
         self.streams = {port: telemetry.Streams(self.periods()) for port in Port}
@@ -169,6 +170,11 @@ class Autopilot:
             self.mode_by = by
             self.mode_log.append(ModeChange(self.rover.time, mode, by))
             self._mode_changed()
+
+    def set_reverse(self, *, on: bool) -> bool:
+        """Makes its missions drive backwards, or forwards again, until told otherwise. False: it cannot."""
+        self.rover.reversed = on
+        return True
 
     def arm(self, *, on: bool) -> bool:
         """Arms or disarms. Returns False when the script forbids arming; ARMING_CHECK 0 ignores it."""

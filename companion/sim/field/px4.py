@@ -104,6 +104,9 @@ class Px4(Autopilot):
     def restarts_mission(self) -> bool:
         return False
 
+    def set_reverse(self, *, on: bool) -> bool:  # noqa: ARG002 - there is no such command
+        return False
+
     def results(self, command: int, result: int) -> list[int]:
         """Returns two results that contradict each other for a mode command, in alternating order.
 

@@ -24,7 +24,7 @@ from bench.faults.stages import (
 )
 from bench.stopping.faults import SILENCE, UNHEARD
 from bench.stopping.humans import READ
-from bench.stopping.runs import FAST, SLOW, Job
+from bench.stopping.runs import FAST, SLOW, Job, reversing
 from bench.stopping.stage import READY_WITHIN, RETURN_WITHIN, Plan, Stage
 from companion.sim.demo.child import Child
 from companion.wire.ids import State
@@ -199,6 +199,20 @@ def _reboot_while_driving(stage: Stage, random: Random) -> Seen:
         return Seen(wrong, None, returned, f"says: autopilot silent; {saw}")
 
 
+def _reversed(stage: Stage, random: Random) -> Seen:
+    """Reverses the mission while the rover drives, and lets it drive on forward."""
+    with follows():
+        stop = reversing(stage, random)
+        if not stop.stands:
+            return Seen("not stopped", stop.hold)
+        if stop.returned is None:
+            return Seen(_NOT_WELL, stop.hold)
+        wait_for_mode(stage, "AUTO")
+        log = (stage.out / "daemon.log").read_text(encoding="utf-8")
+        said = ", ".join(dict.fromkeys(re.findall(r"fault: (.+)", log)))
+        return Seen("", stop.hold, stop.returned, f"held by {stop.by} until a go, says: {said}")
+
+
 def _px4(job: Job, random: Random) -> Plan:
     return replace(job.plan(random), speed=_PX4_SPEED, autopilot="px4", script=False)
 
@@ -293,6 +307,14 @@ ROWS = (
         repeated(5, Job.plan, _reboot_while_driving),
         None,
         RETURN_WITHIN,
+    ),
+    Row(
+        "drives backwards in AUTO",
+        "DO_SET_REVERSE while it drives at 0.6 to 1.5 m/s; undone when it stands, and a go",
+        "fault, hold; nothing resumes without a go",
+        repeated(5, Job.plan, _reversed),
+        HOLD_WITHIN,
+        BACK_WITHIN,
     ),
     Row(
         "companion dead on PX4",

@@ -255,6 +255,10 @@ class Stage:
         self.ground.reverse(on=True)
         self.wait("driving backwards", lambda: bool(self.status()["speed"] < -BACKWARDS), DRIVING_WITHIN)
         stop = self.measure(lambda: None)
+        if not stop.stands:
+            return stop
+        if "fault: drives backwards" not in (self.out / "daemon.log").read_text(encoding="utf-8"):
+            raise Disturbed("it was held for something else")
         self.wait("the id of its hold", lambda: bool(self.read_status().get("current_id")), READY_WITHIN)
         self.ground.reverse(on=False)
         answered = time.monotonic()

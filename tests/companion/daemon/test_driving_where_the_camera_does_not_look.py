@@ -184,6 +184,8 @@ def test_a_human_s_auto_accepts_it_for_twenty_seconds(rig: Rig) -> None:
     drive.on(5.0, -2.0)
     by_hand(rig, AUTO)
     drive.on(18.0, 0.0)
+    assert rig.state == ("OK", 0)
+    assert not any(text.startswith("Holds again") for text in rig.texts), "nothing stands that could hold"
     drive.on(1.5, -2.0)
     assert rig.stage.mode == AUTO
     drive.on(2.0, -2.0)

@@ -252,6 +252,8 @@ class Stage:
 
         Nothing but an answer ends that fault: a go is given, and the time until all is well counts from it.
         """
+        if self.read_status().get("policy") != self.plan.policy:
+            raise Disturbed(f"it may not hold: {self.read_status().get('hold_refused')}")
         self.ground.reverse(on=True)
         self.wait("driving backwards", lambda: bool(self.status()["speed"] < -BACKWARDS), DRIVING_WITHIN)
         stop = self.measure(lambda: None)

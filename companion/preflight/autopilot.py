@@ -19,7 +19,7 @@ from companion.config.link_settings import LinkError, read_url
 from companion.link.connection import Connection
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import check_installed, open_transport
-from companion.preflight.course import CourseListener
+from companion.preflight.course_listener import CourseListener
 from companion.preflight.interview import (
     HEARD_WITHIN,
     NAMES,

@@ -2,41 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-from companion.link.vehicle import VehicleTracker
+from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, passed, skipped, warned
-from companion.vehicle.course import unknown
-
-if TYPE_CHECKING:
-    from companion.preflight.rover import Rover
 
 CHECK = "course"
 _REMEDY = {
     "position": "no position with a fix is heard: test outdoors, and stream GLOBAL_POSITION_INT here at 2 Hz",
     "heading": "no heading is heard: calibrate the compass, or stream ATTITUDE here",
 }
-
-
-class CourseListener:
-    """Takes an autopilot's messages. missing: what was never known so far, as of `unknown`."""
-
-    def __init__(self, system_id: int) -> None:
-        self._tracker = VehicleTracker(system_id)
-        self.missing = unknown(None, 0.0)
-
-    def hear(self, message: Any, now: float) -> None:
-        """Take a message of the autopilot."""
-        tracker, system = self._tracker, message.get_srcSystem()
-        match message.get_type():
-            case "HEARTBEAT":
-                tracker.heartbeat(system, message, now)
-            case "GLOBAL_POSITION_INT":
-                tracker.position(system, message, now)
-            case "ATTITUDE":
-                tracker.attitude(system, message, now)
-        if self.missing:
-            self.missing = unknown(tracker.vehicle, now)
 
 
 def check_course(rover: Rover) -> list[Finding]:

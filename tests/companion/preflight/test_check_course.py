@@ -11,7 +11,8 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.config import load_config
 from companion.link.parser import Parser
 from companion.preflight.autopilot import Asked
-from companion.preflight.course import CourseListener, check_course
+from companion.preflight.course import check_course
+from companion.preflight.course_listener import CourseListener
 from companion.preflight.rover import Rover
 
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3)

@@ -24,7 +24,7 @@ from bench.faults.stages import (
 )
 from bench.stopping.faults import SILENCE, UNHEARD
 from bench.stopping.humans import READ
-from bench.stopping.runs import FAST, SLOW, Job
+from bench.stopping.runs import FAST, SLOW, Job, reversing
 from bench.stopping.stage import READY_WITHIN, RETURN_WITHIN, Plan, Stage
 from companion.sim.demo.child import Child
 from companion.wire.ids import State
@@ -245,6 +245,16 @@ def _reboot_into_auto(stage: Stage, random: Random) -> Seen:
         return Seen("", hold, returned, f"held by {by} until a go")
 
 
+def _reversed(stage: Stage, random: Random) -> Seen:
+    """Reverses the mission while the rover drives, and lets it drive on forward."""
+    stop = reversing(stage, random)
+    if not stop.stands or stop.returned is None:
+        return Seen(_NOT_WELL if stop.stands else "not stopped", stop.hold)
+    with follows():
+        wait_for_mode(stage, "AUTO")
+    return Seen("", stop.hold, stop.returned, f"held by {stop.by} until a go, says: drives backwards")
+
+
 def _px4(job: Job, random: Random) -> Plan:
     return replace(job.plan(random), speed=_PX4_SPEED, autopilot="px4", script=False)
 
@@ -346,6 +356,14 @@ ROWS = (
         "later; by turns it has no script, and the companion is dead with ATS_NEED 1",
         "it is held as soon as it is armed: by the companion until a go, by the script where that is dead",
         repeated(6, _with_us_or_the_script, _reboot_into_auto),
+        HOLD_WITHIN,
+        BACK_WITHIN,
+    ),
+    Row(
+        "drives backwards in AUTO",
+        "DO_SET_REVERSE while it drives at 0.6 to 1.5 m/s; undone when it stands, and a go",
+        "fault, hold; nothing resumes without a go",
+        repeated(5, Job.plan, _reversed),
         HOLD_WITHIN,
         BACK_WITHIN,
     ),

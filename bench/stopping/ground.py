@@ -43,6 +43,12 @@ class Ground:
         """Sets the weight of one of the companion's words."""
         self.set_parameter(f"AT_W_{word}", weight)
 
+    def reverse(self, *, on: bool) -> None:
+        """Makes the rover's mission drive backwards, or forwards again."""
+        params = (float(on), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        command = int(mavlink.MAV_CMD_DO_SET_REVERSE)
+        self._send(mavlink.MAVLink_command_long_message(ROVER, AUTOPILOT, command, 0, *params))
+
     def go(self, number: int) -> None:
         """Answers go to the call or hold of this id."""
         params = (float(number), float(Motion.GO), 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -126,6 +126,25 @@ def one_fault(stage: Stage, fault: Fault, random: Random) -> Stop:
     return replace(stop, returned=returned, stands=stop.stands and stage.status()["mode"] == "HOLD")
 
 
+def backwards(job: Job) -> Iterator[Run]:
+    """Reverses the mission while the rover drives."""
+
+    def run(random: Random) -> Run:
+        with job.stage(job.plan(random)) as stage:
+            stop = reversing(stage, random)
+            return Run("reversing", job.seed, _verdict(stop), stop)
+
+    yield _retried(job, "reversing", run)
+
+
+def reversing(stage: Stage, random: Random) -> Stop:
+    """Drives, and then backwards."""
+    stage.set_speed(random.uniform(SLOW, FAST))
+    stage.wait_until_well()
+    stage.drive(random.uniform(0.0, 1.5))
+    return stage.measure_reversed()
+
+
 def pressed(job: Job) -> Iterator[Run]:
     """Disturbs a healthy companion, which must drive on until its camera fails."""
     for kind, pressure in PRESSURES.items():
@@ -263,6 +282,7 @@ GROUPS: Mapping[str, Callable[[Job], Iterator[Run]]] = {
     "blind": blind,
     "dead": dead,
     "broken": broken,
+    "backwards": backwards,
     "pressed": pressed,
     "human": human,
     "alien": alien,

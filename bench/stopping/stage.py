@@ -31,6 +31,7 @@ from companion.sim.field.control import FieldControl
 from companion.sim.field.rover import STANDSTILL
 from companion.sim.field.server import AUTOPILOTS
 from companion.system.atomic_write import write_atomically
+from companion.vehicle.course import BACKWARDS
 
 READY_WITHIN = 60.0
 DRIVING_WITHIN = 40.0
@@ -229,10 +230,12 @@ class Stage:
             raise Disturbed(f"it stood already: {before['mode_log'][-1]}")
         taken_at, begun = self.camera.taken_at, time.monotonic()
         fault()
-        limit = Limit(max(self.freshness, noticed), script_timeout(), before["speed"])
+        # One that has begun to drive backwards still gathers speed.
+        speed = before["speed"] if before["speed"] > 0.0 else self.speed
+        limit = Limit(max(self.freshness, noticed), script_timeout(), speed)
         until = before["t"] + limit.seconds + BEYOND
         after = self.status()
-        while after["speed"] > STANDSTILL and after["t"] < until:
+        while abs(after["speed"]) > STANDSTILL and after["t"] < until:
             if self._cancelled.is_set():
                 raise KeyboardInterrupt
             time.sleep(LOOK)
@@ -245,7 +248,27 @@ class Stage:
         else:
             last_ok, ordered = taken_at, min(changed_at, self.wire.ordered(begun) or math.inf)
         hold = ordered - last_ok if last_ok is not None and ordered < math.inf else None
-        return replace(stop, hold=hold, gap=self.wire.longest_gap(begun, time.monotonic()))
+        return replace(stop, hold=hold, speed=speed, gap=self.wire.longest_gap(begun, time.monotonic()))
+
+    def measure_reversed(self) -> Stop:
+        """Reverses the mission, measures the stop from where it drives backwards, and lets it drive forward.
+
+        Nothing but an answer ends that fault: a go is given, and the time until all is well counts from it.
+        """
+        if self.read_status().get("policy") != self.plan.policy:
+            raise Disturbed(f"it may not hold: {self.read_status().get('hold_refused')}")
+        self.ground.reverse(on=True)
+        self.wait("driving backwards", lambda: bool(self.status()["speed"] < -BACKWARDS), DRIVING_WITHIN)
+        stop = self.measure(lambda: None)
+        if not stop.stands:
+            return stop
+        if "fault: drives backwards" not in (self.out / "daemon.log").read_text(encoding="utf-8"):
+            raise Disturbed("it was held for something else")
+        self.wait("the id of its hold", lambda: bool(self.read_status().get("current_id")), READY_WITHIN)
+        self.ground.reverse(on=False)
+        answered = time.monotonic()
+        self.ground.go(int(self.read_status()["current_id"]))
+        return replace(stop, returned=self.returned(answered))
 
     def returned(self, since: float) -> float | None:
         """Returns s from `since` until the companion reported itself well again; None: not within 15 s."""

@@ -48,7 +48,7 @@ def stopped(
     held = [change for change in after["mode_log"] if change["t"] >= before["t"] and change["by"] != HAND]
     return Stop(
         stands=bool(held)
-        and all(one["speed"] <= STANDSTILL and one["mode"] == "HOLD" for one in (after, later or after)),
+        and all(abs(one["speed"]) <= STANDSTILL and one["mode"] == "HOLD" for one in (after, later or after)),
         seconds=after["t"] - before["t"],
         metres=after["distance"] - before["distance"],
         limit=limit,

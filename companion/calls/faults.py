@@ -111,12 +111,13 @@ class Faults:
         if acceptance is None:
             return None
         seconds, metres = acceptance.left(self._numbers, now, travelled)
-        gone = sees and not acceptance.faults & self.standing
+        # A course is gone in each standstill, and back as the vehicle drives on: it stays accepted.
+        gone = sees and not acceptance.faults & (self.standing | {Fault.COURSE})
         if gone or seconds <= 0.0 or (metres is not None and metres <= 0.0):
             self.acceptance = None
             return None
         soon = seconds <= LAST_SECONDS or (metres is not None and metres <= LAST_METRES)
-        if acceptance.ending or not soon:
+        if acceptance.ending or not soon or not acceptance.faults & self.standing:
             return None
         acceptance.ending = True
         return acceptance

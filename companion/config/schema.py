@@ -134,6 +134,9 @@ class Mount(Section):
     tilt: float | None = setting(None, number(-45, 85), "angle of the lens axis below the horizon, degrees")
     aspect: float = setting(1.333, number(0.3, 5), "the picture's width divided by its height")
     front: float = setting(0.0, number(0, 20), "distance from the lens forward to the vehicle's front, m")
+    heading: float = setting(
+        0.0, number(-180, 180), "direction in which it looks, degrees clockwise from the vehicle's nose"
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         if (self.height is None) != (self.tilt is None):

@@ -36,6 +36,7 @@ from companion.storage import Journal
 from companion.storage.call_files import CallFiles, PictureArchive
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import SLOW, Writer
+from companion.vehicle.course import CourseJudge
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
@@ -129,6 +130,7 @@ def compose(
             rate=config.recording.rate,
             config=format_config(config),
         ),
+        course=CourseJudge(config.mount.heading, config.camera.view),
         video_rate=config.video.rate,
     )
     served.started(daemon.state_file, lambda: calls.reason_filter.newest)

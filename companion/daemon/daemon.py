@@ -13,6 +13,7 @@ from anytraverse.assessment import Assessment
 from anytraverse.memory import Adoption
 from companion.answers.answer import Answer, Via
 from companion.answers.handler import AnswerHandler, Handled, Reply
+from companion.calls.faults import Fault
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeAnswer, ModeReport
 from companion.config.video import video_size
@@ -44,6 +45,7 @@ from companion.telemetry.active_alert import ActiveAlert
 from companion.telemetry.summary import summary
 from companion.vehicle import known_autopilot
 from companion.vehicle.ardupilot import ScriptHold
+from companion.vehicle.course import CourseJudge
 from companion.vehicle.position import Odometer
 from companion.vehicle.state import Vehicle, VehiclePosition, is_moving, stands
 from companion.vision.client import Applied, Judged, Result, VisionClient
@@ -84,10 +86,12 @@ class Daemon:
         *,
         view: int,
         recording: Recording,
+        course: CourseJudge,
         video_rate: float = 5.0,
     ) -> None:
         """model: names the perceiver. view: the camera's horizontal field of view, degrees, 0: unknown.
 
+        course: judges whether the vehicle drives where that camera looks.
         video_rate: pictures per second of the video.
         """
         now = time.monotonic()
@@ -110,6 +114,7 @@ class Daemon:
         """Has an incident packed: see `IncidentPacker.ask`."""
         self._weak_words = WeakWords()
         self._view = view
+        self._course = course
         self._active_alert = ActiveAlert(calls)
         self._odometer = Odometer()
         self._error_guard = ErrorGuard(lambda now: link.send_text(notices.unexpected_error(), ERROR, now))
@@ -158,6 +163,7 @@ class Daemon:
         for callback, stored in self.persistence.due(now):
             with self._error_guard.survived("acknowledgement", now):
                 callback(stored, now)
+        self._check_course(now)
         self._health.check(now)
         self.settings.policy.tick(now)
         self._shadow.tick(now)
@@ -295,6 +301,20 @@ class Daemon:
         )
         decisions += self.calls.vehicle_reported(report, now)
         self._executor.carry_out(decisions, now)
+
+    def _check_course(self, now: float) -> None:
+        """Report to the state machine whether the vehicle drives where its camera does not look.
+
+        Standing still ends no such fault in our hold: only a go does, or a human's mode.
+        """
+        calls, before = self.calls, self._course.told
+        drives = calls.monitor.drives_itself(now)
+        held = calls.hold is not None and calls.go_at is None
+        told = self._course.judge(self._link.vehicle, now, drives=drives, held=held)
+        if told != before:
+            self._executor.carry_out(calls.fault_reported(Fault.COURSE, told, now), now, at_once=True)
+        if told:
+            calls.holding.require_go(anew=not before)
 
     def _handle_result(self, result: Result, now: float) -> None:
         match result:

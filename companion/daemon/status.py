@@ -17,6 +17,7 @@ from companion.settings.service import SettingsService
 from companion.storage.call_files import scene_picture
 from companion.system.computer import Computer
 from companion.telemetry.summary import current_data
+from companion.vehicle.course import unknown
 from companion.vehicle.position import place_figures
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import Judged, VisionClient
@@ -143,6 +144,7 @@ class Status:
             "latency_ms": round(1e3 * median(self._latencies), 1) if self._latencies else None,
             "test_call": self._test_call.status,
             "hold_refused": self._settings.policy.hold_refused,
+            "course": unknown(self._link.vehicle, now),
             "vision": {"trouble": self._vision.trouble, "restarts": self._vision.watchdog.restarted},
             "camera": {
                 "state": camera.state.value,

@@ -160,7 +160,9 @@ class ModeCommands:
             self._hold = None
         measured = min(max(now - sent.at, _SHORTEST), _LONGEST)
         self.round_trip = max(measured, (self.round_trip + measured) / 2)
-        if sent.mode is None:
+        autopilot = self._known()[1]
+        doubtful = not by_script and autopilot is not None and autopilot.contradicts_itself
+        if sent.mode is None or doubtful:
             return None
         accepted = message.result == _ACCEPTED
         return ModeAnswer(sent.mode, accepted, by_hand=by_script and message.result == _DENIED)

@@ -134,6 +134,7 @@ class VehicleTracker:
             self.vehicle,
             position=(message.lat / 1e7, message.lon / 1e7, heading),
             speed=math.hypot(message.vx, message.vy) / 100,
+            course=_course(message.vx, message.vy),
             position_at=now,
         )
         return True
@@ -191,7 +192,7 @@ class VehicleTracker:
         if vehicle is None:
             return
         if vehicle.position is not None and now - (vehicle.position_at or 0.0) > POSITION_LIFETIME:
-            self.vehicle = vehicle = replace(vehicle, position=None, speed=None)
+            self.vehicle = vehicle = replace(vehicle, position=None, speed=None, course=None)
         if vehicle.attitude is not None and now - (vehicle.attitude_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = vehicle = replace(vehicle, attitude=None)
         mission = vehicle.mission
@@ -229,3 +230,8 @@ def _mission_id(frame: bytes) -> int:
         return 0
     payload = frame[_HEADER : _HEADER + frame[1]]
     return int.from_bytes(payload[_MISSION_ID].ljust(4, b"\0"), "little")
+
+
+def _course(north: int, east: int) -> float | None:
+    """Return the direction of a velocity in degrees clockwise from north, None where it is 0."""
+    return math.degrees(math.atan2(east, north)) % 360 if north or east else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import select
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -11,18 +12,34 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from pymavlink.dialects.v20 import development as mavlink
+
 from companion.config import Config
 from companion.config.link_settings import LinkError, read_url
 from companion.link.connection import Connection
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import check_installed, open_transport
-from companion.preflight.interview import HEARD_WITHIN, NAMES, PX4, Facts, Interview, judge, names, speed
+from companion.preflight.course_listener import CourseListener
+from companion.preflight.interview import (
+    HEARD_WITHIN,
+    NAMES,
+    PATIENCE,
+    PX4,
+    Facts,
+    Interview,
+    judge,
+    names,
+    speed,
+)
 from companion.preflight.rules import Finding, Verdict, failed, warned
 from companion.vehicle import known_autopilot
 from companion.wire.ids import COMPONENT_ID
 
 LINK, CHECK = "link", "autopilot"
 LIMIT = 40.0
+COURSE_WITHIN = 3.5
+"""Seconds for which position and heading are waited for, once the parameters came."""
+COURSE_MESSAGES = (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mavlink.MAVLINK_MSG_ID_ATTITUDE)
 _TICK = 0.02
 _UNGUARDED = (
     "when the companion dies a PX4 rover drives on, and no parameter changes that: "
@@ -37,6 +54,7 @@ class Asked:
     findings: about autopilot and link. speed: name and m/s of the parameter that sets its speed.
     overrun: m that it drives on in the mode that holds it. heard: whether an autopilot was received.
     url: of the connection on which it was. grounds: (system, component) of ground stations that were, too.
+    course: what is missing to know where it drives, see `companion.vehicle.course.unknown`.
     """
 
     findings: list[Finding] = field(default_factory=list)
@@ -45,6 +63,7 @@ class Asked:
     heard: bool = True
     url: str = ""
     grounds: tuple[tuple[int, int], ...] = ()
+    course: str = "position"
 
 
 def ask_first(config: Config, urls: Sequence[str]) -> Asked:
@@ -64,11 +83,24 @@ def ask(config: Config, url: str) -> Asked:
     try:
         with talking(config, url, names) as (interview, turn):
             until = interview.began + LIMIT
+            listener = CourseListener(config.link.system_id)
+            interview.listen = listener.hear
             while not turn() and time.monotonic() < until:
                 pass
+            _await_course(interview, listener, turn)
     except LinkError as error:
         return Asked([failed(LINK, str(error))], heard=False)
-    return judged(config, url, interview)
+    return replace(judged(config, url, interview), course=listener.missing)
+
+
+def _await_course(interview: Interview, listener: CourseListener, turn: Callable[[], bool]) -> None:
+    """Ask for position and heading until they are known, for `COURSE_WITHIN` seconds at most."""
+    began, asked_at = time.monotonic(), -math.inf
+    while interview.autopilot and listener.missing and (now := time.monotonic()) < began + COURSE_WITHIN:
+        if now - asked_at >= PATIENCE:
+            interview.request(COURSE_MESSAGES, now)
+            asked_at = now
+        turn()
 
 
 @contextmanager

@@ -163,6 +163,22 @@ class Interview:
             asked.tries >= TRIES and now - asked.asked_at >= PATIENCE for asked in self._requests.values()
         )
 
+    def request(self, messages: Sequence[int], now: float) -> None:
+        """Ask the autopilot to send each of these messages once, for `listen`."""
+        if self.autopilot is None:
+            return
+        for number in messages:
+            self._send(
+                mavlink.MAVLink_command_long_message(
+                    self.autopilot.system_id,
+                    AUTOPILOT_COMPONENT_ID,
+                    mavlink.MAV_CMD_REQUEST_MESSAGE,
+                    0,
+                    *(float(number), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+                ),
+                now,
+            )
+
     def _is_refused(self, message: Any, now: float) -> bool:
         return self.signing is not None and self.refuse_unsigned and self.signing.refusal(message, now) != ""
 

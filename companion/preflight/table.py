@@ -15,6 +15,7 @@ from companion.preflight.computer import (
     check_speed,
     check_versions,
 )
+from companion.preflight.course import check_course
 from companion.preflight.here import check_journal
 from companion.preflight.link import check_autopilot, check_forwarding, check_link, check_signing
 from companion.preflight.live import check_live
@@ -63,6 +64,7 @@ CHECKS = (
     Check("autopilot",  check_autopilot,  "its parameters that would make a hold unsafe or useless"),
     Check("forwarding", check_forwarding, "whether a ground station is heard, and may answer"),
     Check("signing",    check_signing,    "whether frames are signed, and the key fits"),
+    Check("course",     check_course,     "whether it would be seen that the vehicle drives backwards"),
     Check("stopping",   check_stopping,   "whether the vehicle stops within what its camera sees"),
     Check("tile",       check_tile,       "how large a tile is: the smallest area that can cause a call"),
     Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),

@@ -25,6 +25,7 @@ class Autopilot:
     setpoints must end.
     lead: seconds of setpoints that a streamed mode needs before the autopilot accepts it.
     reports_mode_late: HEARTBEAT shows a mode change up to 1 s late; a requested CURRENT_MODE shows it sooner.
+    contradicts_itself: it answers a mode command twice, and the two results differ.
     scripted: a script of ours may run on it, which compares the mode before it sets one.
     overrun: metres that hold_mode drives on, beyond the braking distance, before it turns back and stands.
     """
@@ -43,6 +44,7 @@ class Autopilot:
     by_itself: frozenset[int] = frozenset()
     lead: float = 0.0
     reports_mode_late: bool = False
+    contradicts_itself: bool = False
     scripted: bool = False
     overrun: float = 0.0
 

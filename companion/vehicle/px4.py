@@ -43,6 +43,7 @@ LOITERING = Autopilot(
     by_itself=frozenset({_RTL, _LAND}),
     lead=0.7,
     reports_mode_late=True,
+    contradicts_itself=True,
     overrun=2.5,
     names={
         custom_mode(1): "MANUAL",

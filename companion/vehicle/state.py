@@ -17,8 +17,8 @@ class Vehicle:
     autopilot: MAV_AUTOPILOT. type: MAV_TYPE. heard_at: time of its last heartbeat. mode_at: time of its last
     CURRENT_MODE.
     position: (latitude, longitude, heading or None) in degrees; None without a fix or when older than 5 s.
-    speed: over ground, m/s; known with the position. attitude: roll, pitch, yaw in degrees; None when older
-    than 5 s.
+    speed: over ground, m/s; known with the position. course: direction of that speed, degrees clockwise from
+    north; None at a speed of 0. attitude: roll, pitch, yaw in degrees; None when older than 5 s.
     clock: the autopilot's time at second 0 of the link's clock, in seconds since 1970; None where it has no
     time.
     reboots: how often its time since boot has run backwards.
@@ -41,6 +41,7 @@ class Vehicle:
     clock_at: float | None = None
     reboots: int = 0
     mission: Mission | None = None
+    course: float | None = None
 
 
 MOVES = 0.2

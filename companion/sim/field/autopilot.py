@@ -150,6 +150,7 @@ class Autopilot:
         """
         self._boots_until = self.rover.booted_at = self.rover.time + seconds
         self.armed = False
+        self.rover.reversed = False
         initial, require = self.parameters.find("INITIAL_MODE"), self.parameters.find("ARMING_REQUIRE")
         arms = require is not None and require.value in ARMS_ITSELF
         self._arms_itself_at = self._boots_until + checks if arms else math.inf
@@ -194,6 +195,11 @@ class Autopilot:
             self.mode_by = by
             self.mode_log.append(ModeChange(self.rover.time, mode, by))
             self._mode_changed()
+
+    def set_reverse(self, *, on: bool) -> bool:
+        """Makes its missions drive backwards, or forwards again, until told otherwise. False: it cannot."""
+        self.rover.reversed = on
+        return True
 
     def arm(self, *, on: bool) -> bool:
         """Arms or disarms. Returns False when the script forbids arming; ARMING_CHECK 0 ignores it."""

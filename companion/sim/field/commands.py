@@ -43,6 +43,7 @@ class Commanded(Protocol):
     def find_mode(self, custom: int, sub: int, /) -> Any: ...
     def may_enter(self, mode: Any, /) -> bool: ...
     def set_mode(self, mode: Any, by: str) -> None: ...
+    def set_reverse(self, *, on: bool) -> bool: ...
     def arm(self, *, on: bool) -> bool: ...
     def message(self, number: int) -> Any: ...
 
@@ -55,6 +56,7 @@ class Commands:
         self._handlers: dict[int, Handler] = {
             int(mavlink.MAV_CMD_DO_SET_MODE): self.set_mode,
             int(mavlink.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
+            int(mavlink.MAV_CMD_DO_SET_REVERSE): self._set_reverse,
             int(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL): self._set_interval,
             int(mavlink.MAV_CMD_REQUEST_MESSAGE): self._request,
             int(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES): self._capabilities,
@@ -101,6 +103,11 @@ class Commands:
         if asked[0] not in (0.0, 1.0):
             return DENIED
         return ACCEPTED if self._autopilot.arm(on=asked[0] == 1.0) else FAILED
+
+    def _set_reverse(self, _port: Port, asked: Sequence[float]) -> int:
+        if asked[0] not in (0.0, 1.0):
+            return DENIED
+        return ACCEPTED if self._autopilot.set_reverse(on=asked[0] == 1.0) else UNSUPPORTED
 
     def _set_interval(self, port: Port, asked: Sequence[float]) -> int:
         number = _whole(asked[0])

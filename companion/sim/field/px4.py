@@ -116,6 +116,9 @@ class Px4(Autopilot):
         """Goes to LOITER, as PX4 does by itself; it does so again when MISSION is set after that."""
         self.set_mode(Mode.LOITER, BY_ITSELF)
 
+    def set_reverse(self, *, on: bool) -> bool:  # noqa: ARG002 - there is no such command
+        return False
+
     def results(self, command: int, result: int) -> list[int]:
         """Returns two results that contradict each other for a mode command, in alternating order.
 

@@ -27,7 +27,7 @@ ARRIVED = 0.5  # m from a point within which it has arrived
 class Drive(enum.Enum):
     """What the autopilot makes the motors do."""
 
-    FOLLOW = "follow"  # along the trail at cruise speed
+    FOLLOW = "follow"  # along the trail at cruise speed; backwards, the way it came, if `Rover.reversed`
     HOLD = "hold"  # to standstill as ArduPilot's HOLD does it, and stay
     BRAKE = "brake"  # to standstill as hard as it can, and stay
     CIRCLE = "circle"  # run on, then drive back to where this began, and stay
@@ -83,6 +83,7 @@ class Rover:
     def __init__(self, trail: Trail, *, cruise_speed: float = 2.5, body: Body | None = None) -> None:
         self.body = body or Body()
         self.cruise_speed = cruise_speed
+        self.reversed = False
         self._drive = Drive.OFF
         self._circled_from: tuple[float, float] | None = None
         self._ran_on = False
@@ -182,6 +183,8 @@ class Rover:
             self._progress += moved
 
     def _order(self) -> Order:
+        if self.drive is Drive.FOLLOW and self.reversed:
+            return Order(force=self._force_for(-self.cruise_speed), steering=self._backwards())
         if self.drive is Drive.FOLLOW:
             return Order(force=self._force_for(self.cruise_speed), steering=self._pursuit())
         if self.drive is Drive.HOLD:
@@ -218,9 +221,10 @@ class Rover:
 
     def _force_for(self, wanted: float) -> float:
         body = self.body
-        hold_speed = body.rolling_force if wanted > 0 else 0.0
+        hold_speed = math.copysign(body.rolling_force, wanted) if wanted else 0.0
         force = 2.0 * body.mass * (wanted - self.speed) + hold_speed
-        return min(body.drive_force, max(-body.brake_force, force))
+        backwards = body.drive_force if wanted < 0 else body.brake_force
+        return min(body.drive_force, max(-backwards, force))
 
     def _pursuit(self) -> float:
         ahead = 1.2 + 0.4 * abs(self.speed)
@@ -231,8 +235,15 @@ class Rover:
                 self._rejoining = False
         return self._steering_to(goal.x, goal.y, 2.0 * ahead)
 
-    def _steering_to(self, x: float, y: float, longest: float) -> float:
-        bearing = _wrapped(math.atan2(y - self.y, x - self.x) - self.heading)
+    def _backwards(self) -> float:
+        """Steers the rear along the trail: behind the rover it is what the nose is in front."""
+        behind = 1.2 + 0.4 * abs(self.speed)
+        goal = self._trail.pose((self.s - behind) % self._trail.length)
+        return -self._steering_to(goal.x, goal.y, 2.0 * behind, rear=True)
+
+    def _steering_to(self, x: float, y: float, longest: float, *, rear: bool = False) -> float:
+        leads = self.heading + math.pi * rear
+        bearing = _wrapped(math.atan2(y - self.y, x - self.x) - leads)
         reach = max(0.5, math.hypot(x - self.x, y - self.y))
         # A goal behind the rover has no arc in front of it: turn as hard as the wheels allow.
         bearing = _clamp(bearing, math.pi / 2)

@@ -193,3 +193,16 @@ def test_answers_to_nothing_are_survived_and_report_nothing(answers: list[tuple[
     for command, result, serial in answers:
         answer(stage, command, result, serial)
     assert stage.reported(ModeAnswer) == []
+
+
+def test_an_autopilot_whose_answers_contradict_each_other_is_not_believed() -> None:
+    stage = LoopbackLink()
+    stage.run(0.2)
+    base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    px4 = mavlink.MAVLink_heartbeat_message(10, mavlink.MAV_AUTOPILOT_PX4, base, 0x04040000, 4, 3)
+    stage.send(px4, (1, 1))
+    stage.run(0.02)
+    stage.link.modes.command(0x03040000, stage.now)
+    stage.run(0.02)
+    answer(stage, SET_MODE, UNSUPPORTED)
+    assert stage.reported(ModeAnswer) == []

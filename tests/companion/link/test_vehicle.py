@@ -97,6 +97,22 @@ def test_position_heading_and_speed_are_told() -> None:
     stage.run(0.1)
     assert vehicle(stage).position == (47.3, 8.5, 90.0)
     assert vehicle(stage).speed == 5.0
+    assert vehicle(stage).course == pytest.approx(53.13, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("vx", "vy", "course"), [(100, 0, 0.0), (0, 100, 90.0), (-100, 0, 180.0), (0, -100, 270.0), (0, 0, None)]
+)
+def test_the_course_is_clockwise_from_north_and_unknown_at_a_standstill(
+    vx: int, vy: int, course: float | None
+) -> None:
+    stage = LoopbackLink()
+    stage.run(0.1)
+    message = place()
+    message.vx, message.vy = vx, vy
+    stage.send(message, (1, 1))
+    stage.run(0.1)
+    assert vehicle(stage).course == course
 
 
 def test_a_position_without_a_fix_a_heading_or_sense_is_not_believed() -> None:
@@ -120,6 +136,7 @@ def test_an_old_position_is_forgotten() -> None:
     stage.run(2.0)
     assert vehicle(stage).position is None
     assert vehicle(stage).speed is None
+    assert vehicle(stage).course is None
 
 
 def test_the_position_is_asked_for_until_it_comes() -> None:

@@ -419,3 +419,29 @@ def test_its_clock_begins_anew_when_it_reboots() -> None:
     told = [one.time_boot_ms for one in bench.heard(Port.COMPANION) if one.get_type() == "SYSTEM_TIME"]
     assert told
     assert all(0 <= time <= 1000 for time in told)
+
+
+def test_its_missions_drive_backwards_when_told_and_its_position_says_so(bench: Bench) -> None:
+    arm(bench)
+    bench.set_mode(Port.GCS, Mode.AUTO)
+    assert bench.command(Port.GCS, mavlink.MAV_CMD_DO_SET_REVERSE, 1) == mavlink.MAV_RESULT_ACCEPTED
+    bench.pass_time(6.0)
+    told = bench.heard(Port.COMPANION, "GLOBAL_POSITION_INT")[-1]
+    course = math.degrees(math.atan2(told.vy, told.vx))
+    assert math.hypot(told.vx, told.vy) == pytest.approx(250.0, abs=5.0)
+    assert abs(math.remainder(course - told.hdg / 100.0, 360.0)) == pytest.approx(180.0, abs=2.0)
+    assert bench.command(Port.GCS, mavlink.MAV_CMD_DO_SET_REVERSE, 0) == mavlink.MAV_RESULT_ACCEPTED
+    bench.pass_time(6.0)
+    assert bench.rover.speed == pytest.approx(2.5, abs=0.05)
+
+
+@pytest.mark.parametrize("what", [2.0, -1.0, math.nan, math.inf])
+def test_a_direction_that_makes_no_sense_is_refused(bench: Bench, what: float) -> None:
+    assert bench.command(Port.GCS, mavlink.MAV_CMD_DO_SET_REVERSE, what) == mavlink.MAV_RESULT_DENIED
+    assert not bench.rover.reversed
+
+
+def test_a_reboot_forgets_the_direction(bench: Bench) -> None:
+    bench.command(Port.GCS, mavlink.MAV_CMD_DO_SET_REVERSE, 1)
+    bench.autopilot.reboot(1.0)
+    assert not bench.rover.reversed

@@ -222,3 +222,10 @@ def test_it_forwards_only_where_both_links_are_set_to(bench: Bench) -> None:
     bench.px4.set_parameter("MAV_1_FORWARD", 0)
     bench.tell(Port.COMPANION, text)
     assert len(bench.heard("STATUSTEXT", Port.GCS)) == 1
+
+
+def test_a_px4_rover_has_no_reversed_mission() -> None:
+    bench = Bench()
+    assert bench.command(mavlink.MAV_CMD_DO_SET_REVERSE, 1) == [mavlink.MAV_RESULT_UNSUPPORTED]
+    bench.run(4.0)
+    assert bench.rover.speed > 1.0

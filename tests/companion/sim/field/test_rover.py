@@ -149,3 +149,36 @@ def test_many_small_steps_and_few_big_ones_end_in_the_same_place(trail: Trail) -
     for _ in range(20):
         big.step(0.35)
     assert (small.x, small.y, small.speed) == pytest.approx((big.x, big.y, big.speed), abs=1e-6)
+
+
+def test_a_reversed_mission_backs_along_the_trail_the_way_it_came_and_forward_again(trail: Trail) -> None:
+    rover = Rover(trail)
+    drive(rover, Drive.FOLLOW, 20.0)
+    before = rover.s
+    rover.reversed = True
+    worst = 0.0
+    for _ in range(200):
+        rover.step(0.1)
+        worst = max(worst, abs(trail.nearest(rover.x, rover.y)[1]))
+    assert rover.speed == pytest.approx(-2.5, abs=0.05)
+    assert (before - rover.s) % trail.length == pytest.approx(40.0, abs=8.0)
+    assert worst < 0.3
+    nose = math.remainder(rover.heading - trail.pose(rover.s).heading, math.tau)
+    assert abs(nose) < 0.5, "it did not turn round"
+    rover.reversed = False
+    drive(rover, Drive.FOLLOW, 5.0)
+    assert rover.speed == pytest.approx(2.5, abs=0.05)
+
+
+def test_in_hold_it_stops_from_reversing_as_from_driving_forward(trail: Trail) -> None:
+    ways = []
+    for backwards in (False, True):
+        rover = Rover(trail, cruise_speed=2.0)
+        rover.reversed = backwards
+        drive(rover, Drive.FOLLOW, 12.0)
+        assert abs(rover.speed) == pytest.approx(2.0, abs=0.02)
+        before = rover.distance
+        drive(rover, Drive.HOLD, 15.0)
+        assert rover.speed == 0.0
+        ways.append(rover.distance - before)
+    assert ways[1] == pytest.approx(ways[0], rel=0.02)

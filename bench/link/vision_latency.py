@@ -63,6 +63,9 @@ class Stamped:
     def idle(self) -> bool:
         return self._udp.idle()
 
+    def settled(self) -> bool:
+        return self._udp.settled()
+
     def has_room(self) -> bool:
         return self._udp.has_room()
 

@@ -46,7 +46,9 @@ class Connection:
         self._opened_at = self._now = now
         self._line_free_at = now
         """When all that was written has left, at the line's speed: the kernel may not tell."""
-        self._stuck = self._revocable = False
+        self._stuck = False
+        self._revocable_at: float | None = None
+        """When a frame was written that may not leave late; None once it has left."""
         self.opened = 0
         self.trouble: str | None = None
 
@@ -68,6 +70,7 @@ class Connection:
             return b""
         try:
             self._transport.check(now)
+            self._recall_late(now)
             data = self._transport.read()
         except OSError as error:
             self._handle_error(error, now)
@@ -78,7 +81,9 @@ class Connection:
         return data
 
     def write(self, frame: bytes, now: float, *, revocable: bool = False) -> bool:
-        """Write `frame`; False when the device did not take it. revocable: `recall` may take it back."""
+        """Write `frame`; False when the device did not take it. revocable: it may not leave later than
+        1 s from now, and `recall` takes it back.
+        """
         self._now = now
         if self._transport is None:
             return False
@@ -88,7 +93,7 @@ class Connection:
             self._handle_error(error, now)
             return False
         if taken:
-            self._revocable |= revocable
+            self._revocable_at = now if revocable else self._revocable_at
             self._line_free_at = max(self._line_free_at, now) + len(frame) / self._transport.rate
         # A device takes some bytes even when nobody reads them: a write alone counts only after a while.
         if taken and now - self._opened_at >= (2 * STUCK_AFTER if self._stuck else LAST_RETRY):
@@ -105,9 +110,9 @@ class Connection:
 
     def recall(self) -> None:
         """Drop a revocable frame that has not left yet, with all that waits before and behind it."""
-        if self._transport is None or not self._revocable:
+        if self._transport is None or self._revocable_at is None:
             return
-        self._revocable = False
+        self._revocable_at = None
         self._line_free_at = self._now
         try:
             self._transport.recall()
@@ -136,6 +141,16 @@ class Connection:
         except OSError as error:
             self._handle_error(error, now)
 
+    def _recall_late(self, now: float) -> None:
+        """Recall a revocable frame that may still wait 1 s after it was written."""
+        if self._revocable_at is None or self._transport is None:
+            return
+        if self._transport.settled():
+            self._revocable_at = None
+        elif now - self._revocable_at >= STUCK_AFTER:
+            self._revocable_at = None
+            self._transport.recall()
+
     def _asked(self, question: Callable[[Transport], bool], now: float) -> bool:
         if self._transport is None:
             return False
@@ -152,7 +167,7 @@ class Connection:
 
     def _handle_error(self, error: OSError, now: float) -> None:
         self.close()
-        self._revocable = False
+        self._revocable_at = None
         self._stuck = isinstance(error, StuckError)
         self.trouble = error.strerror or str(error)
         if error.errno in _ABSENT:

@@ -193,8 +193,10 @@ class Sender:
             self._connection.recall()
 
     def drop_all_but(self, names: Container[str]) -> None:
-        """Drop the waiting frames of all rows but `names`."""
+        """Drop the waiting frames of all rows but `names`, a resume as `forget` does."""
         self._queue = [frame for frame in self._queue if frame.name in names]
+        if _REVOCABLE not in names:
+            self._connection.recall()
 
     def _turn(self, row: Message, to: tuple[int, int] | None) -> int:
         """The turn of a new reply: one after the last waiting one for `to` of the same priority.

@@ -86,8 +86,11 @@ class Stream:
     def idle(self) -> bool:
         return self._finish() and not self._refused and self._unconfirmed() == 0
 
+    def settled(self) -> bool:
+        return not self._rest and self._unconfirmed() == 0 and self._tells
+
     def recall(self) -> None:
-        if self._tells and not self._rest and self._unconfirmed() == 0:
+        if self.settled():
             return
         self._drop()
         self._rest, self._filler = b"", FILLER

@@ -68,6 +68,9 @@ class Transport(Protocol):
     def idle(self) -> bool:
         """Whether nothing that was written waits in this computer, as far as that is known."""
 
+    def settled(self) -> bool:
+        """Whether all that was written has left for certain: the device would tell what waits in it."""
+
     def has_room(self) -> bool:
         """Whether a frame may be written that an urgent one behind it would have to wait for."""
 
@@ -143,9 +146,12 @@ class Udp:
         return True
 
     def check(self, now: float) -> None:
-        """Do nothing: a datagram leaves at once or is lost, and so in the three methods below."""
+        """Do nothing: a datagram leaves at once or is lost, and so in the four methods below."""
 
     def idle(self) -> bool:
+        return True
+
+    def settled(self) -> bool:
         return True
 
     def has_room(self) -> bool:

@@ -56,9 +56,12 @@ class MemoryTransport:
         return True
 
     def check(self, now: float) -> None:
-        """Does nothing: what is written arrives at once, and so in the three methods below."""
+        """Does nothing: what is written arrives at once, and so in the four methods below."""
 
     def idle(self) -> bool:
+        return True
+
+    def settled(self) -> bool:
         return True
 
     def has_room(self) -> bool:

@@ -135,6 +135,14 @@ def test_a_resume_that_the_kernel_has_taken_is_taken_back_and_the_hold_goes_firs
     assert "HEARTBEAT" in port.peer.types()
 
 
+def test_a_resume_that_nobody_cancelled_does_not_leave_a_second_late_either(port: Port) -> None:
+    port.fill(_FAR_BUFFER)
+    port.link.modes.command(AUTO, port.now)
+    port.run(1.2)
+    port.read()
+    assert port.modes() == []
+
+
 def test_a_resume_leaves_at_once_where_nothing_waits_and_once_only(port: Port) -> None:
     port.run(1.0)
     port.link.modes.command(AUTO, port.now)
@@ -196,6 +204,9 @@ class Line(MemoryTransport):
 
     def idle(self) -> bool:
         return self.waits == 0
+
+    def settled(self) -> bool:
+        return False
 
     def has_room(self) -> bool:
         return self.waits <= 576

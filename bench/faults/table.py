@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from bench.faults import cameras, disk, driving, endurance, inputs, proven, recorder, starting, vision
+from bench.faults import (
+    cameras,
+    disk,
+    driving,
+    endurance,
+    inputs,
+    proven,
+    recorder,
+    serial_port,
+    starting,
+    vision,
+)
 from bench.faults.row import Row
 
 ROWS: tuple[Row, ...] = (
     *cameras.ROWS,
     *vision.ROWS,
     *driving.ROWS,
+    *serial_port.ROWS,
     *inputs.ROWS,
     *disk.ROWS,
     *recorder.ROWS,

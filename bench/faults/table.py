@@ -11,6 +11,7 @@ from bench.faults import (
     missions,
     proven,
     recorder,
+    serial_port,
     starting,
     vision,
 )
@@ -21,6 +22,7 @@ ROWS: tuple[Row, ...] = (
     *vision.ROWS,
     *driving.ROWS,
     *missions.ROWS,
+    *serial_port.ROWS,
     *inputs.ROWS,
     *disk.ROWS,
     *recorder.ROWS,

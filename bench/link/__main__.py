@@ -4,8 +4,9 @@ lossy: calls over a bad radio in virtual time; each must be answered exactly onc
 udp: a tenth as many over real sockets, in real time, through a bad relay.
 fuzz: mutated frames with right checksums; no exception may escape, strangers change nothing, memory stays
 flat. flood: noise, answers and heartbeats from one id and from many, over real sockets, with signing and
-without; heartbeats go on, the autopilot is heard, the operator is acknowledged, memory stays flat. speed:
-frames handled, CPU share at rest, and how soon a summary is on the wire; figures, no promise. Exit code 1: a
+without; heartbeats go on, the autopilot is heard, the operator is acknowledged, memory stays flat.
+saturated: holds on a serial line that is full of our own frames; each must leave within 0.3 s. speed: frames
+handled, CPU share at rest, and how soon a summary is on the wire; figures, no promise. Exit code 1: a
 promise was broken. Run: make bench-link, or python -m bench.link fuzz --frames 1000000
 """
 
@@ -91,6 +92,14 @@ def _flood(given: argparse.Namespace) -> _Report:
     return told, kept
 
 
+def _saturated(given: argparse.Namespace) -> _Report:
+    from bench.link.saturated import MOST, run
+
+    told = run(given.seconds, given.seed)
+    print(f"saturated      {told}", flush=True)
+    return told, bool(told["hold_s"]["max"] <= MOST)
+
+
 def _speed(given: argparse.Namespace) -> _Report:
     from bench.link.speed import run
 
@@ -105,6 +114,7 @@ RUNS: dict[str, Callable[[argparse.Namespace], _Report]] = {
     "udp": _udp,
     "fuzz": _fuzz,
     "flood": _flood,
+    "saturated": _saturated,
     "speed": _speed,
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import socket
 import time
 from pathlib import Path
@@ -39,6 +40,7 @@ class Stamped:
     """A UDP transport; `told` stores when the summary of a frame left."""
 
     datagrams = True
+    rate = math.inf
 
     def __init__(self, udp: Transport) -> None:
         self._udp = udp
@@ -54,6 +56,21 @@ class Stamped:
             if int.from_bytes(frame[10:12], "little") == TUNNEL_SUMMARY:
                 self.told[Summary.unpack(payload[: frame[14]]).frame_id] = time.monotonic()
         return taken
+
+    def check(self, now: float) -> None:
+        self._udp.check(now)
+
+    def idle(self) -> bool:
+        return self._udp.idle()
+
+    def settled(self) -> bool:
+        return self._udp.settled()
+
+    def has_room(self) -> bool:
+        return self._udp.has_room()
+
+    def recall(self) -> None:
+        self._udp.recall()
 
     def note_accepted(self, now: float, *, autopilot: bool) -> None:
         self._udp.note_accepted(now, autopilot=autopilot)

@@ -15,7 +15,7 @@ MAX_CONNECTIONS = 4
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,11}")
 _SMALLEST_BURST = 300.0
 _SMALLEST_BUDGET = 50.0
-_BITS_PER_BYTE = 10
+BITS_PER_BYTE = 10
 _SLOWEST = 2400
 LONGEST_PACE = 0.1
 """s, the longest pace: heartbeats and setpoints take six frames a second, and replies need some, too."""
@@ -94,7 +94,7 @@ class ConnectionSettings:
     def room(self) -> float:
         """B/s for both budgets together: half of a serial line's capacity, infinite otherwise."""
         address = self.address()
-        return address.number / _BITS_PER_BYTE / 2 if address.scheme == "serial" else math.inf
+        return address.number / BITS_PER_BYTE / 2 if address.scheme == "serial" else math.inf
 
     @property
     def most_budget(self) -> float:

@@ -13,6 +13,7 @@ from companion.config.link_settings import ConnectionSettings
 from companion.link.access_control import COMMON_SHARES
 from companion.link.connection import Connection
 from companion.link.encode import MavlinkVersion, fits_1, pack_1
+from companion.link.filler import completes
 from companion.link.limits import TokenBucket
 from companion.link.signing import Signing
 from companion.wire.ids import CAMERA_COMPONENT_ID, COMPONENT_ID
@@ -28,6 +29,8 @@ _RECENT_FRAMES = 256
 """Sent frames that are remembered, to recognize our own when they come back: one per sequence number."""
 _RETRY_AFTER = 0.02
 """s until a device that took nothing is tried again. Without it, a loop that sleeps for `wait` would spin."""
+_REVOCABLE = "resume"
+"""The row whose frames may not leave late: they are written only when nothing waits, and taken back."""
 
 
 @dataclass(order=True)
@@ -51,6 +54,8 @@ class Sender:
     - No two replies are sent in a row while another frame may go, so requests cannot block our own messages.
     - Replies of one priority go round the requesters in turn, so one requester cannot delay the others.
     - Senders that share a rate limit get no two replies in a row while another requester waits.
+    - Only holds, setpoints and heartbeats (priority 0) are written while more than 0.1 s of a line waits in
+      the device, and while a resume waits, which is written only when nothing else waits there.
 
     sent: bytes by budget. lost: frames dropped. left_out: messages that MAVLink 1 cannot carry.
     """
@@ -182,12 +187,16 @@ class Sender:
         return (message.get_seq(), message.get_crc()) in self._recent
 
     def forget(self, name: str) -> None:
-        """Drop the waiting frames of row `name`."""
+        """Drop the waiting frames of row `name`; a resume also where it was written and has not left."""
         self._queue = [frame for frame in self._queue if frame.name != name]
+        if name == _REVOCABLE:
+            self._connection.recall()
 
     def drop_all_but(self, names: Container[str]) -> None:
-        """Drop the waiting frames of all rows but `names`."""
+        """Drop the waiting frames of all rows but `names`, a resume as `forget` does."""
         self._queue = [frame for frame in self._queue if frame.name in names]
+        if _REVOCABLE not in names:
+            self._connection.recall()
 
     def _turn(self, row: Message, to: tuple[int, int] | None) -> int:
         """The turn of a new reply: one after the last waiting one for `to` of the same priority.
@@ -203,6 +212,9 @@ class Sender:
     def _send(self, frame: _Frame, now: float) -> None:
         """Send `frame`. It goes on waiting when the device is full, or signing does not know the time."""
         packed = self._pack(frame.name, frame.message, now)
+        if packed is not None and frame.name == _REVOCABLE and completes(packed):
+            self._skip_number(frame.name)  # the next one makes another checksum
+            packed = self._pack(frame.name, frame.message, now)
         if packed is None:
             self._queue.remove(frame)
             self.left_out += 1
@@ -220,7 +232,7 @@ class Sender:
             self._last_was_shared = frame.to in COMMON_SHARES
         mav = self._mav(frame.name)
         self._recent.append((int(mav.seq), int(frame.message.get_crc())))
-        mav.seq = (mav.seq + 1) % 256
+        self._skip_number(frame.name)
         self._next_at = now + self._pace
 
     def _write(self, packed: bytes, frame: _Frame, now: float) -> bool:
@@ -228,7 +240,7 @@ class Sender:
             if not self._signing.ready(now):
                 return False
             packed = self._signing.sign(packed, frame.message, now, self._link_id)
-        if not self._connection.write(packed, now):
+        if not self._connection.write(packed, now, revocable=frame.name == _REVOCABLE):
             return False
         self.version.sent(packed, now)
         if frame.bucket is not None:
@@ -243,13 +255,17 @@ class Sender:
             return bytes(message.pack(mav))
         return pack_1(message, mav) if fits_1(message) else None
 
+    def _skip_number(self, name: str) -> None:
+        mav = self._mav(name)
+        mav.seq = (mav.seq + 1) % 256
+
     def _mav(self, name: str) -> Any:
         return self._camera if MESSAGES[name].of_camera else self._companion
 
     def _first(self, now: float) -> _Frame | None:
         """The next frame to send: the most urgent that its budget affords and the rules of turns allow."""
         first: dict[Bucket | None, _Frame] = {}
-        for frame in self._queue:
+        for frame in self._sendable(now):
             before = first.setdefault(frame.bucket, frame)
             if self._last_was_shared and before.to in COMMON_SHARES and frame.to not in COMMON_SHARES:
                 first[frame.bucket] = frame
@@ -260,3 +276,11 @@ class Sender:
         ]
         others = [frame for frame in ready if frame.bucket != "asked"]
         return min(others if self._last_was_reply and others else ready, default=None)
+
+    def _sendable(self, now: float) -> list[_Frame]:
+        """The waiting frames that may be written to the device as it is now."""
+        if self.waiting(_REVOCABLE) and not self._connection.idle(now):
+            return [one for one in self._queue if one.priority == 0 and one.name != _REVOCABLE]
+        if self._queue and not self._connection.has_room(now):
+            return [one for one in self._queue if one.priority == 0]
+        return self._queue

@@ -1,10 +1,8 @@
-"""Reads and writes bytes over UDP, TCP or a serial port, without blocking."""
+"""Reads and writes bytes over UDP, without blocking, and opens TCP and serial ports (`streams`), too."""
 
 from __future__ import annotations
 
-import errno
 import math
-import os
 import socket
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -12,7 +10,7 @@ from typing import Protocol
 
 from companion.config.link_settings import Address, LinkError
 from companion.link.limits import LeaseTable
-from companion.wire.devices import open_port, watch_peer
+from companion.link.streams import CHUNK, Serial, Tcp
 
 MAX_PEERS = 4
 KEPT = 10.0
@@ -44,9 +42,6 @@ class Peers:
             self._others.renew(peer, None, -math.inf if autopilot else now)
 
 
-_CHUNK = 2048
-"""Bytes of one read; a longer datagram is cut. A frame has at most 280."""
-_MAX_PENDING = 2048
 _MAX_SKIPPED = 512
 """Datagrams that one read skips, because they are empty or from another address, to reach those behind."""
 
@@ -54,16 +49,33 @@ _MAX_SKIPPED = 512
 class Transport(Protocol):
     """One open device. `read` and `write` raise OSError when it is broken and has to be opened again.
 
-    datagrams: whether each `read` returns whole frames only.
+    datagrams: whether each `read` returns whole frames only. rate: B/s that a line carries, infinite where
+    that is not known.
     """
 
     datagrams: bool
+    rate: float
 
     def read(self) -> bytes:
         """Return what arrived, at most a few KiB; b"" when there is nothing now."""
 
     def write(self, frame: bytes) -> bool:
         """Send all of `frame`; send nothing and return False when the device takes nothing now."""
+
+    def check(self, now: float) -> None:
+        """Raise OSError when the device has taken nothing for 1 s although something waits for it."""
+
+    def idle(self) -> bool:
+        """Whether nothing that was written waits in this computer, as far as that is known."""
+
+    def settled(self) -> bool:
+        """Whether all that was written has left for certain: the device would tell what waits in it."""
+
+    def has_room(self) -> bool:
+        """Whether a frame may be written that an urgent one behind it would have to wait for."""
+
+    def recall(self) -> None:
+        """Drop all that was written and has not left yet. Raises OSError where only closing does that."""
 
     def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Report that a frame of the last read was accepted; autopilot: our autopilot sent it."""
@@ -79,6 +91,7 @@ class Udp:
     """Exchanges datagrams: udpin is bound to a port and sends to `Peers`, udpout has one fixed peer."""
 
     datagrams = True
+    rate = math.inf
 
     def __init__(self, address: Address) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -102,7 +115,7 @@ class Udp:
     def read(self) -> bytes:
         for _ in range(_MAX_SKIPPED):
             try:
-                datagram, peer = self._socket.recvfrom(_CHUNK)
+                datagram, peer = self._socket.recvfrom(CHUNK)
             except (BlockingIOError, ConnectionRefusedError, InterruptedError):
                 break
             if datagram and self._fixed in (None, peer):
@@ -132,115 +145,26 @@ class Udp:
             return False
         return True
 
-    def fileno(self) -> int | None:
-        return self._socket.fileno()
+    def check(self, now: float) -> None:
+        """Do nothing: a datagram leaves at once or is lost, and so in the four methods below."""
 
-    def close(self) -> None:
-        self._socket.close()
-
-
-class _Stream:
-    """Writes whole frames to a device that may take only a part of one: the rest waits here."""
-
-    datagrams = False
-
-    def __init__(self) -> None:
-        self._pending = b""
-
-    def _send(self, data: bytes) -> int:
-        raise NotImplementedError
-
-    def note_accepted(self, now: float, *, autopilot: bool) -> None:
-        """Do nothing: a stream has one peer only."""
-
-    def write(self, frame: bytes) -> bool:
-        if self._pending:
-            self._pending = self._pending[self._send(self._pending) :]
-        if len(self._pending) + len(frame) > _MAX_PENDING:
-            return False
-        if not self._pending:
-            frame = frame[self._send(frame) :]
-        self._pending += frame
+    def idle(self) -> bool:
         return True
 
-
-class Tcp(_Stream):
-    """Connects to a TCP server. A vanished peer is noticed within 15 s, where the platform supports it."""
-
-    def __init__(self, address: Address) -> None:
-        super().__init__()
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._socket.settimeout(0)
-        watch_peer(self._socket)
-        code = self._socket.connect_ex((address.place, address.number))
-        if code not in (0, errno.EINPROGRESS):
-            self._socket.close()
-            raise OSError(code, os.strerror(code))
-
-    def read(self) -> bytes:
-        code = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-        if code:
-            raise OSError(code, os.strerror(code))
-        try:
-            data = self._socket.recv(_CHUNK)
-        except (BlockingIOError, InterruptedError):
-            return b""
-        except OSError as error:
-            if error.errno == errno.ENOTCONN:  # still connecting
-                return b""
-            raise
-        if not data:
-            raise OSError(errno.ECONNRESET, "closed by the other end")
-        return data
-
-    def _send(self, data: bytes) -> int:
-        try:
-            return self._socket.send(data)
-        except (BlockingIOError, InterruptedError):
-            return 0
-        except OSError as error:
-            if error.errno in (errno.ENOTCONN, errno.EPIPE) and not self._connected():
-                return 0
-            raise
-
-    def _connected(self) -> bool:
-        try:
-            self._socket.getpeername()
-        except OSError:
-            return False
+    def settled(self) -> bool:
         return True
 
-    def write(self, frame: bytes) -> bool:
-        return self._connected() and super().write(frame)
+    def has_room(self) -> bool:
+        return True
+
+    def recall(self) -> None:
+        pass
 
     def fileno(self) -> int | None:
         return self._socket.fileno()
 
     def close(self) -> None:
         self._socket.close()
-
-
-class Serial(_Stream):
-    """Exchanges bytes over a serial port, which pyserial opens."""
-
-    def __init__(self, address: Address) -> None:
-        super().__init__()
-        self._port = open_port(address.place, address.number)
-
-    def read(self) -> bytes:
-        return self._port.read(_CHUNK)
-
-    def _send(self, data: bytes) -> int:
-        try:
-            return self._port.write(data)
-        except BlockingIOError:
-            return 0
-
-    def fileno(self) -> int | None:
-        return self._port.fileno()
-
-    def close(self) -> None:
-        self._port.close()
 
 
 def opener(address: Address) -> Callable[[], Transport]:

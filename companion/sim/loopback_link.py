@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from functools import partial
@@ -33,6 +34,7 @@ class MemoryTransport:
     """
 
     datagrams = True
+    rate = math.inf
 
     def __init__(self) -> None:
         self._inbox: deque[bytes] = deque(maxlen=_MAX_WAITING)
@@ -52,6 +54,21 @@ class MemoryTransport:
             return False
         self._outbox.append(frame)
         return True
+
+    def check(self, now: float) -> None:
+        """Does nothing: what is written arrives at once, and so in the four methods below."""
+
+    def idle(self) -> bool:
+        return True
+
+    def settled(self) -> bool:
+        return True
+
+    def has_room(self) -> bool:
+        return True
+
+    def recall(self) -> None:
+        pass
 
     def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Does nothing: there is only one other end, so that no address has to be trusted."""

@@ -6,6 +6,8 @@ import contextlib
 import errno
 import os
 import socket
+import sys
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -27,6 +29,39 @@ def watch_peer(connection: socket.socket) -> None:
             connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
 
+_SIOCOUTQNSD = 0x894B
+"""Linux's request for the bytes of a TCP socket that were not sent once."""
+
+
+def unconfirmed_bytes(fileno: int) -> int:
+    """Return how many bytes a serial port's kernel has not sent, or a TCP peer's has not confirmed.
+
+    0 where the kernel cannot tell, as of a pseudo-terminal.
+    """
+    try:
+        import termios
+    except ImportError:
+        return 0
+    return _count(fileno, termios.TIOCOUTQ)  # the number of SIOCOUTQ, too
+
+
+def unsent_bytes(fileno: int) -> int:
+    """Return how many bytes of a TCP socket the kernel has not sent once; 0 where it cannot tell."""
+    return _count(fileno, _SIOCOUTQNSD) if sys.platform == "linux" else 0
+
+
+def _count(fileno: int, request: int) -> int:
+    try:
+        import fcntl
+
+        return int.from_bytes(fcntl.ioctl(fileno, request, bytes(4)), sys.byteorder)
+    except (ImportError, OSError):
+        return 0
+
+
+_closing: dict[str, threading.Thread] = {}
+"""Serial ports that are being closed, by name: the kernel may wait 30 s for one that takes nothing."""
+
 _IN_USE = "{} is in use by another program: `fuser {}` finds it"
 _REMEDIES = {
     errno.ENOENT: "{} is not there: plug it in, or find its name in /dev/serial/by-id",
@@ -34,6 +69,10 @@ _REMEDIES = {
     errno.EAGAIN: _IN_USE,
     errno.EBUSY: _IN_USE,
 }
+
+
+_CLOSES_WITHIN = 0.05
+"""s that `SerialPort.close` waits for the kernel."""
 
 
 class SerialPort:
@@ -51,10 +90,21 @@ class SerialPort:
         # Not pyserial's own write: that tries for ever while the buffer is full.
         return os.write(self._port.fileno(), data)
 
+    def discard_output(self) -> None:
+        """Discard what was written and has not left yet, where the driver can do that."""
+        _guarded(self._port.reset_output_buffer)
+
     def fileno(self) -> int:
         return int(self._port.fileno())
 
     def close(self) -> None:
+        """Close the port. Never blocks: the kernel goes on sending what was written, for 30 s at most."""
+        thread = threading.Thread(target=self._close, name="closing", daemon=True)
+        _closing[str(self._port.name)] = thread
+        thread.start()
+        thread.join(_CLOSES_WITHIN)
+
+    def _close(self) -> None:
         with contextlib.suppress(Exception):
             self._port.close()
 
@@ -63,6 +113,9 @@ def open_port(device: str, baud: int) -> SerialPort:
     """Open a serial port for exclusive use. Raises OSError only; its text says what to do."""
     import serial
 
+    closing = _closing.get(device)
+    if closing is not None and closing.is_alive():
+        raise OSError(errno.EBUSY, f"{device} is still being closed: it takes nothing")
     try:
         port = _guarded(lambda: serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True))
     except OSError as error:

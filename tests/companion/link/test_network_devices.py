@@ -13,7 +13,8 @@ from companion.answers.answer import Answer, Via
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link.inbound import InboundEvent
 from companion.link.parser import Parser
-from companion.link.transport import KEPT, Tcp, Udp, open_transport
+from companion.link.streams import Tcp
+from companion.link.transport import KEPT, Udp, open_transport
 from companion.wire import devices
 from companion.wire.ids import Motion
 from tests.companion.link.devices import AUTOPILOT, DEADLINE, GROUND, HEARTBEAT, Peer, link_to, until

@@ -5,14 +5,17 @@ from __future__ import annotations
 import errno
 import os
 import pty
+import threading
 import tty
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from companion.config.link_settings import LinkSettings
 from companion.link.transport import open_transport
+from companion.wire import devices
 from companion.wire.devices import open_port
 from gcs_plugin.terminal.connection import open_connection
 
@@ -61,6 +64,25 @@ def test_a_port_that_the_user_may_not_open_or_a_modem_manager_holds_says_what_to
     with pytest.raises(OSError, match=told) as failed:
         open_port("/dev/ttyACM0", 57600)
     assert failed.value.errno == number
+
+
+def test_a_port_whose_closing_takes_long_blocks_nothing_and_is_not_opened_meanwhile(
+    device: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_close = threading.Event()
+    close = serial.Serial.close
+
+    def slowly(port: Any) -> None:
+        may_close.wait(5.0)
+        close(port)
+
+    monkeypatch.setattr(serial.Serial, "close", slowly)
+    open_port(device, 57600).close()
+    with pytest.raises(OSError, match="still being closed: it takes nothing"):
+        open_port(device, 57600)
+    may_close.set()
+    devices._closing[device].join(5.0)
+    open_port(device, 57600).close()
 
 
 def test_a_speed_that_no_port_takes_is_trouble_at_either_end_and_no_crash(device: str) -> None:

@@ -142,6 +142,7 @@ class Status:
             "latency_ms": round(1e3 * median(self._latencies), 1) if self._latencies else None,
             "test_call": self._test_call.status,
             "hold_refused": self._settings.policy.hold_refused,
+            "px4_deadman": self._link.dead_man.state.value,
             "vision": {"trouble": self._vision.trouble, "restarts": self._vision.watchdog.restarted},
             "camera": {
                 "state": camera.state.value,
@@ -172,6 +173,7 @@ class Status:
             "state": status["state"],
             "policy": status["policy"],
             "hold_refused": status["hold_refused"],
+            "px4_deadman": status["px4_deadman"],
             "reasons": status["reasons"],
             "held_by": status["held_by"],
             "latency_ms": status["latency_ms"],

@@ -23,6 +23,7 @@ class Autopilot:
     setpoints must end.
     lead: seconds of setpoints that a streamed mode needs before the autopilot accepts it.
     reports_mode_late: HEARTBEAT shows a mode change up to 1 s late; a requested CURRENT_MODE shows it sooner.
+    stops_without_sticks: its own fail-safe can stop it when a MANUAL_CONTROL stream ends.
     overrun: metres that hold_mode drives on, beyond the braking distance, before it turns back and stands.
     """
 
@@ -37,6 +38,7 @@ class Autopilot:
     booting: frozenset[int] = frozenset()
     lead: float = 0.0
     reports_mode_late: bool = False
+    stops_without_sticks: bool = False
     overrun: float = 0.0
 
     @property

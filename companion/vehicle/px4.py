@@ -40,6 +40,7 @@ LOITERING = Autopilot(
     streamed=frozenset({OFFBOARD}),
     lead=0.7,
     reports_mode_late=True,
+    stops_without_sticks=True,
     overrun=2.5,
     names={
         custom_mode(1): "MANUAL",

@@ -29,7 +29,11 @@ class Ground:
 
     def set_speed(self, speed: float) -> None:
         """Sets the speed along the trail, m/s."""
-        self._send(mavlink.MAVLink_param_set_message(ROVER, AUTOPILOT, b"CRUISE_SPEED", speed, REAL32))
+        self.set_autopilot("CRUISE_SPEED", speed)
+
+    def set_autopilot(self, name: str, value: float) -> None:
+        """Sets one of the autopilot's parameters."""
+        self._send(mavlink.MAVLink_param_set_message(ROVER, AUTOPILOT, name.encode(), value, REAL32))
 
     def set_parameter(self, name: str, value: float) -> None:
         """Sets one of the companion's parameters."""

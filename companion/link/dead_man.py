@@ -89,7 +89,10 @@ class DeadMan:
             self._refuse(f"{sender[0]}/{sender[1]}", now)
 
     def rc_received(self, channels: RcChannels, now: float) -> None:
-        """Take RC_CHANNELS. It counts where the signal is live."""
+        """Take RC_CHANNELS. It counts where the signal is live.
+
+        That the receiver is healthy (SYS_STATUS) does not count: PX4 says so of our sticks, too.
+        """
         if channels.count > 0:
             self._refuse(TRANSMITTER, now)
 

@@ -193,7 +193,12 @@ def test_a_transmitter_that_is_off_tells_no_channels() -> None:
 @pytest.mark.parametrize("sender", [Port.COMPANION, Port.GCS])
 def test_sticks_for_this_vehicle_go_on_to_the_companion_and_not_to_the_radio(sender: Port) -> None:
     went: list[Port] = []
-    px4 = Px4(Rover(TRAIL), lambda port, _: bool(went.append(port)) or True)
+
+    def send(port: Port, _frame: bytes) -> bool:
+        went.append(port)
+        return True
+
+    px4 = Px4(Rover(TRAIL), send)
     ids = {Port.COMPANION: (1, 191), Port.GCS: (255, 190)}
     for port, own in ids.items():
         beat = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, *own))

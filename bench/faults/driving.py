@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import time
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from bench.stopping.humans import READ
 from bench.stopping.runs import FAST, SLOW, Job, reversing
 from bench.stopping.stage import READY_WITHIN, RETURN_WITHIN, Plan, Stage
 from companion.sim.demo.child import Child
+from companion.sim.field.rover import STANDSTILL
 from companion.wire.ids import State
 from companion.wire.parameters import THR_SCENE
 
@@ -37,6 +39,8 @@ _GAP = 4.0
 _WATCHED = 10.0
 """s in which the rover of a dead companion is watched."""
 _PX4_SPEED = 0.6
+_CIRCLES = 40.0
+"""s within which a rover that circles back in LOITER stands."""
 _NOT_WELL = "not well again"
 _TO_HOLD = "COMMAND_LONG 176 1 4"
 _RETURNS = "nothing resumes by itself; well again"
@@ -284,6 +288,51 @@ def _dead_on_px4(stage: Stage, random: Random) -> Seen:
         return Seen("", None, stage.wire.well_again(begun), saw)
 
 
+def _guarded_px4(job: Job, random: Random) -> Plan:
+    return replace(_px4(job, random), deadman=True)
+
+
+def _awaited(fits: Callable[[], bool], limit: float) -> bool:
+    """Waits for at most `limit` s while no companion runs. Returns whether it came true."""
+    until = time.monotonic() + limit
+    while not fits():
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+def _stands(stage: Stage) -> bool:
+    before = stage.status()["distance"]
+    time.sleep(1.0)
+    return bool(stage.status()["distance"] - before < STANDSTILL)
+
+
+def _dead_on_guarded_px4(stage: Stage, random: Random) -> Seen:
+    """Kills the companion of a PX4 rover in MISSION, which streams sticks. The hold counts from the kill."""
+    stage.wait_until_well()
+    stage.drive(random.uniform(0.0, 1.0))
+    stage.wait("its stream", lambda: stage.read_status().get("px4_deadman") == "on", SOON)
+    with follows():
+        before, killed = stage.status(), time.monotonic()
+        stage.daemon.process.kill()
+        stage.daemon.process.wait(SOON)
+        if not _awaited(lambda: bool(stage.status()["mode"] == "LOITER"), SOON):
+            return Seen("it drives on")
+        stop = stage.status()
+        held_at = stop["monotonic"] - stop["t"] + stop["mode_log"][-1]["t"]
+        stood = _awaited(lambda: _stands(stage), _CIRCLES)
+        metres = stage.status()["distance"] - before["distance"]
+        begun = time.monotonic()
+        stage.start_daemon()
+        stage.wait("a companion that sees", lambda: stage.wire.well_again(begun) is not None, READY_WITHIN)
+        watch(stage, 2.0)
+        mode = stage.status()["mode"]
+        wrong = "" if stood and mode == "LOITER" else f"stood: {stood}, then {mode}"
+        saw = f"LOITER by the {changed_by(stage)}; stood after {math.ceil(metres)} m from {_PX4_SPEED} m/s"
+        return Seen(wrong, held_at - killed, stage.wire.well_again(begun), saw)
+
+
 ROWS = (
     Row(
         "companion killed while driving",
@@ -372,6 +421,14 @@ ROWS = (
         "SIGKILL of the companion of a PX4 rover in MISSION",
         "the rover drives on; PX4 and the operator's terminal say that the companion is lost",
         repeated(3, _px4, _dead_on_px4),
-        exception="no setting of PX4 stops a mission when the companion is lost: docs/autopilots.md",
+        exception="px4_deadman, which is off as shipped, has PX4 stop it at a price: docs/autopilots.md",
+    ),
+    Row(
+        "companion dead on PX4, with px4_deadman",
+        "the same, with the stream of sticks and the parameters that it needs, and no transmitter",
+        "PX4 holds within 1 s of the kill; nothing resumes by itself; well again",
+        repeated(5, _guarded_px4, _dead_on_guarded_px4),
+        1.0,
+        BACK_WITHIN,
     ),
 )

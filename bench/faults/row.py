@@ -44,7 +44,7 @@ class Row(NamedTuple):
     """A row. fault, produced, safe_state: for a reader, in a few words.
 
     hold_within, return_within: limits in s of `Outcome.hold_s` and `Outcome.return_s`.
-    exception: why no safe state follows, and nothing that we write can change that. Such a row counts as not
+    exception: why no safe state follows as shipped, and what can change that. Such a row counts as not
     safe, and is wrong only where something else follows than `safe_state` says. "": it must be safe.
     """
 

@@ -41,6 +41,8 @@ BEYOND = 6.0
 STAYS = 0.5
 """Seconds after which a rover that stood is checked again."""
 LOOK = 0.02
+GUARDED = {"COM_RC_IN_MODE": 1.0, "COM_RC_LOSS_T": 0.5, "COM_FAIL_ACT_T": 0.0, "NAV_RCL_ACT": 1.0}
+"""Parameters of a PX4 that holds when the companion's stream of sticks ends."""
 _QUIET = """\
 
 [thresholds]
@@ -70,6 +72,7 @@ class Plan:
     port to which others can send. slow_disk: `Stage.disk` can delay what the companion writes. plugged:
     whether the camera is there when the companion starts. autopilot: ardupilot or px4, which has no script.
     mission: m of the trail after which the mission is complete; None: it goes round.
+    deadman: the companion streams sticks, the autopilot holds when they end, and no transmitter is on.
     """
 
     seed: int
@@ -85,6 +88,7 @@ class Plan:
     plugged: bool = True
     autopilot: str = "ardupilot"
     mission: float | None = None
+    deadman: bool = False
 
 
 class Stage:
@@ -122,6 +126,10 @@ class Stage:
         self._gcs = ports["gcs"]
         self.ground = self._closing.enter_context(closing(Ground(self._gcs)))
         self.config = self._write_config(self.camera.source, self.wire.url)
+        if plan.deadman:
+            self.control.ask("transmitter", on=False)
+            for name, value in GUARDED.items():
+                self.ground.set_of_autopilot(name, value)
         perceivers.register()
         self.freshness = load_config(str(self.config)).freshness
         self.start_daemon()
@@ -288,6 +296,8 @@ class Stage:
         text = path.read_text(encoding="utf-8")
         if plan.quiet:
             text = text.partition("[words]")[0].replace("top = 0.46", "top = 0.44") + _QUIET
+        if plan.deadman:
+            text = text.replace("[call]\n", '[call]\npx4_deadman = "manual_control"\n')
         name = f"broken:{self.out / 'fault'}" if plan.breakable else "builtin"
         text += f"\n[perceiver]\nname = {json.dumps(name)}\nthreads = 1\n"
         path.write_text(text, encoding="utf-8")

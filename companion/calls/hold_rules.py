@@ -134,6 +134,16 @@ class HoldController:
         held = self.hold is not None and autopilot is not None and self.hold.mode in autopilot.streamed
         return held or self.offboard_release is not None
 
+    def in_charge(self, now: float) -> bool:
+        """Whether the armed vehicle drives by itself or stands in our hold, and the autopilot is heard.
+
+        Any other mode is a human's or a fail-safe's.
+        """
+        report = self._monitor.newest
+        ours = self.hold is not None and report.mode == self.hold.mode
+        heard = self._monitor.known(now) and not self._monitor.heartbeat_lost(now)
+        return heard and report.armed and (report.drives_itself or ours)
+
     def start(self, number: int, reasons: frozenset[Reason], now: float) -> HoldStarted:
         """Start a hold out of the mode that the vehicle shows. An earlier go does not apply to it."""
         report = self._monitor.newest

@@ -19,6 +19,8 @@ BITS_PER_BYTE = 10
 _SLOWEST = 2400
 LONGEST_PACE = 0.1
 """s, the longest pace: heartbeats and setpoints take six frames a second, and replies need some, too."""
+LONGEST_PACE_WITH_STICKS = 0.05
+"""s, the longest pace with [call] px4_deadman, whose stream takes ten frames a second more."""
 
 
 class LinkError(ValueError):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from companion.config.checks import NestedError, Section
+from companion.config.link_settings import LONGEST_PACE_WITH_STICKS
 from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Vehicle
 from companion.config.toml_file import ConfigError, Layer, Problem, nearest
 from companion.config.words import read_words
@@ -33,6 +34,7 @@ def load_config(path: str | Path) -> Config:
         for name, section in SECTIONS.items()
     }
     words = read_words(layers, problems)
+    problems += _too_slow_for_sticks(main, sections)
     if problems:
         raise ConfigError(problems)
     if sections["video"].listen and len(words.vocabulary) < MAX_WORDS:
@@ -46,6 +48,20 @@ def load_config(path: str | Path) -> Config:
         link=config.link.with_paths_in(folder),
         journal=config.journal.with_paths_in(folder),
     )
+
+
+def _too_slow_for_sticks(main: Layer, sections: Mapping[str, Any]) -> list[Problem]:
+    """Refuse connections on which the dead man's stream would leave no room for replies."""
+    link = sections["link"]
+    paces = {("link", "pace"): link.pace} | {
+        ("link", "more", name, "pace"): one.pace for name, one in link.more
+    }
+    most = LONGEST_PACE_WITH_STICKS
+    return [
+        main.problem(keys, f'give at most {most:g}, or set [call] px4_deadman = "off"')
+        for keys, pace in paces.items()
+        if pace > most and sections["call"].px4_deadman != "off"
+    ]
 
 
 def state_folder(config: Config, service: Path = SERVICE) -> Path:

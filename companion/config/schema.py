@@ -248,8 +248,19 @@ class Call(Section):
     )
     fault_ends_hold: bool = setting(False, flag, "whether a fault's hold may end by itself")  # noqa: FBT003
     px4_hold: str = setting("loiter", choice(*PX4_HOLDS), "how a PX4 rover is held: loiter or offboard")
+    px4_deadman: str = setting(
+        "off",
+        choice("off", "manual_control"),
+        "what stops a PX4 rover when this computer dies: off (nothing), or the end of a stream of sticks",
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
+        if self.off_channel and self.px4_deadman != "off":
+            yield (
+                ("px4_deadman", "off_channel"),
+                "a transmitter with an off switch, and a stream of sticks for which PX4 ignores it, exclude "
+                "each other: set one of them to off",
+            )
         if self.votes > self.window:
             yield ("votes", "window"), f"votes {self.votes} must be at most window {self.window}"
 

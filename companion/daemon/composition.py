@@ -102,6 +102,7 @@ def compose(
     )
     answer_handler = AnswerHandler(calls, vision, link.answer_store)
     after_write = persistence.after_write
+    link.dead_man.enabled = config.call.px4_deadman == "manual_control"
     policy = PolicyService(link, calls, policy_state, after_write, refuses=hold_gate.refuses)
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     settings = SettingsService(

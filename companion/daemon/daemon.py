@@ -172,6 +172,7 @@ class Daemon:
         self.pointing.tick(now)
         self.video_pictures.tick(self.calls.state(now), now)
         self._link.stand_still(on=self.calls.holding.streams)
+        self._link.dead_man.on = self.calls.policy is Policy.HOLD and self.calls.holding.in_charge(now)
         self._report(now)
         self.recording.tick(self._reported_state, now)
         self._stall_detector.check(time.monotonic())
@@ -446,6 +447,8 @@ class Daemon:
             self._link.announce(None, notices.off(self.settings.policy.state.off_by), now)
         elif reminder := self._health.reminder():
             self._link.announce(None, reminder, now)
+        elif self.calls.policy is Policy.HOLD and (reminder := self._link.dead_man.reminder):
+            self._link.announce(None, reminder, now, quiet=True)
         else:
             self._link.announce(None, self.settings.policy.reminder, now, quiet=True, severity=WARNING)
         if self.persistence.memory_stored(now, self._vision.memory):

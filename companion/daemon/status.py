@@ -145,6 +145,7 @@ class Status:
             "test_call": self._test_call.status,
             "hold_refused": self._settings.policy.hold_refused,
             "course": unknown(self._link.vehicle, now),
+            "px4_deadman": self._link.dead_man.state.value,
             "vision": {"trouble": self._vision.trouble, "restarts": self._vision.watchdog.restarted},
             "camera": {
                 "state": camera.state.value,
@@ -175,6 +176,7 @@ class Status:
             "state": status["state"],
             "policy": status["policy"],
             "hold_refused": status["hold_refused"],
+            "px4_deadman": status["px4_deadman"],
             "reasons": status["reasons"],
             "held_by": status["held_by"],
             "mission": status["mission"],

@@ -22,7 +22,7 @@ BYTES_PER_POLL = 256 * 1024
 READS_AT_MOST = 4096
 ID_CONFLICT_FOR = 10.0
 """s of silence after another component sent under our ids."""
-STOPPING = frozenset({"hold", "setpoint"})
+STOPPING = frozenset({"hold", "setpoint", "sticks"})
 """Rows that are sent even while another component uses our ids: that must not prevent a hold."""
 _IDLE = 0.1
 

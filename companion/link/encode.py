@@ -264,6 +264,11 @@ def stand_still(system_id: int, uptime_ms: int) -> Any:
     )
 
 
+def centred_sticks(system_id: int) -> Any:
+    """MANUAL_CONTROL that neither drives nor steers: PX4 reads z from 0 to 1000, with no thrust at 500."""
+    return mavlink.MAVLink_manual_control_message(system_id, 0, 0, 500, 0, 0)
+
+
 def ask_for(system_id: int, message_id: int, period: float) -> Any:
     """MAV_CMD_SET_MESSAGE_INTERVAL: request a message every `period` s, on our own port only."""
     return _command(system_id, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(period * 1e6))

@@ -19,6 +19,7 @@ from companion.link.camera import CameraService
 from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
+from companion.link.dead_man import DeadMan
 from companion.link.ftp.server import FtpServer
 from companion.link.inbound import InboundEvent
 from companion.link.mode_commands import ModeCommands
@@ -48,7 +49,7 @@ class Link:
     """Acts as MAVLink component 191.
 
     Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`. parameters, text_parameters,
-    answers, commands, modes, camera: the services that the daemon uses.
+    answers, commands, modes, camera, dead_man: the services that the daemon uses.
     """
 
     def __init__(
@@ -110,8 +111,15 @@ class Link:
             self.camera,
         )
         self.modes = ModeCommands(self._outbox, self._access, self._tracker)
+        self.dead_man = DeadMan(self._outbox, self._text_sender)
         self._router = MessageRouter(
-            self._outbox, self._text_sender, self._access, self._tracker, self.modes, requests
+            self._outbox,
+            self._text_sender,
+            self._access,
+            self._tracker,
+            self.modes,
+            requests,
+            self.dead_man,
         )
         self._alerts = AlertRepeater()
         self._returns_seen = 0
@@ -193,6 +201,8 @@ class Link:
             has_vehicle |= self._signing.behind
         sending = [one for one in self._channels if one.may_send(now, has_vehicle=has_vehicle)]
         self._setpoints.tick(self.vehicle, now)
+        self.dead_man.tick(self.vehicle, now)
+        self._intervals.wants_rc_channels |= self.dead_man.wants_rc_channels
         returns = self._tracker.returns + self._outbox.moves
         if sending:
             self._announce_due(now)

@@ -13,6 +13,7 @@ from companion.link.answers import AnswerService
 from companion.link.camera import CameraService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
+from companion.link.dead_man import STICKS, DeadMan
 from companion.link.ftp.server import FtpServer
 from companion.link.inbound import InboundEvent, VehicleUpdate
 from companion.link.mode_commands import ModeCommands
@@ -169,6 +170,7 @@ class MessageRouter:
         tracker: VehicleTracker,
         modes: ModeCommands,
         requests: RequestDispatcher,
+        dead_man: DeadMan,
     ) -> None:
         self._outbox = outbox
         self._text_sender = text_sender
@@ -176,6 +178,7 @@ class MessageRouter:
         self._tracker = tracker
         self._modes = modes
         self._requests = requests
+        self._dead_man = dead_man
         self._deduplicator = Deduplicator()
         self.remote_control = RemoteControl()
 
@@ -202,6 +205,9 @@ class MessageRouter:
             if self._outbox.is_home(channel):
                 return self._take_telemetry(kind, sender[0], message, now)
             return None
+        if kind in STICKS:
+            self._dead_man.sticks_received(sender, message, now)
+            return None
         if channel.id_conflict or not self._is_request(kind, sender, message, channel, now):
             return None
         return self._requests.dispatch(sender, message, now)
@@ -211,6 +217,8 @@ class MessageRouter:
             self._access.rejected["echo"] += 1
             return
         self._access.rejected["clash"] += 1
+        if message.get_type() in STICKS:
+            self._dead_man.sticks_received((self._outbox.system_id, COMPONENT_ID), message, now)
         if channel.note_id_conflict(now):
             self._text_sender.send(notices.ids_taken(self._outbox.system_id, channel.name), WARNING, now)
 
@@ -240,7 +248,9 @@ class MessageRouter:
         elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
             return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
-            return self.remote_control.receive_pulses(message, now)
+            channels = self.remote_control.receive_pulses(message, now)
+            self._dead_man.rc_received(channels, now)
+            return channels
         else:
             if kind == "SYS_STATUS" and self._tracker.is_ours(system_id):
                 self.remote_control.receive_health(message, now)

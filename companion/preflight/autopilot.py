@@ -42,9 +42,16 @@ COURSE_WITHIN = 3.5
 COURSE_MESSAGES = (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mavlink.MAVLINK_MSG_ID_ATTITUDE)
 _TICK = 0.02
 _UNGUARDED = (
-    "when the companion dies a PX4 rover drives on, and no parameter changes that: "
-    "keep a transmitter with a HOLD switch in somebody's hand"
+    "when the companion dies a PX4 rover drives on: keep a transmitter with a HOLD switch in somebody's "
+    'hand, or set [call] px4_deadman = "manual_control", for which PX4 ignores the transmitter '
+    "(docs/autopilots.md)"
 )
+_GUARDED = (
+    "px4_deadman: a MISSION ends in LOITER when the companion dies under policy hold; in PX4's own "
+    "simulation that was tried once. PX4 ignores the transmitter and its mode switch: stop it from the "
+    "ground station"
+)
+_NOT_A_PX4 = "[call] px4_deadman is ignored here: on ArduPilot the script stops the vehicle"
 
 
 @dataclass
@@ -153,13 +160,18 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
         mute = f"{who}: it answers none of our questions: check that the link goes both ways"
         return Asked([failed(CHECK, mute)], overrun=known.overrun, url=url, grounds=grounds)
     offboard = config.call.px4_hold == "offboard"
-    facts = Facts(values, autopilot.system_id, config.link.allowed_senders, offboard, config.call.policy)
+    deadman = config.call.px4_deadman != "off"
+    facts = Facts(
+        values, autopilot.system_id, config.link.allowed_senders, offboard, config.call.policy, deadman
+    )
     wrong = judge(autopilot.kind, facts, holds=config.call.policy == "hold")
     worst = max((one.verdict for one in wrong), default=Verdict.PASS)
     told = f"{len(wrong)} findings, below" if wrong else "none makes a hold unsafe"
     wrong.insert(0, Finding(CHECK, worst, f"{who}: {len(values)} parameters told, {told}"))
     if autopilot.kind == PX4:
-        wrong.append(warned(CHECK, _UNGUARDED))
+        wrong.append(warned(CHECK, _GUARDED if deadman else _UNGUARDED))
+    elif deadman:
+        wrong.append(warned(CHECK, _NOT_A_PX4))
     return Asked(wrong, speed(autopilot.kind, values), known.overrun, url=url, grounds=grounds)
 
 

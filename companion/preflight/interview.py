@@ -56,7 +56,7 @@ def _missing(table: Table, facts: Facts, worst: Verdict) -> list[Finding]:
             min(max(rule.verdict for rule in table.rules if rule.name in choice), worst),
             "no good answer in three tries: check the link, then check again, or read it at the ground",
         )
-        for choice in table.always
+        for choice in (*table.always, *(table.for_deadman if facts.deadman else ()))
         if not any(name in facts.values for name in choice)
     ]
 

@@ -64,6 +64,7 @@ class Facts:
 
     values: of the parameters that the autopilot sent. system_id: the vehicle's. allowed: first and last
     system id of [link] allowed_senders. offboard: whether a PX4 is held by OFFBOARD. policy: [call] policy.
+    deadman: whether the end of our stream of sticks shall stop a PX4.
     """
 
     values: Mapping[str, float]
@@ -71,6 +72,7 @@ class Facts:
     allowed: tuple[int, int] = (245, 255)
     offboard: bool = False
     policy: str = "hold"
+    deadman: bool = False
 
 
 Bad = Callable[[float, Facts], bool]
@@ -98,7 +100,7 @@ class Table(NamedTuple):
 
     always: of each of these groups every firmware version has one parameter, so that a missing answer is a
     finding. speeds: parameters of the speed of autonomous driving; the first that is above 0 counts.
-    also: parameters on which rules depend.
+    also: parameters on which rules depend. for_deadman: as always, needed only for `Facts.deadman`.
     """
 
     rules: tuple[Rule, ...]
@@ -106,6 +108,7 @@ class Table(NamedTuple):
     always: tuple[tuple[str, ...], ...]
     speeds: tuple[str, ...]
     also: tuple[str, ...]
+    for_deadman: tuple[tuple[str, ...], ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

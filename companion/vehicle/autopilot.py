@@ -27,6 +27,7 @@ class Autopilot:
     reports_mode_late: HEARTBEAT shows a mode change up to 1 s late; a requested CURRENT_MODE shows it sooner.
     contradicts_itself: it answers a mode command twice, and the two results differ.
     scripted: a script of ours may run on it, which compares the mode before it sets one.
+    stops_without_sticks: its own fail-safe can stop it when a MANUAL_CONTROL stream ends.
     overrun: metres that hold_mode drives on, beyond the braking distance, before it turns back and stands.
     """
 
@@ -46,6 +47,7 @@ class Autopilot:
     reports_mode_late: bool = False
     contradicts_itself: bool = False
     scripted: bool = False
+    stops_without_sticks: bool = False
     overrun: float = 0.0
 
     @property

@@ -44,6 +44,7 @@ LOITERING = Autopilot(
     lead=0.7,
     reports_mode_late=True,
     contradicts_itself=True,
+    stops_without_sticks=True,
     overrun=2.5,
     names={
         custom_mode(1): "MANUAL",

@@ -76,6 +76,7 @@ _ROWS: tuple[_Row, ...] = (
     ("script",      "COMMAND_LONG 31014",  "is it there",       OUT,  5.0,  45,  7,    None,  "next one"),
     ("interval",    "COMMAND_LONG 511",    "asks for streams",  OUT,  10.0, 45,  7,    None,  "next one"),
     ("setpoint",    "SET_POSITION_TARGET_LOCAL_NED", "stand still (PX4)", OUT, 0.2, 65, 0, None, "next one"),
+    ("sticks",      "MANUAL_CONTROL",      "centred: it lives (PX4)", OUT, 0.1, 23, 0, None, "next one"),
     ("vehicle",     "HEARTBEAT",           "id, mode, armed",   IN,   1.0,  21,  None, None,  "next one"),
     ("position",    "GLOBAL_POSITION_INT", "place, speed",      IN,   0.5,  40,  None, None,  "old in 5 s"),
     ("attitude",    "ATTITUDE",            "how it stands",     IN,   0.5,  40,  None, None,  "old in 5 s"),

@@ -65,6 +65,16 @@ def autopilot_back() -> str:
     return "Autopilot is heard again"
 
 
+def dead_man_refused(whom: str) -> str:
+    """Reports that PX4 is not guarded by our stream of sticks. whom: who steers, too, "255/190"."""
+    return fit(f"Dead man OFF, sticks of {whom}: guard by hand")
+
+
+def dead_man_ends() -> str:
+    """Reports that our stream of sticks ends while PX4 drives by itself, which makes it hold."""
+    return "Dead man ends: PX4 holds, set MISSION by hand"
+
+
 def script_holds(why: str, mode: str) -> str:
     """Reports that the autopilot's script holds the vehicle. mode: ends the hold when set by a person."""
     return fit(f"Script holds ({why}): set {mode} by hand")

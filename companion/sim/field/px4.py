@@ -3,22 +3,24 @@
 It differs from `Autopilot` in this: modes have a main and a sub mode; a mode command is acknowledged twice; a
 new mode is reported with the next heartbeat, or sooner by CURRENT_MODE where that is requested; LOITER
 circles back; OFFBOARD needs setpoints before and during it; the loss of the companion is reported and changes
-nothing.
+nothing, but the loss of a MANUAL_CONTROL stream does (`manual_control`).
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.sim.field.autopilot import BY_ITSELF, COMPANION, Autopilot
+from companion.sim.field import manual_control
+from companion.sim.field.autopilot import BY_ITSELF, COMPANION, SYSTEM, Autopilot
+from companion.sim.field.manual_control import Action, Excepted, ManualControl
 from companion.sim.field.parameters import INT32, REAL32, Row
 from companion.sim.field.router import Port
-from companion.sim.field.rover import Drive
+from companion.sim.field.rover import Drive, Rover
 
 SET_MODE = int(mavlink.MAV_CMD_DO_SET_MODE)
 CURRENT_MODE = int(mavlink.MAVLINK_MSG_ID_CURRENT_MODE)
@@ -49,10 +51,18 @@ PARAMETERS: tuple[Row, ...] = (
     ("MAV_1_FORWARD", INT32, 1, 0, 1),
     ("COM_OF_LOSS_T", REAL32, 0.5, 0.0, 60.0),
     ("COM_OBL_RC_ACT", INT32, 0, 0, 7),
-    ("NAV_RCL_ACT", INT32, 1, 0, 6),
     ("NAV_DLL_ACT", INT32, 0, 0, 6),
     ("RO_SPEED_LIM", REAL32, 2.5, 0.0, 5.0),
+    *manual_control.PARAMETERS,
 )
+_BY_HAND = frozenset({Mode.MANUAL, Mode.POSITION})
+_EXCEPTED = {
+    Mode.MISSION: Excepted.MISSION,
+    Mode.LOITER: Excepted.AUTO,
+    Mode.RTL: Excepted.AUTO,
+    Mode.OFFBOARD: Excepted.OFFBOARD,
+}
+_FAILSAFE = {Action.HOLD: Mode.LOITER, Action.RETURN: Mode.RTL}
 
 
 class Px4(Autopilot):
@@ -69,6 +79,11 @@ class Px4(Autopilot):
     _companion_at: float | None = None
     _acknowledged = 0
 
+    def __init__(self, rover: Rover, send: Callable[[Port, bytes], bool]) -> None:
+        super().__init__(rover, send)
+        self._manual = ManualControl(self.parameters)
+        self._mode_set: enum.IntEnum = self.mode
+
     def receive(self, port: Port, frame: Any) -> None:
         super().receive(port, frame)
         kind = frame.get_type()
@@ -78,9 +93,18 @@ class Px4(Autopilot):
             if not self._fed:
                 self._fed_since = self.rover.time
             self._fed_at = self.rover.time
+        elif kind == "MANUAL_CONTROL" and frame.target in (0, SYSTEM):
+            self._manual.received(self.rover.time)
+
+    def set_mode(self, mode: enum.IntEnum, by: str) -> None:
+        if by != BY_ITSELF:
+            self._mode_set = mode
+            self._manual.mode_set()
+        super().set_mode(mode, by)
 
     def reboot(self, seconds: float, checks: float = 0.0) -> None:
         super().reboot(seconds, checks)
+        self._manual, self._mode_set = ManualControl(self.parameters), self.mode
         self._fed_since = self._fed_at = -math.inf
         self._companion_at = None
 
@@ -88,6 +112,7 @@ class Px4(Autopilot):
         if self.mode is Mode.OFFBOARD and not self._fed:
             to_hold = self.parameters["COM_OBL_RC_ACT"] == TO_HOLD
             self.set_mode(Mode.LOITER if to_hold else Mode.RTL, BY_ITSELF)
+        self._follow_manual_control()
         if self._companion_at is not None and self.rover.time - self._companion_at > COMPANION_LOST_AFTER:
             self._companion_at = None
             self._warn(b"Connection to mission computer lost")
@@ -100,6 +125,8 @@ class Px4(Autopilot):
 
     def may_enter(self, mode: enum.IntEnum) -> bool:
         fed_for = self.rover.time - self._fed_since
+        if mode in _BY_HAND and self._manual.lost(self.rover.time):
+            return False
         return mode is not Mode.OFFBOARD or (self._fed and fed_for >= SETPOINTS_FIRST)
 
     def restarts_mission(self) -> bool:
@@ -152,13 +179,23 @@ class Px4(Autopilot):
         )
 
     def drives(self) -> Drive:
+        # Sticks of MANUAL_CONTROL that are not centred are not simulated.
+        by_hand = (
+            Drive.BRAKE if self.parameters["COM_RC_IN_MODE"] == manual_control.MAVLINK_ONLY else Drive.HAND
+        )
         return {
             Mode.MISSION: Drive.FOLLOW,
-            Mode.MANUAL: Drive.HAND,
-            Mode.POSITION: Drive.HAND,
+            **dict.fromkeys(_BY_HAND, by_hand),
             Mode.LOITER: Drive.CIRCLE,
             Mode.RTL: Drive.HOME,
         }.get(Mode(self.mode), Drive.BRAKE)
+
+    def _follow_manual_control(self) -> None:
+        kind = _EXCEPTED.get(Mode(self._mode_set))
+        action = self._manual.poll(kind, self.rover.time, armed=self.armed)
+        if action is not None and self.mode is not _FAILSAFE[action]:
+            self.set_mode(_FAILSAFE[action], BY_ITSELF)
+            self._warn(b"Manual control lost")
 
     def _mode_changed(self) -> None:
         """Does nothing: PX4 reports a change with its next regular heartbeat."""

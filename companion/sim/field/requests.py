@@ -44,6 +44,7 @@ class ControlRequests:
             "start": lambda _: self.start(),
             "stop": lambda _: stop(),
             "throttle": self._throttle,
+            "transmitter": self._transmitter,
         }
 
     def handle(self, request: Request) -> dict[str, Any]:
@@ -83,6 +84,9 @@ class ControlRequests:
             _number(request, "steering", -1.0, 1.0, default=0.0),
             _number(request, "seconds", 0.0, MAX_HAND_SECONDS, default=2.0),
         )
+
+    def _transmitter(self, request: Request) -> None:
+        self._simulation.rover.transmitter.on = _flag(request, "on")
 
     def _rc(self, request: Request) -> None:
         channel = round(_number(request, "channel", FIRST_SWITCH, RC_CHANNELS))

@@ -93,7 +93,9 @@ class Router:
         if sender == (self._system, self._component) or frame.get_msgId() not in PASSED_IDS:
             return DROPPED
         self._learn(*sender, port)
-        system = int(getattr(frame, "target_system", EVERYONE))
+        # MANUAL_CONTROL calls it by another name, and MAVLink's routers know that.
+        name = "target" if frame.get_type() == "MANUAL_CONTROL" else "target_system"
+        system = int(getattr(frame, name, EVERYONE))
         component = int(getattr(frame, "target_component", EVERYONE))
         if (system, component) == (self._system, self._component):
             return Route(forward=False, execute=True)

@@ -60,11 +60,15 @@ class Body:
 
 @dataclass
 class Transmitter:
-    """The pilot's transmitter: throttle, steering (left positive) in [-1, 1], switches (channel -> us)."""
+    """The pilot's transmitter: throttle, steering (left positive) in [-1, 1], switches (channel -> us).
+
+    on: whether the receiver hears it; otherwise no channel is told.
+    """
 
     throttle: float = 0.0
     steering: float = 0.0
     switches: dict[int, int] = field(default_factory=dict)
+    on: bool = True
 
 
 @dataclass(frozen=True)

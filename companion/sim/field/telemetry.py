@@ -20,6 +20,7 @@ ORIGIN_LATITUDE = 47.0
 ORIGIN_LONGITUDE = 8.0
 METRES_PER_DEGREE = 111_320.0
 RC_CHANNELS = 16
+_NO_CHANNEL = 65535
 SLOWEST_PERIOD = 60.0
 FASTEST_PERIOD = 0.02
 
@@ -74,6 +75,8 @@ def vfr_hud(rover: Rover) -> Any:
 
 def rc_channels(rover: Rover) -> Any:
     """Makes RC_CHANNELS: steering on channel 1 (right is more), throttle on 3, switches as set."""
+    if not rover.transmitter.on:
+        return mavlink.MAVLink_rc_channels_message(_boot_ms(rover), 0, *[_NO_CHANNEL] * 18, 0)
     pulses = [1500] * RC_CHANNELS
     pulses[0] = round(1500 - 500 * rover.transmitter.steering)
     pulses[2] = round(1500 + 500 * rover.transmitter.throttle)

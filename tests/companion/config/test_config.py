@@ -452,3 +452,20 @@ def test_a_refused_source_does_not_show_its_password(tmp_path: Path, source: str
         load_config(path)
     assert "me:sec" not in str(refused.value)
     assert "a:b" not in str(refused.value)
+
+
+def test_a_stream_of_sticks_and_an_off_switch_on_a_transmitter_exclude_each_other(tmp_path: Path) -> None:
+    (told,) = _problems(tmp_path, '[call]\noff_channel = 7\npx4_deadman = "manual_control"\n')
+    assert told.startswith("companion.toml:3: call.px4_deadman = 'manual_control': ")
+    assert "exclude each other" in told
+
+
+def test_a_stream_of_sticks_needs_a_pace_that_leaves_room_for_replies(tmp_path: Path) -> None:
+    slow = '[link]\npace = 0.1\n[link.more.wifi]\nurl = "udpin:0.0.0.0:14551"\npace = 0.06\n[call]\n'
+    told = _problems(tmp_path, slow + 'px4_deadman = "manual_control"\n')
+    assert len(told) == 2
+    assert (
+        told[0] == 'companion.toml:2: link.pace = 0.1: give at most 0.05, or set [call] px4_deadman = "off"'
+    )
+    assert "link.more.wifi.pace = 0.06" in told[1]
+    assert load_config(_write(tmp_path, slow)).call.px4_deadman == "off"

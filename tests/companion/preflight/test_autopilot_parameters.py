@@ -29,6 +29,14 @@ GOOD_PX4 = {
     "NAV_RCL_ACT": 1.0,
     "NAV_DLL_ACT": 0.0,
 }
+GUARDED = {
+    **GOOD_PX4,
+    "COM_RC_IN_MODE": 1.0,
+    "COM_RC_LOSS_T": 0.5,
+    "COM_FAIL_ACT_T": 0.0,
+    "COM_RCL_EXCEPT": 0.0,
+}
+"""A PX4 that stops when the stream of px4_deadman ends."""
 
 
 def test_good_parameters_raise_nothing() -> None:
@@ -74,6 +82,49 @@ def test_one_bad_value_is_one_finding_with_what_to_do(
     (found,) = judge(autopilot, Facts({**good, name: float(value)}), holds=True)
     assert (found.check, found.verdict) == (f"{name} {value:g}", verdict)
     assert told in found.text
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "verdict", "told"),
+    [
+        ("COM_RC_IN_MODE", 0, Verdict.FAIL, "set 1 (MAVLink only), with which PX4 ignores the transmitter"),
+        ("COM_RC_IN_MODE", 3, Verdict.FAIL, "does not stop a mission"),
+        ("NAV_RCL_ACT", 2, Verdict.FAIL, "set 1 (hold)"),
+        ("NAV_RCL_ACT", 7, Verdict.FAIL, "set 1 (hold)"),
+        ("COM_RC_LOSS_T", 1, Verdict.FAIL, "set 0.5 s"),
+        ("COM_RC_LOSS_T", 0.2, Verdict.WARN, "set 0.5 s"),
+        ("COM_FAIL_ACT_T", 5, Verdict.WARN, "set 0"),
+        ("COM_RCL_EXCEPT", 1, Verdict.FAIL, "subtract 1"),
+        ("COM_RCL_EXCEPT", 2, Verdict.WARN, "subtract 2"),
+        ("COM_RCL_EXCEPT", 4, None, ""),
+    ],
+)
+def test_the_dead_man_needs_the_fail_safe_for_lost_sticks(
+    name: str, value: float, verdict: Verdict | None, told: str
+) -> None:
+    assert judge(PX4, Facts(GUARDED, deadman=True), holds=True) == []
+    found = judge(PX4, Facts({**GUARDED, name: float(value)}, deadman=True), holds=True)
+    assert [one.verdict for one in found] == ([] if verdict is None else [verdict])
+    assert all(told in one.text and one.check == f"{name} {value:g}" for one in found)
+
+
+def test_without_the_dead_man_only_a_transmitter_that_is_ignored_is_told() -> None:
+    others = {**GUARDED, "COM_RC_IN_MODE": 3.0, "COM_RC_LOSS_T": 2.0, "COM_RCL_EXCEPT": 3.0}
+    assert judge(PX4, Facts(others), holds=True) == []
+    (found,) = judge(PX4, Facts(GUARDED), holds=True)
+    assert found.check == "COM_RC_IN_MODE 1"
+    assert "ignores the transmitter" in found.text
+
+
+def test_a_parameter_that_the_dead_man_needs_and_that_was_not_told_fails() -> None:
+    assert judge(PX4, Facts(GOOD_PX4), holds=True) == []
+    found = judge(PX4, Facts(GOOD_PX4, deadman=True), holds=True)
+    assert {(one.check, one.verdict) for one in found} == {
+        ("COM_RC_IN_MODE untold", Verdict.FAIL),
+        ("COM_RC_LOSS_T untold", Verdict.FAIL),
+        ("COM_FAIL_ACT_T untold", Verdict.WARN),
+        ("COM_RCL_EXCEPT untold", Verdict.FAIL),
+    }
 
 
 def test_where_nothing_is_held_by_policy_nothing_fails() -> None:

@@ -242,6 +242,25 @@ def test_what_it_drives_on_in_the_mode_that_holds_it_is_known_with_the_autopilot
     assert any("drives on" in finding.text for finding in asked.findings) is (kind == PX4)
 
 
+@pytest.mark.parametrize(
+    ("kind", "deadman", "told"),
+    [
+        (PX4, "off", 'or set [call] px4_deadman = "manual_control"'),
+        (PX4, "manual_control", "PX4 ignores the transmitter and its mode switch"),
+        (ARDUPILOT, "manual_control", "px4_deadman is ignored here"),
+        (ARDUPILOT, "off", ""),
+    ],
+)
+def test_what_stops_it_when_the_companion_dies_is_told(kind: int, deadman: str, told: str) -> None:
+    talk = Talk(answering({"RO_SPEED_LIM": 2.0, "MIS_RESTART": 0.0}, kind))
+    talk.say(heartbeat(kind))
+    talk.run()
+    config = replace(HOLDS, call=replace(HOLDS.call, px4_deadman=deadman))
+    told_of = [one.text for one in judged(config, "", talk.interview).findings if "px4_deadman" in one.text]
+    last = told_of[-1] if told_of else ""
+    assert told in last if told else not last
+
+
 def test_px4_s_whole_numbers_are_read_bytewise_and_ardupilot_s_as_floats() -> None:
     def message(value: float, kind: int) -> Any:
         sent = mavlink.MAVLink_param_value_message(b"MAV_1_FORWARD", value, kind, 1, 0)

@@ -24,7 +24,14 @@ def test_everything_to_the_ground_is_paid_from_a_budget() -> None:
 
 def test_the_heartbeat_and_the_hold_go_first_then_the_call() -> None:
     order = sorted((row for row in TABLE if row.priority is not None), key=lambda row: row.priority or 0)
-    assert [row.name for row in order][:5] == ["heartbeat", "hold", "resume", "setpoint", "call text"]
+    assert [row.name for row in order][:6] == [
+        "heartbeat",
+        "hold",
+        "resume",
+        "setpoint",
+        "sticks",
+        "call text",
+    ]
 
 
 def test_an_autopilot_that_may_be_unsigned_may_say_all_that_is_heard_of_it() -> None:

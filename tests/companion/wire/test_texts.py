@@ -23,6 +23,7 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "value": st.sampled_from(Policy),
     "by": st.sampled_from(["", "RC18", "255/191"]),
     "switch": st.sampled_from(["RC7", "RC18"]),
+    "whom": st.sampled_from(["transmitter", "255/255"]),
     "off": st.booleans(),
     "hold": st.booleans(),
     "handled": st.booleans(),

@@ -143,9 +143,11 @@ def test_light_camera_switches_and_the_end_are_at_the_onlooker_s_hand(scene: Sce
     scene.ask("light", level=0.4)
     scene.ask("freeze_camera", on=True)
     scene.ask("rc", channel=7, pwm=1900)
+    scene.ask("transmitter", on=False)
     scene.ask("stop")
     assert (scene.world.light, scene.frozen, scene.stopped) == (0.4, True, True)
     assert scene.simulation.rover.transmitter.switches == {7: 1900}
+    assert not scene.simulation.rover.transmitter.on
 
 
 @pytest.mark.parametrize(

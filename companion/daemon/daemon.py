@@ -162,7 +162,7 @@ class Daemon:
             with self._error_guard.survived("acknowledgement", now):
                 callback(stored, now)
         self._health.check(now)
-        self.settings.policy.tick(now)
+        self._executor.carry_out(self.settings.policy.tick(now), now, at_once=True)
         self._shadow.tick(now)
         self._executor.carry_out(self.calls.tick(now), now, at_once=True)
         self._test_call.tick(now)
@@ -270,12 +270,8 @@ class Daemon:
     def _handle_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self.calls.numbers.px4_hold)
-        decisions = self.settings.policy.check_hold_again(
-            autopilot, now, misled_by_infrared=self._vision.misled_by_infrared
-        )
         report = ModeReport(vehicle.custom_mode, vehicle.armed, travelled, vehicle.heard_at, autopilot)
-        decisions += self.calls.vehicle_reported(report, now)
-        self._executor.carry_out(decisions, now)
+        self._executor.carry_out(self.calls.vehicle_reported(report, now), now)
 
     def _handle_result(self, result: Result, now: float) -> None:
         match result:
@@ -293,10 +289,6 @@ class Daemon:
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
         self._status.frame_judged(judged)
-        if self._vision.misled_by_infrared and self._link.vehicle is None:
-            # With an autopilot each of its heartbeats checks it.
-            decisions = self.settings.policy.check_hold_again(None, now, misled_by_infrared=True)
-            self._executor.carry_out(decisions, now)
         self.persistence.save_memory(judged.memory)
         self.records.forget_lost_frames()
         # A frame judged by words that a power loss may still undo can hold the vehicle, not release it.

@@ -26,8 +26,9 @@ class LoopbackVision:
     def __init__(self, engine: Callable[[Memory | None], AnyTraverse], step: float = 0.02) -> None:
         """engine: makes an engine from a memory (None: none was stored). step: s that a step takes."""
         self._make = engine
-        self.step = step
-        """Seconds that are reported of each step, where it did not take longer."""
+        self._step = step
+        self.frame_s = 0.0
+        """Seconds that are reported of each frame, where it did not take longer."""
         self._splitter = Splitter()
         self._requests: list[bytes] = []
         self._reports: list[bytes] = []
@@ -74,7 +75,7 @@ class LoopbackVision:
         """Judges a frame and reports it, as if the camera had delivered it."""
         if self._worker is not None and not self.hung and not self.death:
             judged = self._worker.judge(frame)
-            self.report(replace(judged, duration=max(judged.duration, self.step)))
+            self.report(replace(judged, duration=max(judged.duration, self.frame_s)))
 
     def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
         """Reports that the process is alive, with the camera's status."""
@@ -90,4 +91,4 @@ class LoopbackVision:
         self._worker = Worker(engine, revision)
         memory = engine.memory
         update = update_from(start.memory, memory, revision, start.revision, weak_in_use(engine, memory))
-        self.report(Ready(Model.of(engine.perceiver), engine.settings, update, (), self.step))
+        self.report(Ready(Model.of(engine.perceiver), engine.settings, update, (), self._step))

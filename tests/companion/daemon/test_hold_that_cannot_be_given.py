@@ -21,7 +21,6 @@ def test_one_slow_frame_at_the_start_changes_nothing(make_rig: MakeRig) -> None:
     rig = make_rig()
     rig.step_time = 0.6
     rig.restart()
-    rig.child.step = 0.02
     rig.see(30.0)
     assert rig.told_policy is Policy.HOLD
     assert rig.state == ("OK", 0)
@@ -33,7 +32,7 @@ def test_frames_that_are_slow_for_five_seconds_hold_a_rover_that_drives(
     rig: Rig, caplog: pytest.LogCaptureFixture
 ) -> None:
     rig.see(5.0)
-    rig.child.step = SLOW
+    rig.child.frame_s = SLOW
     rig.see(4.5)
     assert rig.state == ("OK", 0)
     rig.see(1.0)
@@ -48,9 +47,9 @@ def test_frames_that_are_slow_for_five_seconds_hold_a_rover_that_drives(
 
 
 def test_frames_that_are_quick_for_ten_seconds_end_it(rig: Rig) -> None:
-    rig.child.step = SLOW
+    rig.child.frame_s = SLOW
     rig.see(6.5)
-    rig.child.step = 0.02
+    rig.child.frame_s = 0.02
     rig.see(9.5)
     assert rig.state[0] == "FAULT"
     rig.see(1.0)
@@ -61,10 +60,10 @@ def test_frames_that_are_quick_for_ten_seconds_end_it(rig: Rig) -> None:
 
 
 def test_one_slow_frame_in_the_ten_seconds_does_not_prolong_it(rig: Rig) -> None:
-    rig.child.step = SLOW
+    rig.child.frame_s = SLOW
     rig.see(6.5)
     for step, seconds in ((0.02, 5.0), (SLOW, 0.1), (0.02, 5.5)):
-        rig.child.step = step
+        rig.child.frame_s = step
         rig.see(seconds)
     assert rig.state[0] != "FAULT"
 
@@ -74,6 +73,7 @@ def test_in_manual_it_is_told_once_a_minute_until_the_ground_sets_another_policy
     rig.stage.mode = MANUAL
     rig.step_time = 0.6
     rig.restart()
+    rig.child.frame_s = 0.6
     rig.see(135.0)
     reminder = "FAULT: 0.6 s a frame: faster, or AT_POLICY 0"
     assert rig.texts.count(reminder) == 3
@@ -88,7 +88,7 @@ def test_in_manual_it_is_told_once_a_minute_until_the_ground_sets_another_policy
 
 
 def test_a_request_for_hold_in_it_is_refused_and_the_policy_stays(rig: Rig) -> None:
-    rig.child.step = SLOW
+    rig.child.frame_s = SLOW
     rig.see(6.5)
     rig.set("AT_POLICY", float(Policy.HOLD))
     rig.see(1.0)
@@ -99,13 +99,13 @@ def test_a_request_for_hold_in_it_is_refused_and_the_policy_stays(rig: Rig) -> N
 
 def test_who_asked_for_hold_in_vain_is_told_once_when_it_fits(make_rig: MakeRig) -> None:
     rig = make_rig(Policy.REPORT)
-    rig.child.step = SLOW
+    rig.child.frame_s = SLOW
     rig.see(7.0)
     assert rig.state == ("OK", 0), "in policy report that is no fault"
     rig.set("AT_POLICY", float(Policy.HOLD))
     rig.see(1.0)
     told = [rig.told_policy]
-    rig.child.step = 0.02
+    rig.child.frame_s = 0.02
     rig.see(20.0)
     assert rig.texts.count("HOLD fits again: set AT_POLICY 2") == 1
     rig.set("AT_POLICY", float(Policy.HOLD))

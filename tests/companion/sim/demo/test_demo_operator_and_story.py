@@ -184,7 +184,7 @@ def test_a_tally_of_nothing_has_figures_and_lacks_nearly_all() -> None:
     assert not shown & set(missing(figures))
 
 
-GOOD = {
+GOOD: dict[str, Any] = {
     "calls": 2,
     "calls_unknown_object": 1,
     "calls_unknown_scene": 1,

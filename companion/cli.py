@@ -200,6 +200,7 @@ def _init(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError, UnknownWordError
     from companion.config import ConfigError, format_config, load_config, word_problem
+    from companion.policy.hold_gate import require_checkable
     from companion.wire.signing_key import SigningKeyError, read_key
 
     try:
@@ -208,6 +209,7 @@ def _check(options: argparse.Namespace) -> int:
         # A key that exists and cannot be read belongs to the service's user: only the daemon can check it.
         if key is not None and (os.access(key, os.R_OK) or not os.path.exists(key)):
             read_key(Path(key))
+        require_checkable(config)
         runs = _try_perceiver(config)
     except ConfigError as error:
         raise UserError(error_text(error)) from error

@@ -27,7 +27,6 @@ from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.live.live import Live
-from companion.policy.hold_gate import require_checkable
 from companion.preflight.report import EVERY, CheckReport
 from companion.recording.packer import IncidentPacker
 from companion.recording.recorder import Recorder
@@ -78,7 +77,6 @@ def main(
     is told how it goes.
     Raises AnyTraverseError, LinkError, ParameterError or JournalError for what a person must mend first.
     """
-    require_checkable(config)
     stop = stop or stop_on_signals()
     with ExitStack() as closing:
         service = service or ServiceManager()
@@ -159,7 +157,7 @@ def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved
     """Open the link with the parameters, words and policy that were in force before the restart.
 
     So the ground sees them from the first heartbeat on, while the perceiver still loads. The autopilot's
-    script acts by that policy; only a hold that is refused later will not be in force.
+    script acts by that policy.
     """
     policy = restored_policy(config, saved.get("policy"), time.monotonic()).in_force
     link = Link(

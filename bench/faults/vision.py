@@ -5,6 +5,8 @@ from __future__ import annotations
 from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Row
 from bench.faults.stages import stops
 from bench.stopping.faults import BREAKABLE, FAINT, NO_MEMORY, WRONG_SHAPES
+from bench.stopping.stage import RETURN_WITHIN
+from companion.vision.measured_pace import BAD_FOR
 
 _HELD = "fault, hold; another vision process is started; nothing resumes by itself"
 
@@ -48,6 +50,14 @@ ROWS = (
         stops(NO_MEMORY, 5, breakable=True),
         HOLD_WITHIN,
         BACK_WITHIN,
+    ),
+    Row(
+        "frames judged too slowly",
+        "each picture takes 0.45 s longer, so that two of them and a period exceed T; until the rover stands",
+        "fault after 5 s at most, hold; it ends after 10 s of quick ones; nothing resumes by itself",
+        stops(BREAKABLE["slow_frames"], 5, breakable=True),
+        HOLD_WITHIN + BAD_FOR,
+        RETURN_WITHIN,
     ),
     Row(
         "maps of NaN",

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from bench.stopping.perceivers import SHAPES
 from bench.stopping.stage import Stage
 from companion.calls.numbers import Numbers
+from companion.vision.measured_pace import BAD_FOR
 
 Act = Callable[[Stage], None]
 AUTOPILOT_SILENT = Numbers().heartbeat_lost
@@ -90,6 +91,8 @@ BREAKABLE: Mapping[str, Fault] = {
     "vision_segfault": Fault(_break("segfault"), _break(""), alone=True),
     "vision_lock_hang": Fault(_break("lock"), _break(""), returns=True, alone=True),
     "vision_out_of_memory": Fault(_break("memory"), _break(""), alone=True),
+    # Two of such pictures take a little longer than T, 1 s, with what they take anyway.
+    "slow_frames": Fault(_break("slow 0.45"), _break(""), noticed=BAD_FOR + 1.0),
 }
 """Faults of a companion whose perceiver can be broken."""
 WRONG_SHAPES: Mapping[str, Fault] = {

@@ -6,6 +6,7 @@
 "lock": once, the same in native code that holds the interpreter's lock.
 "segfault": native code that reads an invalid address. "memory": killed as when memory runs out.
 "no memory": no more memory is to be had from the kernel, and more is needed for every picture.
+"slow SECONDS": each picture takes so much longer.
 "shape NAME": one of `SHAPES`. "shape embedding": an embedding that is one number too long.
 `python -m bench.stopping.perceivers vision` is its vision process.
 """
@@ -18,6 +19,7 @@ import resource
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -96,6 +98,8 @@ class Breakable:
                 limit = pages * resource.getpagesize() + _SPARE
                 _limit_memory(limit)
                 bytearray(4 * _SPARE)
+            case slow if slow.startswith("slow "):
+                time.sleep(float(slow.removeprefix("slow ")))
             case "":
                 _limit_memory(resource.RLIM_INFINITY)
         return self._own.encode(image)

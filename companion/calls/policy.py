@@ -89,15 +89,14 @@ class PolicyState:
     before to `OperatorCalls.policy_changed` at once.
 
     requested: the policy requested by the configuration, a parameter or a command. requested_by: the sender
-    that requested it, "" for the configuration. wants_hold: hold is configured, or was given up since the
-    vehicle may not be held; an operator's request ends that.
+    that requested it, "" for the configuration. Only a person's request lowers it: hold that cannot be given
+    is a fault (`Fault.POLICY`), and stays in force.
     """
 
     def __init__(self, configured: Policy, switch: OffSwitch | None = None) -> None:
         self.requested = configured
         self.requested_by = ""
         self.switch = switch
-        self.wants_hold = configured is Policy.HOLD
 
     @property
     def switched_off(self) -> bool:
@@ -120,15 +119,8 @@ class PolicyState:
         """Request a policy for the sender `by`. False: it is refused, since the off switch says off."""
         if self.switched_off and policy is not Policy.OFF:
             return False
-        self.requested, self.requested_by, self.wants_hold = policy, by, False
+        self.requested, self.requested_by = policy, by
         return True
-
-    def give_up_hold(self) -> bool:
-        """Change a requested hold to report, since the vehicle may not be held. False: it was not hold."""
-        given_up = self.requested is Policy.HOLD
-        if given_up:
-            self.requested, self.wants_hold = Policy.REPORT, True
-        return given_up
 
     def saved(self) -> dict[str, Any]:
         """Return who switched it off, as JSON values for the journal: a restart must not switch on."""

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
-from anytraverse.pace import Pace
 from companion.answers.handler import AnswerHandler
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
@@ -78,10 +77,7 @@ def compose(
     overrides, judging = restore_settings(config, ready, saved.get("settings"), startup_notices)
     text, in_time = describe_tile(config, judging)
     log.log(logging.INFO if in_time else logging.WARNING, "%s", text)
-    hold_gate = HoldGate(config, Pace(ready.step, 1.0 / config.camera.rate, judging.freshness))
     policy_state = restored_policy(config, saved.get("policy"), now)
-    if policy_state.wants_hold and not _may_hold(hold_gate, judging, startup_notices):
-        policy_state.give_up_hold()
     last_id = stored_u32(saved.get("last_id")) & 0xFFFF
     calls = state_machine(call_numbers(config, judging), policy_state, now, last_id)
     if saved:
@@ -103,7 +99,9 @@ def compose(
     answer_handler = AnswerHandler(calls, vision, link.answer_store)
     after_write = persistence.after_write
     link.dead_man.enabled = config.call.px4_deadman == "manual_control"
-    policy = PolicyService(link, calls, policy_state, after_write, refuses=hold_gate.refuses)
+    policy = PolicyService(link, vision, calls, policy_state, after_write, HoldGate(config))
+    if policy_state.requested is Policy.HOLD:
+        _tell_of_stopping(config, judging, ready.step, startup_notices)
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     settings = SettingsService(
         parameters, link, vision, calls, answer_handler, policy, overrides, statistics, after_write
@@ -154,17 +152,14 @@ def restore_settings(
     return overrides, judging
 
 
-def _may_hold(hold_gate: HoldGate, judging: Settings, startup_notices: list[str]) -> bool:
-    """Whether policy hold, which the owner configured, is possible. Logs why not, or what was not checked."""
-    refusal, stopping = hold_gate.refuses(judging), hold_gate.stopping(judging)
-    if refusal is not None:
-        log.error("%s", refusal.why)
-    elif isinstance(stopping, Stopping):
+def _tell_of_stopping(config: Config, judging: Settings, step: float, startup_notices: list[str]) -> None:
+    """Log whether the vehicle stops in time, which the owner wants it to be held by."""
+    stopping = HoldGate(config).stopping(judging, step)
+    if isinstance(stopping, Stopping):
         log.info("stopping: %s", stopping.describe())
-    else:
+    elif config.stopping.unchecked:
         log.warning("stopping distance was not checked: %s", stopping)
         startup_notices.append(notices.stopping_unchecked())
-    return refusal is None
 
 
 def first_parameters(

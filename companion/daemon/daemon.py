@@ -165,7 +165,7 @@ class Daemon:
                 callback(stored, now)
         self._check_course(now)
         self._health.check(now)
-        self.settings.policy.tick(now)
+        self._executor.carry_out(self.settings.policy.tick(now), now, at_once=True)
         self._shadow.tick(now)
         self._executor.carry_out(self.calls.tick(now), now, at_once=True)
         self._test_call.tick(now)
@@ -284,9 +284,6 @@ class Daemon:
     def _handle_vehicle(self, vehicle: Vehicle, now: float) -> None:
         travelled = self._odometer.travelled(vehicle.position)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type, self.calls.numbers.px4_hold)
-        decisions = self.settings.policy.check_hold_again(
-            autopilot, now, misled_by_infrared=self._vision.misled_by_infrared
-        )
         modes = self._link.modes
         report = ModeReport(
             vehicle.custom_mode,
@@ -300,8 +297,7 @@ class Daemon:
             vehicle.mission,
             stands(vehicle, now),
         )
-        decisions += self.calls.vehicle_reported(report, now)
-        self._executor.carry_out(decisions, now)
+        self._executor.carry_out(self.calls.vehicle_reported(report, now), now)
 
     def _check_course(self, now: float) -> None:
         """Report to the state machine whether the vehicle drives where its camera does not look.
@@ -333,10 +329,6 @@ class Daemon:
     def _judged(self, judged: Judged, now: float) -> None:
         seen = judged.assessment
         self._status.frame_judged(judged)
-        if self._vision.misled_by_infrared and self._link.vehicle is None:
-            # With an autopilot each of its heartbeats checks it.
-            decisions = self.settings.policy.check_hold_again(None, now, misled_by_infrared=True)
-            self._executor.carry_out(decisions, now)
         self.persistence.save_memory(judged.memory)
         self.records.forget_lost_frames()
         # A frame judged by words that a power loss may still undo can hold the vehicle, not release it.

@@ -1,8 +1,7 @@
-"""Decides whether the policy hold is allowed, and explains a refusal."""
+"""Decides whether hold can be given, and explains why not."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from anytraverse.errors import AnyTraverseError
@@ -17,16 +16,18 @@ from companion.wire import notices
 
 @dataclass(frozen=True)
 class HoldRefusal:
-    """Why the policy hold is refused.
+    """Why hold cannot be given.
 
     why: the whole explanation with remedies, for the log. short: a STATUSTEXT that answers a request.
-    reminder: a STATUSTEXT to repeat. reason: the cause alone, as a part of other STATUSTEXTs.
+    reminder: a STATUSTEXT to repeat while hold is in force all the same, with what to do. reason: the cause
+    alone, as a part of other STATUSTEXTs. fault: the same in two or three words.
     """
 
     why: str
     short: str
     reminder: str
     reason: str
+    fault: str
 
 
 class UncheckedError(AnyTraverseError):
@@ -41,66 +42,65 @@ def require_checkable(config: Config) -> None:
 
 
 def unchecked(missing: str) -> str:
-    """Return why the policy hold is refused, and what to do. missing: what `judge_stopping` returned."""
+    """Return why hold cannot be given, and what to do. missing: what `judge_stopping` returned."""
     return (
-        f"policy hold is refused, since it is not known whether the vehicle stops in time: {missing}. "
+        f"hold cannot be given, since it is not known whether the vehicle stops in time: {missing}. "
         "Or allow hold without that check: set [stopping] unchecked = true"
     )
 
 
-Refuses = Callable[[Settings, float, bool], HoldRefusal | None]
-"""Decides whether the vehicle may be held: of the settings, the autopilot's overrun in metres, and whether
-infrared misleads the perceiver."""
-
-
 class HoldGate:
-    """Decides whether a vehicle with this configuration may be held. pace: how fast its frames are judged."""
+    """Decides whether a vehicle with this configuration may be held.
 
-    def __init__(self, config: Config, pace: Pace) -> None:
+    judging: the settings in force. step: s that a frame takes to be judged. overrun: m, see `Autopilot`.
+    """
+
+    def __init__(self, config: Config) -> None:
         self._config = config
-        self._pace = pace
 
-    def stopping(self, judging: Settings, overrun: float = 0.0) -> Stopping | str:
-        """Judge whether the vehicle stops in time with these settings; a text where that is not possible.
-
-        overrun: metres, see `Autopilot`.
-        """
+    def stopping(self, judging: Settings, step: float, overrun: float = 0.0) -> Stopping | str:
+        """Judge whether the vehicle stops in time; a text where that is not possible."""
         config = with_settings(self._config, judging)
-        return judge_stopping(config, self._pace.step, judging.thresholds.tile, overrun=overrun)
+        return judge_stopping(config, step, judging.thresholds.tile, overrun=overrun)
 
     def refuses(
-        self, judging: Settings, overrun: float = 0.0, misled_by_infrared: bool = False
+        self, judging: Settings, step: float, overrun: float = 0.0, misled_by_infrared: bool = False
     ) -> HoldRefusal | None:
-        """Return why the vehicle may not be held, None where it may.
+        """Return why the vehicle may not be held, None where it may."""
+        pace = Pace(step, 1.0 / self._config.camera.rate, judging.freshness)
+        if not pace.keeps:
+            return _too_slow(pace)
+        outruns = self.outruns(judging, step, overrun)
+        return _infrared() if outruns is None and misled_by_infrared else outruns
+
+    def outruns(self, judging: Settings, step: float, overrun: float = 0.0) -> HoldRefusal | None:
+        """Return why the vehicle does not stop in time, None where it does.
 
         What cannot be calculated is refused, unless [stopping] unchecked is set.
         """
-        stopping = self.stopping(judging, overrun)
-        unchecked = isinstance(stopping, str) and self._config.stopping.unchecked
-        refusal = hold_refusal(self._pace, None if unchecked else stopping)
-        return infrared_refusal() if refusal is None and misled_by_infrared else refusal
+        stopping = self.stopping(judging, step, overrun)
+        if isinstance(stopping, str):
+            return None if self._config.stopping.unchecked else _unchecked(stopping)
+        return None if stopping.enough else _outruns(stopping)
 
 
-def hold_refusal(pace: Pace, stopping: Stopping | str | None) -> HoldRefusal | None:
-    """Return why the vehicle may not be held, None where it may.
-
-    stopping: the result of `judge_stopping`; None: the stopping distance does not matter.
-    """
-    if not pace.keeps:
-        short, reminder = notices.hold_refused(pace.step), notices.only_reports(pace.step)
-        return HoldRefusal(too_slow(pace), short, reminder, "perceiver too slow for HOLD")
-    if isinstance(stopping, str):
-        short, reminder = notices.hold_unchecked(), notices.only_reports_unchecked()
-        return HoldRefusal(unchecked(stopping), short, reminder, "stopping not checked")
-    if stopping is not None and not stopping.enough:
-        speed, fits = stopping.speed, stopping.fits
-        why = f"policy hold is refused: {stopping.describe()}"
-        short, reminder = notices.hold_outruns(speed, fits), notices.only_reports_outrunning(speed, fits)
-        return HoldRefusal(why, short, reminder, notices.outruns(speed, fits))
-    return None
+def _too_slow(pace: Pace) -> HoldRefusal:
+    short, reminder = notices.hold_refused(pace.step), notices.fault_slow(pace.step)
+    return HoldRefusal(too_slow(pace), short, reminder, "perceiver too slow for HOLD", "judges too slowly")
 
 
-def infrared_refusal() -> HoldRefusal:
-    """Return the refusal of policy hold for a camera whose infrared misleads the perceiver."""
-    why = f"policy hold is refused: {REMEDY}"
-    return HoldRefusal(why, notices.hold_infrared(), notices.only_reports_infrared(), TEXT)
+def _unchecked(missing: str) -> HoldRefusal:
+    short, reminder = notices.hold_unchecked(), notices.fault_unchecked()
+    return HoldRefusal(unchecked(missing), short, reminder, "stopping not checked", "stopping unchecked")
+
+
+def _outruns(stopping: Stopping) -> HoldRefusal:
+    speed, fits = stopping.speed, stopping.fits
+    why = f"hold cannot be given: {stopping.describe()}"
+    short, reminder = notices.hold_outruns(speed, fits), notices.fault_outruns(speed, fits)
+    return HoldRefusal(why, short, reminder, notices.outruns(speed, fits), "too fast to stop")
+
+
+def _infrared() -> HoldRefusal:
+    why, reminder = f"hold cannot be given: {REMEDY}", notices.fault_infrared()
+    return HoldRefusal(why, notices.hold_infrared(), reminder, TEXT, "NoIR camera")

@@ -73,7 +73,10 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     reasons = ", ".join(map(str, said.get("reasons") or ()))
     yield "state", f"{said.get('state', 'unknown')}{': ' if reasons else ''}{reasons}"
     refused = said.get("hold_refused")
-    yield "policy", f"{said.get('policy', 'unknown')}{f'; hold is refused: {refused}' if refused else ''}"
+    yield (
+        "policy",
+        f"{said.get('policy', 'unknown')}{f'; hold cannot be given: {refused}' if refused else ''}",
+    )
     yield "open", f"call or hold {said['current_id']}" if said.get("current_id") else "no call, no hold"
     why = camera.get("reason")
     yield (

@@ -35,7 +35,7 @@ def check_stopping(rover: Rover) -> list[Finding]:
         by = f"{name} says {fastest:g} m/s; "
     if judged.enough:
         return [passed(CHECK, by + judged.describe())]
-    refusal = "policy hold is refused: " if rover.holds else ""
+    refusal = "hold cannot be given: " if rover.holds else ""
     return [worst(CHECK, f"{refusal}{by}{judged.describe()}")]
 
 

@@ -77,7 +77,7 @@ def _rates() -> dict[str, float]:
 def restored_policy(config: Config, saved: Any, now: float) -> PolicyState:
     """Make the configured policy with its off switch. saved: as `PolicyState.saved` returned it.
 
-    Off stays off over a restart. Whether hold must be refused is not checked here. now: monotonic seconds.
+    Off stays off over a restart. Whether hold can be given is not checked here. now: monotonic seconds.
     """
     call = config.call
     switch = OffSwitch(call.off_channel, Side(call.off_side), now) if call.off_channel else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
@@ -26,6 +27,8 @@ class LoopbackVision:
         """engine: makes an engine from a memory (None: none was stored). step: s that a step takes."""
         self._make = engine
         self._step = step
+        self.frame_s = 0.0
+        """Seconds that are reported of each frame, where it did not take longer."""
         self._splitter = Splitter()
         self._requests: list[bytes] = []
         self._reports: list[bytes] = []
@@ -71,7 +74,8 @@ class LoopbackVision:
     def judge(self, frame: Frame) -> None:
         """Judges a frame and reports it, as if the camera had delivered it."""
         if self._worker is not None and not self.hung and not self.death:
-            self.report(self._worker.judge(frame))
+            judged = self._worker.judge(frame)
+            self.report(replace(judged, duration=max(judged.duration, self.frame_s)))
 
     def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
         """Reports that the process is alive, with the camera's status."""

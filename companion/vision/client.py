@@ -27,6 +27,7 @@ from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
 from companion.vision.judging_rate import JudgingRate
+from companion.vision.measured_pace import MeasuredPace
 from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import (
     Alive,
@@ -127,6 +128,7 @@ class VisionClient:
         """launch: starts a process or raises OSError. memory: from the journal. restarts: time limits."""
         self.watchdog: Watchdog[Child] = Watchdog(launch, restarts, "vision process")
         self.rate = JudgingRate(config.camera.rate, config.freshness, config.call.window)
+        self.pace = MeasuredPace(config.perceiver.scene_every)
         self._config = config
         self._copy = MemoryCopy(memory)
         self._expected = Expected(first_frame - 1)
@@ -343,6 +345,7 @@ class VisionClient:
                 self.infrared = self.infrared if report.infrared is None else report.infrared
                 seen, at, duration = report.assessment, report.at, report.duration
                 self.rate.judged(duration)
+                self.pace.judged(duration, at)
                 return [Judged(seen, self.memory, at, duration, report.sectors, changed)]
             case Done():
                 if report.number not in self._unanswered:
@@ -379,6 +382,7 @@ class VisionClient:
             return
         self._apply_update(ready.update)
         self.watchdog.ready((first or ready).step, now)
+        self.pace.started(ready.step, now)
         self.trouble = ""
         if first is None:
             self.ready = ready

@@ -125,11 +125,11 @@ def warm_up(engine: AnyTraverse, words: Iterable[str] = ()) -> float:
 
 
 def too_slow(pace: Pace) -> str:
-    """Explain why policy hold is refused for a slow perceiver, and what to do."""
+    """Explain why hold cannot be given with a slow perceiver, and what to do."""
     enough = math.ceil(10.0 * pace.worst_age) / 10.0
     longer = f", or set [call] freshness = {enough:g}" if enough <= LONGEST_FRESHNESS else ""
     return (
-        f"policy hold is refused: a frame takes {pace.step:.2f} s, so that what is known of the trail may be "
+        f"hold cannot be given: a frame takes {pace.step:.2f} s, so that what is known of the trail may be "
         f"{pace.worst_age:.2f} s old, more than T = {pace.freshness:.2f} s. Make the perceiver faster (a "
         "bundle of a smaller --size, or with an int8 that `anytraverse bundle check` passed), lower "
         f"[camera] rate, which T follows up to 2 s{longer}"

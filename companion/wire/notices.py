@@ -120,9 +120,9 @@ def hold_refused(seconds: float | None) -> str:
     return fit(f"HOLD refused: {_seconds(seconds)} a frame is too slow")
 
 
-def only_reports(seconds: float | None) -> str:
-    """Reports that the configured policy hold is not in force, because the perceiver is too slow."""
-    return fit(f"Only reports: {_seconds(seconds)} a frame, slow for HOLD")
+def fault_slow(seconds: float | None) -> str:
+    """Reports that policy hold cannot be given, so that it holds: the perceiver is too slow."""
+    return fit(f"FAULT: {_seconds(seconds)} a frame: faster, or AT_POLICY 0")
 
 
 def outruns(speed: float | None, fits: float | None) -> str:
@@ -135,9 +135,9 @@ def hold_outruns(speed: float | None, fits: float | None) -> str:
     return fit(f"HOLD refused: {outruns(speed, fits)}")
 
 
-def only_reports_outrunning(speed: float | None, fits: float | None) -> str:
-    """Reports that the configured policy hold is not in force, because the vehicle is too fast."""
-    return fit(f"Only reports: {outruns(speed, fits)}")
+def fault_outruns(speed: float | None, fits: float | None) -> str:
+    """Reports that policy hold cannot be given, so that it holds: the vehicle is too fast."""
+    return fit(f"FAULT: {_fast(speed)} m/s: at most {_fast(fits)}, or AT_POLICY 0")
 
 
 def hold_unchecked() -> str:
@@ -145,9 +145,9 @@ def hold_unchecked() -> str:
     return "HOLD refused: set [mount] and [stopping]"
 
 
-def only_reports_unchecked() -> str:
-    """Reports that the configured policy hold is not in force, because those figures are missing."""
-    return "Only reports: set [mount] and [stopping]"
+def fault_unchecked() -> str:
+    """Reports that policy hold cannot be given, so that it holds: those figures are missing."""
+    return "FAULT: set [mount], [stopping], or AT_POLICY 0"
 
 
 def hold_infrared() -> str:
@@ -155,9 +155,14 @@ def hold_infrared() -> str:
     return "HOLD refused: camera shows infrared (NoIR)"
 
 
-def only_reports_infrared() -> str:
-    """Reports that the configured policy hold is not in force, because the camera shows infrared."""
-    return "Only reports: camera shows infrared (NoIR)"
+def fault_infrared() -> str:
+    """Reports that policy hold cannot be given, so that it holds: the camera shows infrared."""
+    return "FAULT: NoIR camera: change it, or AT_POLICY 0"
+
+
+def manual_may_need() -> str:
+    """Says what arming in MANUAL needs in a fault, since the autopilot's script may demand a companion."""
+    return "To arm for MANUAL in a FAULT: ATS_NEED 0"
 
 
 def infrared(*, handled: bool) -> str:

@@ -36,7 +36,8 @@ Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The 
 | ATS_MODES   | 33792   | bits | guarded modes, 2^mode added up: AUTO 1024 and GUIDED 32768, the default; FOLLOW   |
 |             |         |      | 64, DOCK 256, CIRCLE 512. Bits of other modes count for nothing                   |
 | ATS_NEED    | 0       |      | 1: a companion is demanded from the start, in every policy. No arming without it, |
-|             |         |      | where arming checks are on; one never heard or switched off counts as dead        |
+|             |         |      | where arming checks are on; one never heard or switched off counts as dead. In a  |
+|             |         |      | fault arming is refused, too: to arm for MANUAL then, set 0                       |
 | ATS_FAULT   | 1       |      | 1: the companion's state "fault" holds too. 0: only its silence does              |
 | ATS_PRX     | 0.5     | s    | obstacle feed dead so long holds, 0.1 to 10, after the 0.5 s that ArduPilot takes |
 |             |         |      | to notice; 0: never. It must be in use: a proximity sensor is set up, and         |

@@ -15,7 +15,7 @@ _TEXT = """\
 {mark} config/companion.toml explains every setting.
 [camera]
 source = {camera}
-rate = 10
+rate = {rate:g}
 {view}
 [web]
 listen = ""
@@ -95,11 +95,12 @@ def write_config(
     policy: str,
     speed: float | None = None,
     network: bool = False,
+    rate: float = 10.0,
 ) -> Path:
     """Writes companion.toml into `out`, with the state folder beside it, and returns its path.
 
     speed: of the simulated rover in m/s; None for the user's own camera, whose mount is not known.
-    network: the link is no radio.
+    network: the link is no radio. rate: frames/s that are judged; the freshness limit follows it.
     """
     path = out / "companion.toml"
     values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
@@ -109,7 +110,14 @@ def write_config(
     view = "" if speed is None else f"view = {math.degrees(FIELD_OF_VIEW):g}\nlatency = 0\n"
     stopping = "" if speed is None else _of_the_field(speed)
     path.write_text(
-        _TEXT.format(mark=_MARK, view=view, stopping=stopping, budgets=_NETWORK if network else "", **quoted),
+        _TEXT.format(
+            mark=_MARK,
+            rate=rate,
+            view=view,
+            stopping=stopping,
+            budgets=_NETWORK if network else "",
+            **quoted,
+        ),
         encoding="utf-8",
     )
     return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +18,9 @@ from companion.sim.field.control import FieldControl
 
 LIMIT = 170.0
 """Seconds after which the scripted demo gives up."""
-READY_WITHIN = 20.0
+READY_WITHIN = 30.0
+SLOW_FOR = 8.0
+"""Seconds for which hold must have been refused before the computer counts as too slow for it."""
 STEP = 0.1
 BEYOND_RETURN = 12.0
 """Metres that the rover must drive into the known meadow without a call for the place."""
@@ -62,9 +65,11 @@ class Stage:
 class Director:
     """Follows field and operator; in the scripted demo it also answers calls and takes named things away."""
 
-    def __init__(self, stage: Stage, story: Story, *, auto: bool) -> None:
+    def __init__(self, stage: Stage, story: Story, *, auto: bool, speed: float = 1.0) -> None:
+        """speed: of the rover, as a share of the usual one."""
         self._stage = stage
         self._story = story
+        self._limit = LIMIT / speed
         self._auto = AutoOperator() if auto else None
         self._tally = Tally()
         self._open: dict[int, dict[str, Any]] = {}
@@ -80,7 +85,6 @@ class Director:
 
         Returns the figures. Raises ChildError when the field or the daemon fails.
         """
-        self._wait_until_ready()
         self._stage.control.start()
         started = time.monotonic()
         try:
@@ -95,11 +99,20 @@ class Director:
         self._read_events()
         return self._tally.figures(self.status, self._stage.daemon_status(), self._seconds)
 
-    def _wait_until_ready(self) -> None:
-        deadline = time.monotonic() + READY_WITHIN
+    def wait_until_ready(self) -> str:
+        """Waits until the daemon sees and may hold. Returns why it may not hold, as it says, "" where it may.
+
+        Raises ChildError when it sees nothing that it knows.
+        """
+        deadline, refused_at, refused = time.monotonic() + READY_WITHIN, math.inf, ""
         while time.monotonic() < deadline and self._stage.daemon.running:
-            if self._stage.daemon_status().get("state") == "ok":
-                return
+            status, now = self._stage.daemon_status(), time.monotonic()
+            refused = str(status.get("hold_refused", ""))
+            refused_at = min(refused_at, now) if refused else math.inf
+            if status.get("state") == "ok" and not refused:
+                return ""
+            if now - refused_at >= SLOW_FOR:
+                return refused
             time.sleep(STEP)
         raise self._stage.daemon.error("saw nothing that it knows")
 
@@ -107,7 +120,7 @@ class Director:
         if self._auto is None:
             return not self._stage.operator.running
         held = bool(self.status) and self.status["mode"] == "HOLD"
-        return (self._tally.returned_without_call and not held) or seconds >= LIMIT
+        return (self._tally.returned_without_call and not held) or seconds >= self._limit
 
     def _follow(self, now: float) -> None:
         for child in (self._stage.trail, self._stage.daemon):

@@ -9,7 +9,9 @@ import shutil
 import signal
 import sys
 import tempfile
+from itertools import pairwise
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from anytraverse.errors import AnyTraverseError
 from companion.cameras import CameraError
@@ -23,6 +25,18 @@ from companion.sim.field.control import FieldControl, FieldError
 
 SPEED = 1.5
 """m/s that the simulated rover drives."""
+
+
+class Pace(NamedTuple):
+    """Frames/s that are judged, and m/s that the rover drives with so many."""
+
+    rate: float
+    speed: float
+
+
+PACES = (Pace(10.0, SPEED), Pace(4.0, SPEED), Pace(1.5, 1.1))
+"""The next one is tried where this computer judges too slowly for policy hold. With 1.5 frames/s the
+freshness limit is 2 s, and a thing is noticed later: 1.1 m/s still stop in time."""
 _OLD = ("state", "logs", "contact-sheet.png")
 
 
@@ -65,14 +79,9 @@ def _end(number: int, _frame: object) -> None:
 
 
 def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
-    stage = set_stage(out, options.seed, auto=options.auto, console=options.console)
     yours = _YOUR_PART_IN_A_BROWSER if options.console else _YOUR_PART
-    try:
-        story.plain(_OPENING if options.auto else _OPENING + yours)
-        director = Director(stage, story, auto=options.auto)
-        figures = director.play()
-    finally:
-        stage.close()
+    story.plain(_OPENING if options.auto else _OPENING + yours)
+    figures = _played(options, out, story)
     sheet = write_sheet(out)
     code = verdict(figures, story) if options.auto else 0
     if not options.auto:
@@ -84,10 +93,39 @@ def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
     return code
 
 
-def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED, console: bool = False) -> Stage:
+def _played(options: argparse.Namespace, out: Path, story: Story) -> dict[str, Any]:
+    """Plays at the first pace at which hold can be given, and returns the figures. Raises ChildError."""
+    for pace, slower in pairwise((*PACES, None)):
+        assert pace is not None
+        stage = set_stage(
+            out, options.seed, auto=options.auto, speed=pace.speed, console=options.console, rate=pace.rate
+        )
+        try:
+            director = Director(stage, story, auto=options.auto, speed=pace.speed / SPEED)
+            refused = director.wait_until_ready()
+            if not refused:
+                return director.play()
+            if slower is None:
+                raise stage.daemon.error(f"cannot hold ({refused})")
+        finally:
+            stage.close()
+        story.plain(f"{refused}: it judges {slower.rate:g} frames/s and drives {slower.speed:g} m/s")
+        _make_room(out)
+    raise AssertionError("unreachable")
+
+
+def set_stage(
+    out: Path,
+    seed: int,
+    *,
+    auto: bool,
+    speed: float = SPEED,
+    console: bool = False,
+    rate: float = PACES[0].rate,
+) -> Stage:
     """Starts field, daemon and operator. speed: m/s that the rover drives. Raises ChildError.
 
-    console: the operator has a browser, and the link is a network's.
+    console: the operator has a browser, and the link is a network's. rate: frames/s that are judged.
     """
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
@@ -109,7 +147,9 @@ def set_stage(out: Path, seed: int, *, auto: bool, speed: float = SPEED, console
         if ports["script"] != "running":
             print(f"The script that stops the rover when the daemon is dead is {ports['script']}")
         camera, link = f"field:{ports['frames']}", ports["companion"]
-        config = write_config(out, camera=camera, link=link, policy="hold", speed=speed, network=console)
+        config = write_config(
+            out, camera=camera, link=link, policy="hold", speed=speed, network=console, rate=rate
+        )
         daemon = track(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
         operator = track(start_operator(ports["gcs"], logs, auto=auto, console=console))
         host, _, port = ports["control"].rpartition(":")

@@ -42,7 +42,7 @@ export const policyText = (policy) => POLICIES[policy] ?? policy;
 // What the rover says is wrong, each with what to do.
 export function faults(rover) {
   const found = rover.checks.map(({ check, verdict, text }) => ({ tone: verdict, title: check, text }));
-  if (rover.hold_refused) found.unshift({ tone: "warn", title: "policy hold is refused", text: rover.hold_refused });
+  if (rover.hold_refused) found.unshift({ tone: "warn", title: "policy hold cannot be given", text: rover.hold_refused });
   if (rover.link.unreadable) found.unshift({ tone: "warn", title: "link", text: `${rover.link.unreadable} messages could not be read: update the older end` });
   if (rover.state === "fault" && rover.up) {
     const last = rover.texts.filter((one) => one.severity <= 4).at(-1);

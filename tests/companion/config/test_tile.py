@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.judging import LARGEST_TILE, Settings
-from anytraverse.pace import Pace
 from anytraverse.perception import DefaultThresholds, Perceiver
 from companion.config import Config
 from companion.config.schema import Camera, Mount, Roi, Stopping
@@ -173,7 +172,7 @@ def test_a_region_that_the_ground_sets_changes_no_tile_but_by_a_bound(left: floa
 def test_the_hold_gate_sees_with_the_tile_in_force(share: float | None) -> None:
     config = replace(CONFIG, roi=replace(CONFIG.roi, tile_share=share))
     judging = settings_of(config)
-    found = HoldGate(config, Pace(0.05, 0.1, 1.0)).stopping(judging)
+    found = HoldGate(config).stopping(judging, 0.05)
     assert isinstance(found, Judged)
     lower = 0.6 + judging.tile_side * (0.667 - 0.333) * 1.333
     assert found.sees == pytest.approx(Outlook(0.8, 10.0, 75.0, 1.333, 0.3).distance(lower))

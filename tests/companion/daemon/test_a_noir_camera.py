@@ -13,7 +13,7 @@ from companion.vision import infrared
 from companion.wire import notices
 from companion.wire.ids import Policy
 from tests.anytraverse.conftest import Painted
-from tests.companion.daemon.rig import MakeRig, Rig
+from tests.companion.daemon.rig import HOLD, MANUAL, MakeRig, Rig
 
 SEEN = 10.0
 """Seconds within which a camera is recognised."""
@@ -48,15 +48,17 @@ def set_up(make_rig: MakeRig, camera: str = "auto", policy: Policy = Policy.HOLD
 
 
 @pytest.mark.usefixtures("shows")
-def test_hold_is_refused_by_name_with_a_perceiver_that_is_not_trained_for_it(
+def test_hold_is_a_fault_by_name_with_a_perceiver_that_is_not_trained_for_it(
     make_rig: MakeRig, caplog: pytest.LogCaptureFixture
 ) -> None:
     rig = set_up(make_rig)
     assert rig.daemon.status()["camera"]["infrared"] is None
     rig.see(SEEN)
-    assert rig.told_policy is Policy.REPORT
+    assert rig.told_policy is Policy.HOLD
+    assert (rig.state[0], rig.stage.mode) == ("FAULT", HOLD)
     assert rig.texts.count(notices.infrared(handled=False)) == 1
-    assert rig.texts.count("HOLD refused: camera shows infrared (NoIR)") == 1
+    assert rig.texts.count("FAULT: NoIR camera: change it, or AT_POLICY 0") == 1
+    assert rig.texts.count(f"H{rig.state[1]} FAULT NoIR camera") == 1
     assert "for which the perceiver is not trained" in caplog.text
     status = rig.daemon.status()
     assert status["camera"]["infrared"] is True
@@ -65,15 +67,16 @@ def test_hold_is_refused_by_name_with_a_perceiver_that_is_not_trained_for_it(
     rig.see(5.0)
     rig.set("AT_POLICY", 2)
     rig.see(2.0)
-    assert rig.told_policy is Policy.REPORT
-    assert rig.texts.count("HOLD refused: camera shows infrared (NoIR)") == 2
+    assert rig.told_policy is Policy.HOLD
+    assert rig.texts.count("HOLD refused: camera shows infrared (NoIR)") == 1
 
 
 @pytest.mark.usefixtures("shows")
-def test_the_refusal_is_repeated_while_the_configured_hold_is_not_in_force(make_rig: MakeRig) -> None:
+def test_what_to_do_is_repeated_while_nothing_is_held(make_rig: MakeRig) -> None:
     rig = set_up(make_rig)
+    rig.stage.mode = MANUAL
     rig.see(80.0)
-    assert rig.texts.count("Only reports: camera shows infrared (NoIR)") > 1
+    assert rig.texts.count("FAULT: NoIR camera: change it, or AT_POLICY 0") > 1
 
 
 @pytest.mark.usefixtures("shows")
@@ -98,19 +101,20 @@ def test_an_owner_may_refuse_it_for_a_perceiver_that_is_trained(
     monkeypatch.setattr(Painted, "infrared", True, raising=False)
     rig = set_up(make_rig, "refuse")
     rig.see(SEEN)
-    assert rig.told_policy is Policy.REPORT
+    assert rig.state[0] == "FAULT"
 
 
 @pytest.mark.usefixtures("shows")
-def test_it_is_refused_too_before_an_autopilot_is_heard(make_rig: MakeRig) -> None:
+def test_it_is_a_fault_too_before_an_autopilot_is_heard(make_rig: MakeRig) -> None:
     rig = set_up(make_rig)
     rig.stage.vehicle = None
     rig.restart()
     rig.stage.vehicle = None
     rig.see(SEEN)
     assert rig.stage.link.vehicle is None
-    assert rig.told_policy is Policy.REPORT
-    assert rig.texts.count("HOLD refused: camera shows infrared (NoIR)") == 1
+    assert rig.told_policy is Policy.HOLD
+    assert rig.state == ("FAULT", 0)
+    assert rig.texts.count("FAULT: NoIR camera: change it, or AT_POLICY 0") == 1
 
 
 def test_one_that_shows_none_is_never_told_of(make_rig: MakeRig, shows: Shows) -> None:
@@ -122,19 +126,16 @@ def test_one_that_shows_none_is_never_told_of(make_rig: MakeRig, shows: Shows) -
     assert rig.daemon.status()["camera"]["infrared"] is False
 
 
-def test_another_camera_is_told_of_once_and_hold_waits_for_the_operator(
-    make_rig: MakeRig, shows: Shows
-) -> None:
+def test_another_camera_is_told_of_once_and_ends_the_fault(make_rig: MakeRig, shows: Shows) -> None:
     rig = set_up(make_rig)
     rig.see(SEEN)
     shows(0.0)
+    told = [rig.state[0]]
     rig.see(GONE)
     assert rig.texts.count("Camera shows no infrared any more") == 1
-    assert rig.texts.count("HOLD fits again: set AT_POLICY 2") == 1
-    told = [rig.told_policy]
-    rig.set("AT_POLICY", 2)
-    rig.see(2.0)
-    assert [*told, rig.told_policy] == [Policy.REPORT, Policy.HOLD]
+    assert [*told, rig.state[0]] == ["FAULT", "HOLDING"]
+    assert rig.told_policy is Policy.HOLD
+    assert rig.stage.mode == HOLD, "nothing resumes by itself"
     assert rig.texts.count(notices.infrared(handled=False)) == 1
 
 
@@ -144,8 +145,8 @@ def test_pictures_that_look_so_now_and_then_change_nothing(make_rig: MakeRig, sh
     for number in range(40):
         shows(float(number % 4 == 0))
         rig.see(0.5)
-    told = [text for text in rig.texts if "nfrared" in text and "Only reports" not in text]
-    assert sorted(told) == [notices.infrared(handled=False), "HOLD refused: camera shows infrared (NoIR)"]
+    assert [text for text in rig.texts if "nfrared" in text] == [notices.infrared(handled=False)]
+    assert rig.texts.count("FAULT: NoIR camera: change it, or AT_POLICY 0") == 1
     assert rig.daemon.status()["camera"]["infrared"] is True
 
 
@@ -160,7 +161,7 @@ def test_a_new_vision_process_does_not_forget_it(make_rig: MakeRig, shows: Shows
     rig.see(10.0)
     assert rig.daemon.status()["vision"]["restarts"] == 1
     assert rig.daemon.status()["camera"]["infrared"] is True
-    assert rig.told_policy is Policy.REPORT
+    assert rig.daemon.status()["hold_refused"] == "HOLD refused: camera shows infrared (NoIR)"
 
 
 @pytest.mark.usefixtures("shows")

@@ -119,7 +119,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakePx4]:
         rig = Px4Rig(tmp_path, clock, px4_hold, config)
         made.append(rig)
         rig.see(4.0)
-        assert rig.rover.speed > 2.0
+        assert rig.rover.speed > 2.0 or rig.state[0] == "FAULT"
         return rig
 
     yield build
@@ -242,15 +242,16 @@ CLOSE = Config(
 
 def test_what_it_runs_on_in_loiter_is_reckoned_with_once_it_is_known_to_be_a_px4(make: MakePx4) -> None:
     rig = make("loiter", CLOSE)
-    assert rig.told_policy is Policy.REPORT
+    assert rig.told_policy is Policy.HOLD
     assert rig.settings.policy.hold_refused == "HOLD refused: 1.0 m/s outruns eyes, 0.0 fits"
-    assert rig.settings.policy.hold_refused in rig.texts
-    assert rig.echoes("AT_POLICY")[-1] == Policy.REPORT
-    rig.see(5.0, "drum")
-    assert rig.modes == [("MISSION", "hand")], "it is not held"
+    assert "FAULT: 1.0 m/s: at most 0.0, or AT_POLICY 0" in rig.texts
+    assert not any("ATS_NEED" in text for text in rig.texts), "no script runs there"
+    rig.see(5.0)
+    assert rig.state[0] == "FAULT"
+    assert rig.px4.mode is Mode.LOITER, "a rover that drives itself is held"
     rig.set("AT_POLICY", 2)
-    rig.see(1.0, "drum")
-    assert rig.told_policy is Policy.REPORT
+    rig.see(1.0)
+    assert rig.told_policy is Policy.HOLD
 
 
 def test_a_px4_that_brakes_at_once_may_be_held(make: MakePx4) -> None:
@@ -268,7 +269,7 @@ def test_a_hold_that_stands_when_it_turns_out_that_it_may_not_is_left_where_it_s
     rig.restart()
     rig.word(1, "drum", 1.0, Motion.GO)
     rig.see(10.0, "drum")
-    assert rig.told_policy is Policy.REPORT
-    assert rig.calls.hold is None
+    assert rig.told_policy is Policy.HOLD
+    assert rig.calls.hold is not None, "the go waits for the end of the fault"
     assert rig.rover.speed == 0.0
     assert rig.modes == [("MISSION", "hand"), ("LOITER", "companion")]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import socket
 import subprocess
 import sys
@@ -234,21 +233,19 @@ def heard(radio: socket.socket) -> bytes:
         return found
 
 
-def test_a_perceiver_that_cannot_keep_t_only_reports_and_says_so(
-    config: Config, radio: socket.socket, caplog: pytest.LogCaptureFixture
+def test_a_perceiver_that_cannot_keep_t_lowers_no_policy_and_hold_is_refused_to_who_asks(
+    config: Config,
 ) -> None:
     slow = replace(config, perceiver=replace(config.perceiver, name="painted:0.1"))
     status = run_until_status(slow, lambda status: status["link"]["sent"]["unsolicited"] > 100)
-    assert status["policy"] == "report"
+    assert (status["policy"], status["state"]) == ("hold", "fault")
     assert status["hold_refused"] == "HOLD refused: 0.1 s a frame is too slow"
-    assert b"Only reports: 0.1 s a frame, slow for HOLD" in heard(radio)
-    assert "policy hold is refused: a frame takes 0.1" in caplog.text
 
 
 def test_a_perceiver_that_keeps_t_may_hold(config: Config, radio: socket.socket) -> None:
     status = run_until_status(config)
     assert (status["policy"], status["hold_refused"]) == ("hold", "")
-    assert b"Only reports" not in heard(radio)
+    assert b"FAULT" not in heard(radio)
 
 
 def mounted(config: Config, speed: float) -> Config:
@@ -257,15 +254,15 @@ def mounted(config: Config, speed: float) -> Config:
     return replace(config, mount=Mount(height=1.0, tilt=10.0), stopping=stopping)
 
 
-def test_a_vehicle_that_outruns_its_eyes_only_reports_and_says_which_speed_would_fit(
+def test_a_vehicle_that_outruns_its_eyes_is_a_fault_in_policy_hold_and_says_which_speed_would_fit(
     config: Config, radio: socket.socket, caplog: pytest.LogCaptureFixture
 ) -> None:
     slow = mounted(config, 4.0)
     status = run_until_status(slow, lambda status: status["link"]["sent"]["unsolicited"] > 100)
-    assert status["policy"] == "report"
+    assert (status["policy"], status["state"]) == ("hold", "fault")
     assert status["hold_refused"] == "HOLD refused: 4.0 m/s outruns eyes, 1.3 fits"
-    assert b"Only reports: 4.0 m/s outruns eyes, 1.3 fits" in heard(radio)
-    assert "policy hold is refused: at 4 m/s it takes" in caplog.text
+    assert b"FAULT: 4.0 m/s: at most 1.3, or AT_POLICY 0" in heard(radio)
+    assert "hold cannot be given: at 4 m/s it takes" in caplog.text
 
 
 def test_a_vehicle_that_stops_before_what_it_sees_may_hold(config: Config, radio: socket.socket) -> None:
@@ -290,22 +287,28 @@ def test_a_stopping_distance_that_nobody_could_check_is_told_once_at_the_start(
         (Mount(height=1.0, tilt=10.0), Stopping(), "set [stopping] speed"),
     ],
 )
-def test_policy_hold_without_the_figures_for_stopping_does_not_start_and_names_them(
-    config: Config, mount: Mount, stopping: Stopping, named: str
+def test_policy_hold_without_the_figures_for_stopping_runs_in_fault_and_names_them(
+    config: Config,
+    radio: socket.socket,
+    caplog: pytest.LogCaptureFixture,
+    mount: Mount,
+    stopping: Stopping,
+    named: str,
 ) -> None:
     blind = replace(config, mount=mount, stopping=stopping)
-    with pytest.raises(AnyTraverseError, match=re.escape(named)) as refused:
-        run.main(blind)
-    assert "[stopping] unchecked = true" in str(refused.value)
-    assert not blind.journal.path.exists(), "nothing was begun"
+    status = run_until_status(blind, lambda status: status["link"]["sent"]["unsolicited"] > 100)
+    assert (status["policy"], status["state"]) == ("hold", "fault")
+    assert status["hold_refused"] == "HOLD refused: set [mount] and [stopping]"
+    assert b"FAULT: set [mount], [stopping], or AT_POLICY 0" in heard(radio)
+    assert f"{named}. Or allow hold without that check: set [stopping] unchecked = true" in caplog.text
 
 
-def test_policy_hold_without_the_figures_for_stopping_ends_the_program_with_2(
+def test_the_check_of_a_configuration_with_policy_hold_wants_the_figures_for_stopping(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "companion.toml"
     path.write_text('[web]\nlisten = ""\n[vehicle]\nfile = ""\n[call]\npolicy = "hold"\n')
-    assert cli(["run", "--config", str(path)]) == 2
+    assert cli(["config", "check", str(path)]) == 2
     assert "set [mount] height and tilt, and [stopping] speed" in capsys.readouterr().err
 
 
@@ -370,18 +373,6 @@ def test_the_ground_may_not_set_hold_with_too_slow_a_perceiver(make_rig: MakeRig
     rig.set("AT_POLICY", float(Policy.SHADOW))
     rig.see(0.5)
     assert rig.daemon.status()["policy"] == "shadow"
-
-
-def test_a_refused_hold_is_repeated_until_the_ground_sets_another_policy(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    rig.step_time = 0.6
-    rig.restart()
-    rig.see(130.0)
-    reminder = "Only reports: 0.6 s a frame, slow for HOLD"
-    assert rig.texts.count(reminder) == 3
-    rig.set("AT_POLICY", float(Policy.REPORT))
-    rig.see(130.0)
-    assert rig.texts.count(reminder) == 3
 
 
 def test_the_variant_that_runs_is_known_with_its_reason() -> None:

@@ -277,17 +277,15 @@ def test_a_region_of_interest_that_sees_less_far_is_judged_for_the_hold_policy_t
     rig.restart()
     rig.see(2.0)
     told = [rig.told_policy]
-    judging = rig.calls.numbers.judging
+    judging, states = rig.calls.numbers.judging, list[str]()
     for region in (Box(0.3, 0.8, 0.7, 0.95), judging.region):
         rig.calls.retune(replace(judging, region=region))
         rig.see(2.0)
         told.append(rig.told_policy)
-    assert any(text.startswith("HOLD refused: 1.0 m/s outruns eyes") for text in rig.texts)
-    assert "HOLD fits again: set AT_POLICY 2" in rig.texts
-    rig.set("AT_POLICY", 2)
-    rig.see(1.0)
-    told.append(rig.told_policy)
-    assert told == [Policy.HOLD, Policy.REPORT, Policy.REPORT, Policy.HOLD], "nobody sets it but the operator"
+        states.append(rig.state[0])
+    assert any(text.startswith("FAULT: 1.0 m/s: at most 0.") for text in rig.texts)
+    assert told == [Policy.HOLD] * 3, "nobody sets it but the operator"
+    assert states == ["FAULT", "HOLDING"]
 
 
 def test_an_autopilot_that_refuses_a_mode_is_in_the_log(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:

@@ -21,12 +21,16 @@ from companion.link.sender import Sender
 from companion.link.streams import STUCK_AFTER, StuckError, Tcp
 from companion.link.transport import Transport
 from companion.sim.loopback_link import MemoryTransport
+from companion.wire.ids import MODE_REQUEST_COMMAND
 from companion.wire.parameters import build
 from tests.companion.link.devices import AUTOPILOT, DEADLINE, HEARTBEAT, Peer
 
 AUTO, HOLD = 10, 4
 _STEP = 0.02
 
+
+NO_SCRIPT = mavlink.MAVLink_command_ack_message(MODE_REQUEST_COMMAND, 3, 0, 0, 1, 191)
+"""The autopilot's answer to the question whether our script runs on it: UNSUPPORTED."""
 
 _FAR_BUFFER = 4200
 """Bytes, a little more than a pseudo-terminal passes on to an end that does not read."""
@@ -53,6 +57,7 @@ class Port:
             self.run(0.5)
             self.read()
             time.sleep(0.01)
+        self.peer.send(NO_SCRIPT.pack(AUTOPILOT))
         self.run(0.5)
         self.read()
         self.peer.got.clear()

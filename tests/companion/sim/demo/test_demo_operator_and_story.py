@@ -93,7 +93,12 @@ FIELD = {
     "contacts": [],
     "bytes": {"gcs": {"from_companion": 2000}},
 }
-DAEMON = {"frames": 20, "recent": [[number, number / 10, number / 10 + 0.02] for number in range(21)]}
+DAEMON = {
+    "frames": 20,
+    "recent": [[number, number / 10, number / 10 + 0.02] for number in range(21)],
+    "judging": {"rate": 10.0},
+    "hold_refused": "",
+}
 
 
 def full_tally() -> Tally:
@@ -130,6 +135,8 @@ def test_the_tally_counts_what_was_heard() -> None:
     assert figures == {
         "frames": 20,
         "fps": 10.0,
+        "fps_aimed_at": 10.0,
+        "hold_refused": "",
         "calls": 2,
         "calls_unknown_object": 1,
         "calls_unknown_scene": 1,
@@ -177,7 +184,7 @@ def test_a_tally_of_nothing_has_figures_and_lacks_nearly_all() -> None:
     assert not shown & set(missing(figures))
 
 
-GOOD = {
+GOOD: dict[str, Any] = {
     "calls": 2,
     "calls_unknown_object": 1,
     "calls_unknown_scene": 1,
@@ -191,6 +198,8 @@ GOOD = {
     "history_matches": 1,
     "collisions": 0,
     "fps": 8.0,
+    "fps_aimed_at": 10.0,
+    "hold_refused": "",
     "bytes_per_s": 300.0,
     "summaries_received": 1,
 }
@@ -207,14 +216,24 @@ def test_a_demo_that_showed_all_ends_with_0() -> None:
     [
         (name, type(value)(value - 1))
         for name, value in GOOD.items()
-        if name not in {"collisions", "bytes_per_s"}
+        if name not in {"collisions", "bytes_per_s", "fps_aimed_at", "hold_refused"}
     ]
-    + [("collisions", 1), ("bytes_per_s", 301.0)],
+    + [
+        ("collisions", 1),
+        ("bytes_per_s", 301.0),
+        ("hold_refused", "HOLD refused: 0.5 s a frame is too slow"),
+    ],
 )
 def test_each_figure_that_falls_short_is_named(name: str, value: float) -> None:
     stream = io.StringIO()
     assert verdict({**GOOD, name: value}, Story(stream)) == 1
     assert stream.getvalue().count("NOT SHOWN: ") == (1 if name != "holds" else 2)
+
+
+def test_a_slow_computer_that_judges_less_often_shows_all_where_it_may_hold() -> None:
+    slow = {**GOOD, "fps": 3.9, "fps_aimed_at": 4.0}
+    assert missing(slow) == []
+    assert missing({**slow, "hold_refused": "HOLD refused: 0.5 s a frame is too slow"})
 
 
 def told(event: dict[str, Any]) -> str:

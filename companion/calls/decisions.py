@@ -79,7 +79,7 @@ class SetMode:
     """Command the autopilot to change to a custom_mode.
 
     expected: the mode that this was decided on; if it shows another one, a human has set it. None: any.
-    hold: id of the hold that begins or ends, 0 for none.
+    hold: the hold that begins or ends, by `Hold.commanded_as`; 0 for none.
     """
 
     mode: int

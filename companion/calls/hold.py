@@ -46,6 +46,7 @@ class Hold:
 
     id: that of its call, where it has one. mode: the custom_mode that holds. mode_before: the mode to return
     to. started_at: monotonic seconds.
+    commanded_as: the id when it began, by which the autopilot's script knows it; 0: `id`.
     tries: commands sent in this state. commanded_at, tried_at: when the first and the last one were sent.
     failed: the autopilot did not follow after all tries; a human must act.
     only_fault: only faults caused it, so that it may end without a go where the configuration allows that. A
@@ -75,7 +76,11 @@ class Hold:
     rebooted: bool = False
     seen: Assessment | None = None
     confirmed_at: float | None = None
+    commanded_as: int = 0
     interrupted: HeldMission = field(default_factory=HeldMission)
+
+    def __post_init__(self) -> None:
+        self.commanded_as = self.commanded_as or self.id
 
     @property
     def standing(self) -> bool:

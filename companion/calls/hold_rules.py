@@ -257,7 +257,7 @@ class HoldController:
         if mode is not None and self._may_command(hold, mode, now):
             expected = hold.mode if hold.state is HoldState.RESUMING else hold.mode_before
             hold.resumed_at = now if hold.state is HoldState.RESUMING else hold.resumed_at
-            decisions.append(SetMode(mode, expected, hold.id))
+            decisions.append(SetMode(mode, expected, hold.commanded_as))
         return decisions
 
     def _may_command(self, hold: Hold, mode: int, now: float) -> bool:

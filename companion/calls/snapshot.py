@@ -49,6 +49,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
             "mode_before": hold.mode_before,
             "stage": hold.state.value,
             "only_fault": hold.only_fault,
+            "commanded_as": hold.commanded_as,
             "mission": _mission_figures(hold.interrupted),
         },
     }
@@ -106,6 +107,7 @@ def _hold(saved: Any, now: float) -> Hold:
         # The go is gone: what was on its way back holds again until there is a new one.
         state=HoldState.STANDING if state is HoldState.RESUMING else state,
         only_fault=_flag(saved["only_fault"]),
+        commanded_as=_whole(saved.get("commanded_as", 0), _U16),
         confirmed_at=now if state is not HoldState.REQUESTED else None,
         interrupted=_mission(saved.get("mission")),
     )

@@ -261,8 +261,6 @@ class Daemon:
             case ScriptHold():
                 self.calls.monitor.script_hold_reported(event)
             case ModeAnswer():
-                if not event.accepted:
-                    log.info("the autopilot refuses mode %d", event.mode)
                 self._executor.carry_out(self.calls.mode_answered(event, now), now)
             case RcChannels():
                 self._executor.carry_out(self.settings.policy.rc_channels_received(event, now), now)

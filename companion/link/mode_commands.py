@@ -6,6 +6,7 @@ the mode whatever it was.
 
 from __future__ import annotations
 
+import logging
 import random
 from collections import deque
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ from companion.vehicle import Autopilot, known_autopilot
 from companion.vehicle.state import Vehicle
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MODE_REQUEST_COMMAND
 from companion.wire.messages import MESSAGES
+
+log = logging.getLogger(__name__)
 
 LIFETIME = 1.0
 """s that a mode command may wait to be sent: later it may no longer be right."""
@@ -165,6 +168,8 @@ class ModeCommands:
         if sent.mode is None or doubtful:
             return None
         accepted = message.result == _ACCEPTED
+        if not accepted:
+            log.info("the autopilot says no to mode %d: MAV_RESULT %d", sent.mode, message.result)
         return ModeAnswer(sent.mode, accepted, by_hand=by_script and message.result == _DENIED)
 
     def _known(self) -> tuple[Vehicle | None, Autopilot | None]:

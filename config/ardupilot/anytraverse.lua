@@ -9,7 +9,7 @@ failsafe's. A fault in spite of which a human drives on (the companion says so) 
 
 The companion asks for HOLD, AUTO and GUIDED by MAV_CMD_USER_5 (31014): id of its hold, expected mode, mode to set,
 serial number. HOLD is set where the expected mode stands, AUTO and GUIDED only out of the HOLD that was set for that
-id, where its mode reason still stands and nobody has commanded HOLD since. A HOLD that a switch of the transmitter
+id, or for the companion's silence or fault, where its mode reason still stands and nobody has commanded HOLD since. A HOLD that a switch of the transmitter
 sets within ours changes nothing that a script could see. Answers: ACCEPTED; TEMPORARILY_REJECTED, another mode
 stands; DENIED, the HOLD is a human's now; FAILED. A serial number counts once, and a request for one second.
 
@@ -184,7 +184,8 @@ end
 local function set_requested(id, expected, mode)
   if not arming:is_armed() then return FAILED end
   if RESUMABLE[mode] then
-    if not hold_id or hold_id ~= id then return FAILED end
+    -- Without an id it is this script's own HOLD, for a loss that is over: the companion's did not reach it.
+    if not hold_reason or hold_id and hold_id ~= id then return FAILED end
     return resume(mode)
   end
   if mode ~= HOLD then return FAILED end

@@ -38,6 +38,7 @@ KINDS = {
     "vision_lock_hang": {"companion", "script"},
     "vision_out_of_memory": {"companion", "script"},
     "reversing": {"companion", "script"},
+    "slow_frames": {"companion", "script"},
     "slow_disk": {"companion", "script"},
     "spoofed_peers": {"companion", "script"},
     "answer_flood": {"companion", "script"},

@@ -49,7 +49,8 @@ BY_ITSELF = "autopilot"
 class ModeChange:
     """An entry of the mode log: rover time in s, the new mode, and who set it.
 
-    by: "companion", "gcs", "hand", "script", or "autopilot" where it did so itself.
+    by: "companion", also where the script set the mode for it, "gcs", "hand", "script", or "autopilot" where
+    it did so itself.
     """
 
     t: float

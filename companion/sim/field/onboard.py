@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -12,6 +13,7 @@ from companion.sim.field.parameters import REAL32
 from companion.sim.field.router import Port
 from companion.sim.field.scripting import Scripting
 from companion.sim.field.telemetry import RC_CHANNELS
+from companion.wire.ids import MODE_REQUEST_COMMAND
 
 if TYPE_CHECKING:
     from companion.sim.field.autopilot import Autopilot
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 
 SCRIPT = "config/ardupilot/anytraverse.lua"
 BY_SCRIPT = "script"
+COMPANION = Port.COMPANION.value
 MAX_TEXT = 50
 FEED_TIMEOUT = 0.5
 _NO_SENSOR, _NO_DATA, _GOOD = range(3)
@@ -79,7 +82,18 @@ class ScriptHost:
         fields = kind.unpacker.unpack(full[: kind.unpacker.size])
         ordered = {name: fields[place] for name, place in zip(kind.fieldnames, kind.orders, strict=True)}
         self._autopilot.send(ports[channel], kind(**ordered))
+        if (
+            ordered.get("command") == MODE_REQUEST_COMMAND
+            and ordered["result"] == mavlink.MAV_RESULT_ACCEPTED
+        ):
+            self._credit_companion()
         return True
+
+    def _credit_companion(self) -> None:
+        """Logs a mode that the script has just set at the companion's request as the companion's."""
+        log = self._autopilot.mode_log
+        if log and log[-1].by == BY_SCRIPT and log[-1].t == self._autopilot.rover.time:
+            log[-1] = replace(log[-1], by=COMPANION)
 
     def parameter(self, name: str) -> float | None:
         row = self._autopilot.parameters.find(name)

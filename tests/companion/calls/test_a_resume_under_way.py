@@ -190,3 +190,16 @@ def test_each_command_names_the_hold_and_the_mode_that_it_was_decided_on(held: S
     held.run(2.0, DRUM)
     number = held.all(HoldMoved)[0].hold.id
     assert held.all(SetMode) == [SetMode(HOLD, AUTO, number), SetMode(AUTO, HOLD, number)]
+
+
+def test_a_hold_that_a_call_gave_its_id_is_resumed_as_it_was_commanded_also_after_a_restart(
+    blocked: Scene,
+) -> None:
+    first = blocked.hold.id
+    blocked.run(1.0, DRUM)
+    assert blocked.hold.id == blocked.call.id != first
+    blocked.restarted()
+    blocked.run(1.0, DRUM)
+    blocked.go()
+    blocked.run(3.0, DRUM)
+    assert blocked.all(SetMode)[-1] == SetMode(AUTO, HOLD, first)

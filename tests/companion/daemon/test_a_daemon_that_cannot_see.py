@@ -353,13 +353,13 @@ def test_a_dying_daemon_holds_a_rover_that_was_just_told_to_drive_on(
         held.stage.mode = HOLD
 
     def told_to_drive_on(now: float) -> list[Decision]:
-        told = any(frame.message.get_type() == "COMMAND_LONG" for frame in held.stage.frames[before:])
+        told = [one for one in held.stage.sent("COMMAND_LONG")[before:] if one.command == 176]
         assert not told
         return tick(now)
 
     monkeypatch.setattr(held, "_turn", slow_autopilot)
     monkeypatch.setattr(held.calls, "tick", told_to_drive_on)
-    before = len(held.stage.frames)
+    before = len(held.stage.sent("COMMAND_LONG"))
     held.answer(0, Motion.GO)
     with pytest.raises(AssertionError):
         held.see(3.0)

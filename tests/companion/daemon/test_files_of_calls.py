@@ -178,7 +178,7 @@ def test_the_protocols_page_names_every_key_of_the_documents(make_rig: MakeRig) 
     section = page.split("### What the documents say")[1].split("\n### ")[0]
     # test_places_known_again has the keys inside of these
     section = re.sub(r"(`(?:known_place|nearest)` \|).*", r"\1", section)
-    assert set().union(state, call, *inner) == set(re.findall(r"`([a-z][a-z_]*)`", section))
+    assert set().union(state, call, *inner) == set(re.findall(r"`([a-z][a-z0-9_]*)`", section))
 
 
 def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(make_rig: MakeRig) -> None:

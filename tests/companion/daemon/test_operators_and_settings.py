@@ -290,7 +290,8 @@ def test_a_region_of_interest_that_sees_less_far_is_judged_for_the_hold_policy_t
 
 def test_an_autopilot_that_refuses_a_mode_is_in_the_log(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     denied = mavlink.MAVLink_command_ack_message(176, 2, 0, 0, 1, 191)
-    with caplog.at_level(logging.INFO, "companion.daemon.daemon"):
+    rig.see(1.0, "drum")
+    with caplog.at_level(logging.INFO, "companion.link.mode_commands"):
         rig.stage.send(denied, (1, 1))
-        rig.see(0.1)
-    assert "says no to a mode: MAV_RESULT 2" in caplog.text
+        rig.see(0.1, "drum")
+    assert "says no to mode 4: MAV_RESULT 2" in caplog.text

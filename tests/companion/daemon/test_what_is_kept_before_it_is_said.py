@@ -350,7 +350,7 @@ def test_a_second_go_that_waits_for_the_disk_does_not_stop_what_the_first_one_mo
     rig.see(0.3)
     rig.disk_hangs = True
     rig.answer(1, GO, transaction=8)
-    rig.see(0.9)
+    rig.see(1.3)
     assert rig.stage.mode == AUTO
 
 

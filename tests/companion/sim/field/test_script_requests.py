@@ -294,6 +294,14 @@ def test_the_script_s_own_hold_for_a_fault_becomes_the_companion_s() -> None:
     assert asked.ask(AUTO, HOLD) == [ACCEPTED]
 
 
+def test_and_so_it_does_where_the_companion_s_own_request_was_lost() -> None:
+    asked = Requests()
+    asked.board.pass_time(2.0)
+    assert asked.board.texts(2)[-1].startswith("HOLD: companion silent")
+    asked.wait(1.0)
+    assert asked.ask(AUTO, HOLD) == [ACCEPTED]
+
+
 class Faulty:
     """A companion that reports a fault, and whether a human drives on in spite of it."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 
+from companion.calls.faults import Fault
 from companion.calls.machine import OperatorCalls
 from companion.cameras.newest import CameraState
 from companion.daemon.persistence import Persistence
@@ -87,6 +88,7 @@ class HealthMonitor:
         self._calls = calls
         self._persistence = persistence
         self._fault_seen_at: float | None = None
+        self._faults_seen: frozenset[Fault] = frozenset()
         self._link_trouble: str | None = None
         self._journal_failing = False
         self._no_autopilot_since: float | None = None
@@ -231,13 +233,15 @@ class HealthMonitor:
             self._link.send_text(notices.unknown_autopilot(), WARNING, now)
 
     def _check_faults(self, now: float) -> None:
-        if self._calls.reason_filter.standing_faults(now):
+        standing = self._calls.reason_filter.standing_faults(now)
+        if standing:
+            self._faults_seen |= standing
             if self._fault_seen_at is None:
                 log.error("fault: %s", self.fault(now))
                 if self._calls.current_id == 0:
                     self._link.send_text(texts.companion_fault(self.fault_name(now)), ERROR, now)
             self._fault_seen_at = now
         elif self._fault_seen_at is not None and now - self._fault_seen_at >= RECOVERED_AFTER:
-            self._fault_seen_at = None
-            log.info("the fault is over: the companion sees again")
-            self._link.send_text(texts.recovered(), NOTICE, now)
+            seen, self._faults_seen, self._fault_seen_at = self._faults_seen, frozenset(), None
+            log.info("the fault is over")
+            self._link.send_text(texts.recovered(view=Fault.VIEW in seen), NOTICE, now)

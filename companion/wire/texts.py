@@ -121,9 +121,9 @@ def companion_fault(what: str) -> str:
     return fit(f"Companion FAULT: {what}")
 
 
-def recovered() -> str:
+def recovered(*, view: bool) -> str:
     """Reports that a fault is gone."""
-    return "Companion sees again"
+    return "Companion sees again" if view else "Companion: the fault is over"
 
 
 def closed(kind: Kind, number: int, outcome: Outcome) -> str:

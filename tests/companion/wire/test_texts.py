@@ -25,6 +25,7 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "switch": st.sampled_from(["RC7", "RC18"]),
     "whom": st.sampled_from(["transmitter", "255/255"]),
     "off": st.booleans(),
+    "view": st.booleans(),
     "hold": st.booleans(),
     "handled": st.booleans(),
     "count": NUMBER,

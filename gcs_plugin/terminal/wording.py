@@ -182,6 +182,8 @@ def status_lines(rover: Rover, now: float) -> list[str]:
     lines = [f"rover {rover.system}: {heard}, {doing}, {drives}"]
     if rover.policy is not None:
         lines.append(f"  policy   {rover.policy.name.lower()}")
+    if rover.fault_accepted:
+        lines.append("  fault    driven on by hand: it holds again in 20 s or 10 m at most")
     summary, counters = rover.summary, rover.counters
     if summary is not None:
         place = "" if summary.similarity is None else f", {summary.similarity:.2f} like the known place"

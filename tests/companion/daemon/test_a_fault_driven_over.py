@@ -1,4 +1,4 @@
-"""A human drives on over a hold for a fault: what is said, to the ground and to the script on the autopilot."""
+"""A human drives on over a hold for a fault: what the ground and the script on the autopilot are told."""
 
 from __future__ import annotations
 

@@ -35,3 +35,11 @@ def test_the_policy_is_known_from_the_heartbeat_alone() -> None:
     assert not any("policy" in line for line in status_lines(rover, 0.0))
     rover.handle_state(heartbeat_mode(State.OK, 0, Policy.SHADOW), 0.0)
     assert "  policy   shadow" in status_lines(rover, 0.0)
+
+
+def test_the_status_says_that_a_human_drives_on_in_spite_of_the_fault() -> None:
+    rover = Rover(1)
+    rover.handle_state(heartbeat_mode(State.FAULT, 0, Policy.HOLD), 0.0)
+    assert not any("driven on by hand" in line for line in status_lines(rover, 0.0))
+    rover.handle_state(heartbeat_mode(State.FAULT, 0, Policy.HOLD, fault_accepted=True), 0.0)
+    assert any("driven on by hand" in line for line in status_lines(rover, 0.0))

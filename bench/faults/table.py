@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bench.faults import (
+    by_hand,
     cameras,
     disk,
     driving,
@@ -21,6 +22,7 @@ ROWS: tuple[Row, ...] = (
     *cameras.ROWS,
     *vision.ROWS,
     *driving.ROWS,
+    *by_hand.ROWS,
     *missions.ROWS,
     *serial_port.ROWS,
     *inputs.ROWS,

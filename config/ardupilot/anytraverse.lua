@@ -9,8 +9,8 @@ failsafe's. A fault in spite of which a human drives on (the companion says so) 
 
 The companion asks for HOLD, AUTO and GUIDED by MAV_CMD_USER_5 (31014): id of its hold, expected mode, mode to set,
 serial number. HOLD is set where the expected mode stands, AUTO and GUIDED only out of the HOLD that was set for that
-id, or for the companion's silence or fault, where its mode reason still stands and nobody has commanded HOLD since. A HOLD that a switch of the transmitter
-sets within ours changes nothing that a script could see. Answers: ACCEPTED; TEMPORARILY_REJECTED, another mode
+id, or for the companion's silence or fault, where its mode reason still stands and nobody has commanded HOLD since.
+A HOLD that a switch of the transmitter sets within ours changes nothing that a script could see. Answers: ACCEPTED; TEMPORARILY_REJECTED, another mode
 stands; DENIED, the HOLD is a human's now; FAILED. A serial number counts once, and a request for one second.
 
 It acts only where the companion may: when the last policy that its heartbeat told is "hold". One that was heard in
@@ -63,42 +63,25 @@ local PARAMETERS = {
 }
 local CYCLE_MS, LONGEST_MS = 100, 100000
 local QUEUE, IDS = 20, 4 -- where no other script was first
-local MAX_CHECKED = 4 -- checksums a cycle: they cost most of SCR_VM_I_COUNT
-local COMPANION, ONBOARD_CONTROLLER = 191, 18
-local HEARTBEAT, SET_MODE, COMMAND_LONG, COMMAND_ACK, STATUSTEXT = 0, 11, 76, 77, 253
-local CRC_EXTRA = { [HEARTBEAT] = 50, [SET_MODE] = 89, [COMMAND_LONG] = 152, [STATUSTEXT] = 83 }
-local DO_SET_MODE, MODE_REQUEST = 176, 31014
-local ACCEPTED, CHANGED, DENIED, FAILED = 0, 1, 2, 4
-local REQUEST_MS, REMEMBERED = 1000, 8
+local HEARTBEAT, SET_MODE, COMMAND_LONG, STATUSTEXT = 0, 11, 76, 253
+local MODE_REQUEST = 31014
 local STARTING, FAULT, OFF = 0, 5, 6 -- states, in the low byte of the heartbeat's custom_mode
 local POLICIES = { [0] = "report", "shadow", "hold", "off" } -- in its bits 24 and 25
 local REPORT, MAY_HOLD, SWITCHED_OFF = 0, 2, 3
 local HOLD = 4
-local RESUMABLE = { [10] = true, [15] = true }
 local GUARDABLE = { [6] = "FOLLOW", [8] = "DOCK", [9] = "CIRCLE", [10] = "AUTO", [15] = "GUIDED" }
-local BY_GCS, BY_SCRIPT = 2, 32 -- a companion's own DO_SET_MODE counts as a ground station's
 local BY_HUMAN = { [1] = true, [2] = true, [42] = true, [53] = true } -- RC, GCS, FrSky, RC auxiliary switch
 local ALERT, CRITICAL, ERROR, WARNING, INFO = 1, 2, 3, 4, 6
-local TRIES, RETRY_MS = 3, 1000
-local STEADY_MS = 5000
-local WORD_MS = 600 -- until the companion has said whether a human's mode accepts its fault
-local STANDS_MS = 10000
-local GOOD = 2 -- proximity:get_status()
+local TRIES = 3
 
 local own_system, avoid, path_planner
 local settings, defaults = {}, {}
 local seen, watched, state, silent_ms = false, false, STARTING, 0
-local policy, told_policy, asked, guarding = REPORT, nil, false, false
+local policy, asked, guarding = REPORT, false, false
 local fault_accepted, mode_ms, last_mode = false, 0, nil
 local hold_id, hold_reason, pressed = nil, nil, false -- the companion's HOLD that stands; a human commanded HOLD within
-local answered = {}
-local feed_seen, feed_dead_ms = false, 0
-local held, held_from, accepted, warned = false, nil, false, nil
-local stands = nil -- what the hold that still stands was for
-local tries, wait_ms, well_ms = 0, 0, 0
-local running, auth_id
-local told, told_ms = nil, 0
-local echoed, echoed_ms = nil, LONGEST_MS
+local running
+local echoed_ms = LONGEST_MS
 local failures, resorted = 0, false
 local last = millis()
 
@@ -116,292 +99,327 @@ local function later(ms, dt) return math.min(ms + dt, LONGEST_MS) end
 
 -- Listening --------------------------------------------------------------------------------------------------------
 
-local function checksum(bytes) -- CRC-16/MCRF4XX
-  local sum = 0xFFFF
-  for i = 1, #bytes do
-    local byte = bytes:byte(i) ~ (sum & 0xFF)
-    byte = (byte ~ (byte << 4)) & 0xFF
-    sum = (sum >> 8) ~ (byte << 8) ~ (byte << 3) ~ (byte >> 4)
+local listen, set_hold
+do
+  local MAX_CHECKED = 4 -- checksums a cycle: they cost most of SCR_VM_I_COUNT
+  local COMPANION, ONBOARD_CONTROLLER, COMMAND_ACK, DO_SET_MODE = 191, 18, 77, 176
+  local CRC_EXTRA = { [HEARTBEAT] = 50, [SET_MODE] = 89, [COMMAND_LONG] = 152, [STATUSTEXT] = 83 }
+  local ACCEPTED, CHANGED, DENIED, FAILED = 0, 1, 2, 4
+  local REQUEST_MS, REMEMBERED = 1000, 8
+  local RESUMABLE = { [10] = true, [15] = true }
+  local BY_GCS, BY_SCRIPT = 2, 32 -- a companion's own DO_SET_MODE counts as a ground station's
+  local answered, echoed = {}, nil
+  local requests = {} -- they wait until all is read: a human's HOLD may have come behind them
+
+  local function checksum(bytes) -- CRC-16/MCRF4XX
+    local sum = 0xFFFF
+    for i = 1, #bytes do
+      local byte = bytes:byte(i) ~ (sum & 0xFF)
+      byte = (byte ~ (byte << 4)) & 0xFF
+      sum = (sum >> 8) ~ (byte << 8) ~ (byte << 3) ~ (byte >> 4)
+    end
+    return sum
   end
-  return sum
-end
 
--- Frames that were damaged on the way reach scripts.
-local function payload(raw, start, id, system, component)
-  local sum, magic, length, incompat, compat, seq = string.unpack("<I2BBBBB", raw)
-  local sent
-  if magic == 0xFE then
-    sent = string.pack("<BBBBB", length, seq, system, component, id)
-  elseif magic == 0xFD and incompat & 0xFE == 0 then
-    sent = string.pack("<BBBBBBI3", length, incompat, compat, seq, system, component, id)
-  else
-    return nil
+  -- Frames that were damaged on the way reach scripts.
+  local function payload(raw, start, id, system, component)
+    local sum, magic, length, incompat, compat, seq = string.unpack("<I2BBBBB", raw)
+    local sent
+    if magic == 0xFE then
+      sent = string.pack("<BBBBB", length, seq, system, component, id)
+    elseif magic == 0xFD and incompat & 0xFE == 0 then
+      sent = string.pack("<BBBBBBI3", length, incompat, compat, seq, system, component, id)
+    else
+      return nil
+    end
+    local content = raw:sub(start, start + length - 1)
+    if checksum(sent .. content .. string.char(CRC_EXTRA[id])) ~= sum then return nil end
+    return content .. string.rep("\0", 60 - #content) -- MAVLink 2 leaves out zeros at the end
   end
-  local content = raw:sub(start, start + length - 1)
-  if checksum(sent .. content .. string.char(CRC_EXTRA[id])) ~= sum then return nil end
-  return content .. string.rep("\0", 60 - #content) -- MAVLink 2 leaves out zeros at the end
-end
 
-local function hear_heartbeat(content, age_ms)
-  local custom_mode, kind = string.unpack("<I4B", content)
-  if kind ~= ONBOARD_CONTROLLER then return end
-  local now = custom_mode & 0xFF
-  -- One that starts has no eyes yet: after a crash it must not pass for the one that drove.
-  if now == STARTING and (watched or is_on("NEED")) then return end
-  seen, state, policy, silent_ms = true, now, custom_mode >> 24 & 3, age_ms
-  fault_accepted = custom_mode >> 26 & 1 == 1
-  watched = watched or now ~= STARTING
-end
-
-local function hear_text(content)
-  local text = content:sub(2, 51)
-  text = text:sub(1, (text:find("\0", 1, true) or 51) - 1):gsub("%c", " ")
-  local again = text == echoed and echoed_ms < 2000 -- it came by two ways
-  if text == "" or again or echoed_ms < 500 then return end
-  echoed, echoed_ms = text, 0
-  gcs:send_text(content:byte(1), text)
-end
-
--- The calls that compare and set stand side by side: nothing can hold the autopilot's loop between them.
-local function set_hold(expected)
-  local mode = vehicle:get_mode()
-  if expected and mode ~= expected then return CHANGED end
-  vehicle:set_mode(HOLD)
-  if vehicle:get_mode() ~= HOLD then return FAILED end
-  -- A human who was faster has set this HOLD.
-  if vehicle:get_control_mode_reason() ~= BY_SCRIPT then return CHANGED end
-  hold_id, hold_reason, pressed = nil, BY_SCRIPT, false
-  return ACCEPTED
-end
-
-local function resume(mode)
-  local now, reason = vehicle:get_mode(), vehicle:get_control_mode_reason()
-  if now ~= HOLD then return CHANGED end
-  if pressed or reason ~= hold_reason then return DENIED end
-  return vehicle:set_mode(mode) and ACCEPTED or FAILED
-end
-
-local function set_requested(id, expected, mode)
-  if not arming:is_armed() then return FAILED end
-  if RESUMABLE[mode] then
-    -- Without an id it is this script's own HOLD, for a loss that is over: the companion's did not reach it.
-    if not hold_reason or hold_id and hold_id ~= id then return FAILED end
-    return resume(mode)
+  local function hear_heartbeat(content, age_ms)
+    local custom_mode, kind = string.unpack("<I4B", content)
+    if kind ~= ONBOARD_CONTROLLER then return end
+    local now = custom_mode & 0xFF
+    -- One that starts has no eyes yet: after a crash it must not pass for the one that drove.
+    if now == STARTING and (watched or is_on("NEED")) then return end
+    seen, state, policy, silent_ms = true, now, custom_mode >> 24 & 3, age_ms
+    fault_accepted = custom_mode >> 26 & 1 == 1
+    watched = watched or now ~= STARTING
   end
-  if mode ~= HOLD then return FAILED end
-  local result = ACCEPTED
-  if vehicle:get_mode() ~= HOLD then
-    result = set_hold(expected)
-  elseif pressed or vehicle:get_control_mode_reason() ~= hold_reason then
-    result = CHANGED
-  end
-  if result == ACCEPTED then hold_id = id end
-  return result
-end
 
-local function hear_request(content, channel)
-  local id, expected, mode, serial = string.unpack("<ffff", content)
-  if not (serial >= 1 and serial <= 0xFFFFFF and mode >= 0 and mode <= 255) then return end
-  serial, mode = math.floor(serial), math.floor(mode)
-  local result = answered[serial]
-  if not result then
-    result = id == 0 and ACCEPTED or set_requested(id, expected, mode) -- 0 asks whether this script is there
-    answered[serial] = result
-    table.insert(answered, serial)
-    if #answered > REMEMBERED then answered[table.remove(answered, 1)] = nil end
+  local function hear_text(content)
+    local text = content:sub(2, 51)
+    text = text:sub(1, (text:find("\0", 1, true) or 51) - 1):gsub("%c", " ")
+    local again = text == echoed and echoed_ms < 2000 -- it came by two ways
+    if text == "" or again or echoed_ms < 500 then return end
+    echoed, echoed_ms = text, 0
+    gcs:send_text(content:byte(1), text)
   end
-  mavlink:send_chan(channel, COMMAND_ACK,
-    string.pack("<HBBi4BB", MODE_REQUEST, result, 0, serial, own_system, COMPANION))
-end
 
--- HOLD within HOLD changes neither mode nor reason: who commands it is known by the frame alone.
-local function hear_hold_command(content, ours)
-  if not ours then
-    pressed = true
-  elseif not pressed and vehicle:get_mode() == HOLD and vehicle:get_control_mode_reason() == BY_GCS then
-    hold_id, hold_reason = string.unpack("<f", content, 25), BY_GCS
+  -- The calls that compare and set stand side by side: nothing can hold the autopilot's loop between them.
+  function set_hold(expected)
+    local mode = vehicle:get_mode()
+    if expected and mode ~= expected then return CHANGED end
+    vehicle:set_mode(HOLD)
+    if vehicle:get_mode() ~= HOLD then return FAILED end
+    -- A human who was faster has set this HOLD.
+    if vehicle:get_control_mode_reason() ~= BY_SCRIPT then return CHANGED end
+    hold_id, hold_reason, pressed = nil, BY_SCRIPT, false
+    return ACCEPTED
   end
-end
 
--- What a frame of the ids that are registered is for, before its checksum is worth its time.
-local function purpose(raw, start, id, ours, echoes)
-  if id == HEARTBEAT then return ours and "heartbeat" end
-  if id == STATUSTEXT then return ours and echoes and raw:byte(start) <= ERROR and "text" end
-  if id == SET_MODE then
-    local mode, target = string.unpack("<I4B", raw, start)
-    return mode == HOLD and (target == own_system or target == 0) and "hold command"
+  local function resume(mode)
+    local now, reason = vehicle:get_mode(), vehicle:get_control_mode_reason()
+    if now ~= HOLD then return CHANGED end
+    if pressed or reason ~= hold_reason then return DENIED end
+    return vehicle:set_mode(mode) and ACCEPTED or FAILED
   end
-  local command, target = string.unpack("<HB", raw, start + 28)
-  if target ~= own_system and target ~= 0 then return nil end
-  if command == MODE_REQUEST then return ours and "request" end
-  return command == DO_SET_MODE and string.unpack("<f", raw, start + 4) == HOLD and "hold command"
-end
 
-local function listen()
-  local echoes, patience, checked = is_on("ECHO") and is_on("ENABLE"), patience_ms(), 0
-  for _ = 1, QUEUE do
-    if checked == MAX_CHECKED then return end
-    local raw, channel, at = mavlink:receive_chan()
-    if not raw then return end
-    -- A mavlink_message_t, as long as system ids had 8 bits (291 bytes) and since they may have 32 (299).
-    local system, component, id, start = string.unpack(#raw >= 299 and "<I4BI3" or "<BBI3", raw, 8)
-    local ours = system == own_system and component == COMPANION
-    local what = purpose(raw, start, id, ours, echoes)
-    local age_ms = what and (millis() - at):toint() or -1
-    -- What waited longer than the time-out, as behind a restart of scripting, is no news.
-    if age_ms >= 0 and age_ms <= (what == "request" and REQUEST_MS or patience) then
-      checked = checked + 1
-      local content = payload(raw, start, id, system, component)
-      if not content then what = nil end
-      if what == "heartbeat" then hear_heartbeat(content, age_ms) end
-      if what == "text" then hear_text(content) end
-      if what == "request" then hear_request(content, channel) end
-      if what == "hold command" then hear_hold_command(content, ours) end
+  local function set_requested(id, expected, mode)
+    if not arming:is_armed() then return FAILED end
+    if RESUMABLE[mode] then
+      -- Without an id it is this script's own HOLD, for a loss that is over: the companion's did not reach it.
+      if not hold_reason or hold_id and hold_id ~= id then return FAILED end
+      return resume(mode)
+    end
+    if mode ~= HOLD then return FAILED end
+    local result = ACCEPTED
+    if vehicle:get_mode() ~= HOLD then
+      result = set_hold(expected)
+    elseif pressed or vehicle:get_control_mode_reason() ~= hold_reason then
+      result = CHANGED
+    end
+    if result == ACCEPTED then hold_id = id end
+    return result
+  end
+
+  local function hear_request(content, channel)
+    local id, expected, mode, serial = string.unpack("<ffff", content)
+    if not (serial >= 1 and serial <= 0xFFFFFF and mode >= 0 and mode <= 255) then return end
+    serial, mode = math.floor(serial), math.floor(mode)
+    local result = answered[serial]
+    if not result then
+      result = id == 0 and ACCEPTED or set_requested(id, expected, mode) -- 0 asks whether this script is there
+      answered[serial] = result
+      table.insert(answered, serial)
+      if #answered > REMEMBERED then answered[table.remove(answered, 1)] = nil end
+    end
+    mavlink:send_chan(channel, COMMAND_ACK,
+      string.pack("<HBBi4BB", MODE_REQUEST, result, 0, serial, own_system, COMPANION))
+  end
+
+  -- HOLD within HOLD changes neither mode nor reason: who commands it is known by the frame alone.
+  local function hear_hold_command(content, ours)
+    if not ours then
+      pressed = true
+    elseif not pressed and vehicle:get_mode() == HOLD and vehicle:get_control_mode_reason() == BY_GCS then
+      hold_id, hold_reason = string.unpack("<f", content, 25), BY_GCS
+    end
+  end
+
+  -- What a frame of the ids that are registered is for, before its checksum is worth its time.
+  local function purpose(raw, start, id, ours, echoes)
+    if id == HEARTBEAT then return ours and "heartbeat" end
+    if id == STATUSTEXT then return ours and echoes and raw:byte(start) <= ERROR and "text" end
+    if id == SET_MODE then
+      local mode, target = string.unpack("<I4B", raw, start)
+      return mode == HOLD and (target == own_system or target == 0) and "hold command"
+    end
+    local command, target = string.unpack("<HB", raw, start + 28)
+    if target ~= own_system and target ~= 0 then return nil end
+    if command == MODE_REQUEST then return ours and "request" end
+    return command == DO_SET_MODE and string.unpack("<f", raw, start + 4) == HOLD and "hold command"
+  end
+
+  function listen()
+    local echoes, patience, checked = is_on("ECHO") and is_on("ENABLE"), patience_ms(), 0
+    for _ = 1, QUEUE do
+      if checked == MAX_CHECKED then return end
+      local raw, channel, at = mavlink:receive_chan()
+      if not raw then break end
+      -- A mavlink_message_t, as long as system ids had 8 bits (291 bytes) and since they may have 32 (299).
+      local system, component, id, start = string.unpack(#raw >= 299 and "<I4BI3" or "<BBI3", raw, 8)
+      local ours = system == own_system and component == COMPANION
+      local what = purpose(raw, start, id, ours, echoes)
+      local age_ms = what and (millis() - at):toint() or -1
+      -- What waited longer than the time-out, as behind a restart of scripting, is no news.
+      if age_ms >= 0 and age_ms <= (what == "request" and REQUEST_MS or patience) then
+        checked = checked + 1
+        local content = payload(raw, start, id, system, component)
+        if not content then what = nil end
+        if what == "heartbeat" then hear_heartbeat(content, age_ms) end
+        if what == "text" then hear_text(content) end
+        if what == "request" and #requests < REMEMBERED then table.insert(requests, { content, channel, at }) end
+        if what == "hold command" then hear_hold_command(content, ours) end
+      end
+    end
+    local due = requests
+    requests = {}
+    for _, request in ipairs(due) do
+      if (millis() - request[3]):toint() <= REQUEST_MS then hear_request(request[1], request[2]) end
     end
   end
 end
 
 -- Judging ----------------------------------------------------------------------------------------------------------
 
-local function is_set(parameter, mask)
-  local value = parameter and parameter:get() or 0
-  return math.floor(value) & mask ~= 0
-end
+local watch_feed, is_hold_policy, guards, trouble, is_guarded
+do
+  local WORD_MS = 600 -- until the companion has said whether a human's mode accepts its fault
+  local GOOD = 2 -- proximity:get_status()
+  local feed_seen, feed_dead_ms = false, 0
 
-local function watch_feed(dt)
-  local in_use = proximity and proximity:num_sensors() > 0 and (is_set(avoid, 2) or is_set(path_planner, 0xFF))
-  if not in_use or proximity:get_status() == GOOD then
-    feed_seen, feed_dead_ms = in_use or false, 0
-  elseif feed_seen or is_on("NEED") then
-    feed_dead_ms = later(feed_dead_ms, dt)
+  local function is_set(parameter, mask)
+    local value = parameter and parameter:get() or 0
+    return math.floor(value) & mask ~= 0
   end
-end
 
-local function is_off() return state == OFF or policy == SWITCHED_OFF end
+  function watch_feed(dt)
+    local in_use = proximity and proximity:num_sensors() > 0 and (is_set(avoid, 2) or is_set(path_planner, 0xFF))
+    if not in_use or proximity:get_status() == GOOD then
+      feed_seen, feed_dead_ms = in_use or false, 0
+    elseif feed_seen or is_on("NEED") then
+      feed_dead_ms = later(feed_dead_ms, dt)
+    end
+  end
 
-local function is_hold_policy() return seen and policy == MAY_HOLD and not is_off() end
+  local function is_off() return state == OFF or policy == SWITCHED_OFF end
 
--- Whether the companion's loss is held: one that may not hold while it lives may not when it is dead.
-local function guards()
-  asked = is_on("NEED") or is_on("POLICY") and seen and not is_off()
-  return asked or is_hold_policy()
-end
+  function is_hold_policy() return seen and policy == MAY_HOLD and not is_off() end
 
-local function trouble()
-  if not guarding then return nil end
-  if not seen then return "no companion" end
-  if is_off() then return "companion is off" end
-  if silent_ms > patience_ms() then return "companion silent" end
-  -- A human who drives on in spite of a fault: the companion says whether that counts, once it has heard of the mode.
-  local waits = mode_ms < WORD_MS and BY_HUMAN[vehicle:get_control_mode_reason()]
-  local excused = state == FAULT and (fault_accepted or waits)
-  -- A state that a later companion may know and this script does not is no reason to drive on.
-  if is_on("FAULT") and (state == FAULT or state > OFF) and not excused then return "companion fault" end
-  local patience = setting("PRX", 0, 10)
-  if patience > 0 and feed_dead_ms > 1000 * patience then return "obstacle feed dead" end
-end
+  -- Whether the companion's loss is held: one that may not hold while it lives may not when it is dead.
+  function guards()
+    asked = is_on("NEED") or is_on("POLICY") and seen and not is_off()
+    return asked or is_hold_policy()
+  end
 
-local function is_guarded(mode)
-  local modes = math.floor(setting("MODES", 0, 65535))
-  return GUARDABLE[mode] ~= nil and modes >> mode & 1 == 1
+  function trouble()
+    if not guarding then return nil end
+    if not seen then return "no companion" end
+    if is_off() then return "companion is off" end
+    if silent_ms > patience_ms() then return "companion silent" end
+    -- A human who drives on in spite of a fault: the companion says whether that counts, once it has heard of the mode.
+    local waits = mode_ms < WORD_MS and BY_HUMAN[vehicle:get_control_mode_reason()]
+    local excused = state == FAULT and (fault_accepted or waits)
+    -- A state that a later companion may know and this script does not is no reason to drive on.
+    if is_on("FAULT") and (state == FAULT or state > OFF) and not excused then return "companion fault" end
+    local patience = setting("PRX", 0, 10)
+    if patience > 0 and feed_dead_ms > 1000 * patience then return "obstacle feed dead" end
+  end
+
+  function is_guarded(mode)
+    local modes = math.floor(setting("MODES", 0, 65535))
+    return GUARDABLE[mode] ~= nil and modes >> mode & 1 == 1
+  end
 end
 
 -- Acting -----------------------------------------------------------------------------------------------------------
 
-local function tell_policy()
-  if not seen or policy == told_policy then return end
-  told_policy = policy
-  gcs:send_text(INFO, "Policy " .. POLICIES[policy] .. ": loss of companion "
-    .. (guarding and "will be held" or "is not held"))
-end
+local tell, watch_mode, guard
+do
+  local RETRY_MS, STEADY_MS, STANDS_MS = 1000, 5000, 10000
+  local held, held_from, accepted, warned = false, nil, false, nil
+  local stands = nil -- what the hold that still stands was for
+  local tries, wait_ms, well_ms = 0, 0, 0
+  local auth_id
+  local told_policy, told, told_ms = nil, nil, 0
 
-local function allow_arming(reason)
-  if not auth_id and reason and is_on("NEED") then auth_id = arming:get_aux_auth_id() end
-  if not auth_id then return end
-  if reason and is_on("NEED") then
-    arming:set_aux_auth_failed(auth_id, reason .. ": fix it or ATS_NEED 0")
-  else
-    arming:set_aux_auth_passed(auth_id)
+  local function tell_policy()
+    if not seen or policy == told_policy then return end
+    told_policy = policy
+    gcs:send_text(INFO, "Policy " .. POLICIES[policy] .. ": loss of companion "
+      .. (guarding and "will be held" or "is not held"))
   end
-end
 
-local function hold(reason, mode, dt)
-  wait_ms = wait_ms - dt
-  if wait_ms > 0 then return ALERT, "HOLD REFUSED, " .. reason .. ": take over" end
-  set_hold(nil)
-  if vehicle:get_mode() == HOLD then
-    held, held_from, stands, tries, wait_ms = true, GUARDABLE[mode], reason, 0, 0
-    return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind"
-  end
-  tries = tries + 1
-  if tries < TRIES then return nil end
-  wait_ms = RETRY_MS
-  return ALERT, "HOLD REFUSED, " .. reason .. ": take over"
-end
-
--- What there is to say about this trouble, having done what can be done about it.
-local function answer(reason, dt)
-  local mode = vehicle:get_mode()
-  if not arming:is_armed() then
-    held, accepted, stands, tries, wait_ms = false, false, nil, 0, 0
-  elseif not is_guarded(mode) then
-    tries, wait_ms = 0, 0
-    if mode ~= HOLD then stands = nil end
-    if held and mode == HOLD then return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind" end
-    if not held and warned ~= reason then
-      warned = reason
-      gcs:send_text(WARNING, reason .. ": guarded modes will be held")
+  local function allow_arming(reason)
+    if not auth_id and reason and is_on("NEED") then auth_id = arming:get_aux_auth_id() end
+    if not auth_id then return end
+    if reason and is_on("NEED") then
+      arming:set_aux_auth_failed(auth_id, reason .. ": fix it or ATS_NEED 0")
+    else
+      arming:set_aux_auth_passed(auth_id)
     end
-  elseif accepted or held and BY_HUMAN[vehicle:get_control_mode_reason()] then
-    accepted, stands = true, nil
-    return WARNING, GUARDABLE[mode] .. " without companion" .. (mode == 15 and ": send target again" or "")
-  else
-    return hold(reason, mode, dt)
   end
-end
 
-local function is_running()
-  local switch = math.floor(setting("RC", 0, 307))
-  return is_on("ENABLE") and not (switch >= 300 and rc:get_aux_cached(switch) == 2)
-end
-
-local function tell(dt, severity, text, every_ms)
-  told_ms = later(told_ms, dt)
-  if text and (text ~= told or told_ms >= (every_ms or severity == ALERT and 5000 or 30000)) then
-    gcs:send_text(severity, text)
-    told_ms = 0
+  local function hold(reason, mode, dt)
+    wait_ms = wait_ms - dt
+    if wait_ms > 0 then return ALERT, "HOLD REFUSED, " .. reason .. ": take over" end
+    set_hold(nil)
+    if vehicle:get_mode() == HOLD then
+      held, held_from, stands, tries, wait_ms = true, GUARDABLE[mode], reason, 0, 0
+      return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind"
+    end
+    tries = tries + 1
+    if tries < TRIES then return nil end
+    wait_ms = RETRY_MS
+    return ALERT, "HOLD REFUSED, " .. reason .. ": take over"
   end
-  told = text
-end
 
-local function watch_mode(dt)
-  local mode = vehicle:get_mode()
-  mode_ms = mode == last_mode and later(mode_ms, dt) or 0
-  last_mode = mode
-  if mode ~= HOLD then hold_id, hold_reason, pressed = nil, nil, false end
-end
-
-local function guard(dt)
-  watch_feed(dt)
-  local was_running = running
-  running = is_running()
-  guarding = running and guards()
-  if not running then
-    held, accepted, warned, stands, tries, wait_ms = false, false, nil, nil, 0, 0
-    allow_arming(nil)
-    return tell(dt, WARNING, was_running ~= nil and "Companion guard is off: ATS_ENABLE or switch" or nil)
+  -- What there is to say about this trouble, having done what can be done about it.
+  local function answer(reason, dt)
+    local mode = vehicle:get_mode()
+    if not arming:is_armed() then
+      held, accepted, stands, tries, wait_ms = false, false, nil, 0, 0
+    elseif not is_guarded(mode) then
+      tries, wait_ms = 0, 0
+      if mode ~= HOLD then stands = nil end
+      if held and mode == HOLD then return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind" end
+      if not held and warned ~= reason then
+        warned = reason
+        gcs:send_text(WARNING, reason .. ": guarded modes will be held")
+      end
+    elseif accepted or held and BY_HUMAN[vehicle:get_control_mode_reason()] then
+      accepted, stands = true, nil
+      return WARNING, GUARDABLE[mode] .. " without companion" .. (mode == 15 and ": send target again" or "")
+    else
+      return hold(reason, mode, dt)
+    end
   end
-  tell_policy()
-  local reason = trouble()
-  allow_arming(reason)
-  well_ms = reason and 0 or later(well_ms, dt)
-  if well_ms >= STEADY_MS then accepted = false end
-  if reason then return tell(dt, answer(reason, dt)) end
-  if held or warned then gcs:send_text(WARNING, "Companion is back: nothing resumes by itself") end
-  held, warned, tries, wait_ms = false, nil, 0, 0
-  if not stands then return tell(dt) end
-  if vehicle:get_mode() ~= HOLD or not arming:is_armed() then stands = nil end
-  tell(dt, WARNING, stands and "HOLD since " .. stands .. ": set " .. held_from .. " by hand" or nil, STANDS_MS)
+
+  local function is_running()
+    local switch = math.floor(setting("RC", 0, 307))
+    return is_on("ENABLE") and not (switch >= 300 and rc:get_aux_cached(switch) == 2)
+  end
+
+  function tell(dt, severity, text, every_ms)
+    told_ms = later(told_ms, dt)
+    if text and (text ~= told or told_ms >= (every_ms or severity == ALERT and 5000 or 30000)) then
+      gcs:send_text(severity, text)
+      told_ms = 0
+    end
+    told = text
+  end
+
+  function watch_mode(dt)
+    local mode = vehicle:get_mode()
+    mode_ms = mode == last_mode and later(mode_ms, dt) or 0
+    last_mode = mode
+    if mode ~= HOLD then hold_id, hold_reason, pressed = nil, nil, false end
+  end
+
+  function guard(dt)
+    watch_feed(dt)
+    local was_running = running
+    running = is_running()
+    guarding = running and guards()
+    if not running then
+      held, accepted, warned, stands, tries, wait_ms = false, false, nil, nil, 0, 0
+      allow_arming(nil)
+      return tell(dt, WARNING, was_running ~= nil and "Companion guard is off: ATS_ENABLE or switch" or nil)
+    end
+    tell_policy()
+    local reason = trouble()
+    allow_arming(reason)
+    well_ms = reason and 0 or later(well_ms, dt)
+    if well_ms >= STEADY_MS then accepted = false end
+    if reason then return tell(dt, answer(reason, dt)) end
+    if held or warned then gcs:send_text(WARNING, "Companion is back: nothing resumes by itself") end
+    held, warned, tries, wait_ms = false, nil, 0, 0
+    if not stands then return tell(dt) end
+    if vehicle:get_mode() ~= HOLD or not arming:is_armed() then stands = nil end
+    tell(dt, WARNING, stands and "HOLD since " .. stands .. ": set " .. held_from .. " by hand" or nil, STANDS_MS)
+  end
 end
 
 -- Running ----------------------------------------------------------------------------------------------------------

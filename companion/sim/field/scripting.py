@@ -13,6 +13,10 @@ from companion.sim.field.rawframes import raw_frames
 
 MAX_AUTHORISERS = 3
 MAX_NAME = 16
+MAX_LOCALS = 100
+"""Local variables of a function at once in ArduPilot's Lua; Lua itself allows 200."""
+_OTHERS = "local " + ", ".join(f"_{place}" for place in range(200 - MAX_LOCALS)) + " "
+"""Takes those of the main function that ArduPilot's Lua does not have."""
 _BINDINGS = Path(__file__).with_name("bindings.lua")
 # As in ArduPilot: once the steps are used up, every further step raises the error again. So a script that
 # catches it with pcall ends all the same.
@@ -80,7 +84,7 @@ class Scripting:
         load = lua.eval(b"function(text, name, env) return load(text, name, 't', env) end")
         bindings = load(_BINDINGS.read_bytes(), b"=bindings.lua", lua.globals())
         sandbox = bindings(lua.table_from(self._offered()))
-        chunk = load(self._source.encode(), f"={self._name}".encode(), sandbox)
+        chunk = load((_OTHERS + self._source).encode(), f"={self._name}".encode(), sandbox)
         if isinstance(chunk, tuple):
             raise ValueError(f"this is no Lua: {chunk[1].decode(errors='replace')}")
         self._next: Any = chunk

@@ -101,3 +101,10 @@ def test_it_needs_nothing_that_real_scripts_have_not() -> None:
     board.scripting = Scripting(source, "probe.lua", board)
     board.scripting.poll()
     assert board.scripting.ended == ""
+
+
+def test_a_script_with_more_local_variables_than_the_autopilot_allows_does_not_load() -> None:
+    one_too_many = "\n".join(f"local v{number}" for number in range(101))
+    with pytest.raises(ValueError, match="too many local variables"):
+        Scripting(one_too_many, "many.lua", Board())
+    Scripting(one_too_many.removesuffix("\nlocal v100"), "many.lua", Board())

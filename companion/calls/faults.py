@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
@@ -13,6 +14,8 @@ WITHIN = 600.0
 """A fault is accepted by hand at most `ACCEPTANCES` times in this many seconds."""
 TOLD_FOR = 1.0
 """Seconds for which a fault and its hold must have been told before a human's mode accepts the fault."""
+FLICKERS = 2.0
+"""Seconds for which a fault must be gone to be another one when it comes again."""
 LAST_SECONDS, LAST_METRES = 5.0, 3.0
 """The end of an acceptance is told when no more than one of these is left."""
 
@@ -59,6 +62,8 @@ class Faults:
     def __init__(self, numbers: Numbers) -> None:
         self._numbers = numbers
         self._since: dict[Fault, float] = {}
+        self._ended: dict[Fault, tuple[float, float]] = {}
+        """Of each fault that is gone: since when it stood, and until when."""
         self.told: dict[Fault, str] = {}
         self.acceptance: FaultAcceptance | None = None
         self._accepted_at: deque[float] = deque(maxlen=ACCEPTANCES)
@@ -75,11 +80,14 @@ class Faults:
 
     def report(self, fault: Fault, now: float, *, stands: bool, what: str = "") -> None:
         """Take in whether `fault` stands. what: its name for people, in two or three words."""
+        if stands and fault not in self._since:
+            since, until = self._ended.get(fault, (now, -math.inf))
+            self._since[fault] = since if now - until <= FLICKERS else now
+        elif not stands and fault in self._since:
+            self._ended[fault] = self._since.pop(fault), now
         if stands:
-            self._since.setdefault(fault, now)
             self.told[fault] = what
         else:
-            self._since.pop(fault, None)
             self.told.pop(fault, None)
 
     def accept(self, now: float, travelled: float | None) -> FaultAcceptance | None:
@@ -111,9 +119,10 @@ class Faults:
         if acceptance is None:
             return None
         seconds, metres = acceptance.left(self._numbers, now, travelled)
-        # A course is gone in each standstill, and back as the vehicle drives on: it stays accepted.
-        gone = sees and not acceptance.faults & (self.standing | {Fault.COURSE})
-        if gone or seconds <= 0.0 or (metres is not None and metres <= 0.0):
+        if sees:
+            # A course is gone in each standstill, and back as the vehicle drives on: it stays accepted.
+            acceptance.faults &= self.standing | {Fault.COURSE}
+        if not acceptance.faults or seconds <= 0.0 or (metres is not None and metres <= 0.0):
             self.acceptance = None
             return None
         soon = seconds <= LAST_SECONDS or (metres is not None and metres <= LAST_METRES)

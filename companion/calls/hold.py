@@ -113,7 +113,8 @@ class Hold:
     def request_again(self) -> None:
         """Request the hold again after the autopilot rebooted. From now on it needs a go to end."""
         self.enter(HoldState.REQUESTED)
-        self.rebooted, self.only_fault, self.resumed_at = True, False, None
+        self.rebooted, self.only_fault = True, False
+        self.resumed_at = self.held_at = self.confirmed_at = None
 
     def needs_lead(self, autopilot: Autopilot | None, now: float) -> bool:
         """Whether setpoints must be streamed for longer before the mode that holds is commanded."""
@@ -138,6 +139,7 @@ class Hold:
             if self.state is HoldState.RESUMING:
                 # The vehicle still stands: give up the resume, and wait for a new go.
                 self.enter(HoldState.STANDING)
+                self.resume_taken, self.held_at = False, None
                 return None, event
             self.failed = True
         self.commanded_at = self.commanded_at if self.tries else now
@@ -147,7 +149,7 @@ class Hold:
 
     def answered(self, answer: ModeAnswer, now: float) -> HoldEvent | None:
         """Take in the answer to a mode command, and return what that means for the hold."""
-        if answer.by_hand:
+        if answer.by_hand and self.state is HoldState.RESUMING:
             return HoldEvent.TAKEN_OVER
         if answer.accepted and answer.mode == self.mode and self.state is HoldState.REQUESTED:
             # Commands are carried out in order, so no resume is under way behind this one.
@@ -163,17 +165,22 @@ class Hold:
         A mode that we did not command was set by a human, who always wins.
         """
         if report.mode == self.mode:
-            if self.state is not HoldState.REQUESTED or self._from_before_cancel(report):
+            if self.state is HoldState.REQUESTED and self._from_before_cancel(report):
+                return None
+            self.confirmed_at = now if self.confirmed_at is None else self.confirmed_at
+            if self.state is not HoldState.REQUESTED:
                 return None
             self.enter(HoldState.STANDING)
             self.resumed_at = None
-            self.confirmed_at = now if self.confirmed_at is None else self.confirmed_at
             return HoldEvent.CONFIRMED
         if report.mode != self.mode_before:
             return HoldEvent.TAKEN_OVER
         if self.state is HoldState.RESUMING:
             return HoldEvent.RESUMED
         if self.state is HoldState.REQUESTED and self._ours(report):
+            return None
+        if self.state is HoldState.STANDING and self.resumed_at is not None and self._ours(report):
+            self.enter(HoldState.REQUESTED)  # a resume that was given up is carried out late
             return None
         self.resumed_at = None  # it is the human's mode, too: a late resume changes nothing
         return HoldEvent.TAKEN_OVER

@@ -108,7 +108,6 @@ def _hold(saved: Any, now: float) -> Hold:
         state=HoldState.STANDING if state is HoldState.RESUMING else state,
         only_fault=_flag(saved["only_fault"]),
         commanded_as=_whole(saved.get("commanded_as", 0), _U16),
-        confirmed_at=now if state is not HoldState.REQUESTED else None,
         interrupted=_mission(saved.get("mission")),
     )
 

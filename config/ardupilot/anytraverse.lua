@@ -92,6 +92,7 @@ local policy, told_policy, asked, guarding = REPORT, nil, false, false
 local fault_accepted, mode_ms, last_mode = false, 0, nil
 local hold_id, hold_reason, pressed = nil, nil, false -- the companion's HOLD that stands; a human commanded HOLD within
 local answered = {}
+local requests = {} -- they wait until all is read: a human's HOLD may have come behind them
 local feed_seen, feed_dead_ms = false, 0
 local held, held_from, accepted, warned = false, nil, false, nil
 local stands = nil -- what the hold that still stands was for
@@ -241,7 +242,7 @@ local function listen()
   for _ = 1, QUEUE do
     if checked == MAX_CHECKED then return end
     local raw, channel, at = mavlink:receive_chan()
-    if not raw then return end
+    if not raw then break end
     -- A mavlink_message_t, as long as system ids had 8 bits (291 bytes) and since they may have 32 (299).
     local system, component, id, start = string.unpack(#raw >= 299 and "<I4BI3" or "<BBI3", raw, 8)
     local ours = system == own_system and component == COMPANION
@@ -254,9 +255,14 @@ local function listen()
       if not content then what = nil end
       if what == "heartbeat" then hear_heartbeat(content, age_ms) end
       if what == "text" then hear_text(content) end
-      if what == "request" then hear_request(content, channel) end
+      if what == "request" and #requests < REMEMBERED then table.insert(requests, { content, channel, at }) end
       if what == "hold command" then hear_hold_command(content, ours) end
     end
+  end
+  local due = requests
+  requests = {}
+  for _, request in ipairs(due) do
+    if (millis() - request[3]):toint() <= REQUEST_MS then hear_request(request[1], request[2]) end
   end
 end
 

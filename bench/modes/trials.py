@@ -10,7 +10,6 @@ from random import Random
 
 from bench.modes.human import EXPECTED, Human
 from bench.modes.judging import DRIVING, Outcome, Setting, Trial, drove, since_human
-from bench.stopping.humans import READ
 from bench.stopping.stage import Disturbed, Plan, Stage
 from companion.sim.field.trail import Trail
 
@@ -21,8 +20,8 @@ WATCHED = 2.6
 """s beside the round trip in which modes are watched: a command is tried again after one."""
 ENDS_WITHIN = 6.0
 SETTLED = 0.3
-TRIES = 4
-"""Disturbed trials in a row after which a setting is given up."""
+TRIES_HERE, TRIES = 4, 12
+"""Void trials in a row after which a stage, and a setting, is given up."""
 HUMANS = "MANUAL", "LOITER", "STEERING", "RTL"
 
 
@@ -46,21 +45,27 @@ def play_all(
     trials = [draw(random, setting) for random in randoms]
     latencies = {kind: seconds + 2 * setting.delay * (kind == "resume") for kind, seconds in EXPECTED.items()}
     stages = void = 0
-    while trials:
-        stages += 1
+    while trials and void < TRIES:
+        stages, here = stages + 1, 0
         at = Random(f"{seed} {setting} {stages}").uniform(0.0, Trail(seed).length)
         plan = Plan(seed, at, SPEED, script=setting.script, delay=setting.delay)
-        try:
-            with Stage(out / str(stages), plan, cancelled) as stage:
-                while trials:
-                    yield play(stage, setting, trials[0], latencies)
-                    trials.pop(0)
-                    void = 0
-        except Disturbed as why:
-            void += 1
-            yield str(why)
-            if void == TRIES:
-                raise
+        with Stage(out / str(stages), plan, cancelled) as stage:
+            while trials and here < TRIES_HERE:
+                found = _play_or_why(stage, setting, trials[0], latencies)
+                yield found
+                if isinstance(found, str):
+                    here, void = here + 1, void + 1
+                else:
+                    trials, here, void = trials[1:], 0, 0
+    if trials:
+        raise Disturbed(f"{void} void trials in a row: {setting}")
+
+
+def _play_or_why(stage: Stage, setting: Setting, trial: Trial, latencies: dict[str, float]) -> Outcome | str:
+    try:
+        return play(stage, setting, trial, latencies)
+    except Disturbed as why:
+        return str(why)
 
 
 def play(stage: Stage, setting: Setting, trial: Trial, latencies: dict[str, float]) -> Outcome:
@@ -76,7 +81,7 @@ def play(stage: Stage, setting: Setting, trial: Trial, latencies: dict[str, floa
         stage.wait("a hold", lambda: bool(stage.status()["mode"] == "HOLD"), SOON)
         stage.freeze_camera(on=False)
         stage.wait_until_well()
-        _pass(stage, READ)
+        _pass(stage, SETTLED)
         number = int(stage.read_status()["current_id"])
         cause = lambda: stage.ground.go(number)  # noqa: E731
     else:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-HAND = "hand"
+HAND, STATION = "hand", "gcs"
+HOLD = "HOLD"
 DRIVING = ("AUTO", "GUIDED")
 SLACK = 0.5
 """s beside the round trip within which a human's mode that a resume replaced must be held again."""
@@ -73,10 +74,15 @@ class Outcome:
 def since_human(log: Sequence[Mapping[str, Any]], mode: str, since: float) -> list[Mapping[str, Any]] | None:
     """Returns the entries after the human's last one of this mode since then; None where there is none.
 
-    since: rover time in s, of the entries as well.
+    since: rover time in s, of the entries as well. HOLD pressed inside our HOLD changes nothing and has no
+    entry, so that all after our HOLD came after the press.
     """
-    at = [n for n, row in enumerate(log) if row["by"] == HAND and row["mode"] == mode and row["t"] >= since]
-    return list(log[at[-1] + 1 :]) if at else None
+    recent = [row for row in log if row["t"] >= since]
+    by = STATION if mode == HOLD else HAND
+    at = [n for n, row in enumerate(recent) if row["by"] == by and row["mode"] == mode]
+    if not at and mode == HOLD:
+        at = [n for n, row in enumerate(recent) if row["mode"] == HOLD][:1]
+    return recent[at[-1] + 1 :] if at else None
 
 
 def drove(after: Sequence[Mapping[str, Any]], until: float) -> tuple[float | None, bool]:

@@ -107,14 +107,9 @@ def _judged(stage: Stage, setting: Setting, trial: Trial, human: Human, begun: f
     status = stage.status()
     assert human.set_at is not None
     log = status["mode_log"]
-    if trial.mode == "HOLD":  # no change, so the log does not have it
-        acknowledged = human.set_at - status["monotonic"] + status["t"]
-        after = [row for row in log if row["t"] > acknowledged]
-    else:
-        found = since_human(log, trial.mode, begun)
-        if found is None:
-            raise Disturbed(f"{trial.mode} was not set: {log[-3:]}")
-        after = found
+    after = since_human(log, trial.mode, begun)
+    if after is None:
+        raise Disturbed(f"{trial.mode} was not set: {log[-3:]}")
     longest, ended = drove(after, status["t"])
     measured = None if human.left_at is None else round(human.set_at - human.left_at, 3)
     changes = tuple(f"{row['mode']} by {row['by']}" for row in after)

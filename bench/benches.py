@@ -236,7 +236,7 @@ BENCHES = {
     "modes": Bench(
         "bench.modes",
         "modes set by hand round the companion's mode commands, over a wire with a delay: who is overridden",
-        (10, 1),
+        (10, 0.3),
         quick=("--quick",),
         figures=(
             Quoted("overridden_with_script", "humans overridden, with the script", "", LESS),

@@ -23,7 +23,8 @@ from pathlib import Path
 from bench.modes.judging import Outcome, Setting, figures, line
 from bench.modes.trials import play_all
 
-DELAYS = 0, 20, 100, 500
+DELAYS, QUICK_DELAYS = (0, 20, 100, 500), (20,)
+TRIALS, QUICK_TRIALS = 208, 4
 BOTH = {"no": (False,), "yes": (True,), "both": (False, True)}
 LOOPS = 2
 
@@ -91,17 +92,19 @@ def _end(number: int, _frame: object) -> None:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m bench.modes", description=__doc__)
-    parser.add_argument("--trials", type=int, help="in all (default 208, quick 8)")
+    parser.add_argument("--trials", type=int, help=f"in all (default {TRIALS})")
     parser.add_argument("--delay", type=int, nargs="+", metavar="MS", help="of the wire, each way")
     parser.add_argument("--busy", choices=list(BOTH), help="beside two busy loops (default both)")
     parser.add_argument("--script", choices=list(BOTH), default="both", help="there (default both)")
     parser.add_argument("--jobs", type=int, default=2, help="rovers side by side (default 2)")
     parser.add_argument("--seed", type=int, default=1, help="of everything that is random (default 1)")
-    parser.add_argument("--quick", action="store_true", help="few trials, two delays, no busy loops")
+    parser.add_argument(
+        "--quick", action="store_true", help=f"{QUICK_TRIALS} trials, one delay, no busy loops"
+    )
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where logs are kept; else thrown away")
     given = parser.parse_args()
-    given.trials = given.trials or (8 if given.quick else 208)
-    given.delay = given.delay or (list(DELAYS[::2]) if given.quick else list(DELAYS))
+    given.trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS)
+    given.delay = given.delay or list(QUICK_DELAYS if given.quick else DELAYS)
     given.busy = given.busy or ("no" if given.quick else "both")
     return given
 

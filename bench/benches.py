@@ -233,6 +233,17 @@ BENCHES = {
             Quoted("commanded_in_report_policy", "commands in policy report", "", LESS),
         ),
     ),
+    "modes": Bench(
+        "bench.modes",
+        "modes set by hand round the companion's mode commands, over a wire with a delay: who is overridden",
+        (10, 0.3),
+        quick=("--quick",),
+        figures=(
+            Quoted("overridden_with_script", "humans overridden, with the script", "", LESS),
+            Quoted("overridden_without", "humans overridden, without it", "", LESS),
+            Quoted("longest_override_s", "our driving mode stood over a human's, the longest", "s", LESS),
+        ),
+    ),
     "faults": Bench(
         "bench.faults",
         "every fault of docs/faults.md: what follows it, when it holds, when it is back",

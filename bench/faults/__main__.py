@@ -31,7 +31,7 @@ def main() -> int:
     done: list[dict[str, Any]] = []
 
     def one(number: int, row: Row) -> None:
-        found = produce(row, Work(folder / str(number), given.seed, given.short), cancelled)
+        found = produce(row, Work(folder / str(number), given.seed, given.short, given.runs), cancelled)
         if not cancelled.is_set():
             done.append(judged(row, found, short=given.short))
             print(line(done[-1]), flush=True)
@@ -64,11 +64,14 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m bench.faults", description=__doc__)
     parser.add_argument("--only", nargs="+", default=[], metavar="ROW", help="rows by a part of their names")
     parser.add_argument("--short", action="store_true", help="each fault once or a few times, without limits")
+    parser.add_argument("--runs", type=int, help="of each fault that is repeated while a rover drives")
     parser.add_argument("--jobs", type=int, default=3, help="rows side by side (default 3)")
     parser.add_argument("--seed", type=int, default=1, help="of everything that is random (default 1)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="results; rows of earlier runs in it stay")
     parser.add_argument("--logs", type=Path, metavar="FOLDER", help="where logs are kept; else thrown away")
     given = parser.parse_args()
+    if given.runs is not None and given.runs < 1:
+        parser.error("--runs is at least 1")
     try:
         given.only = chosen(given.only)
     except ValueError as error:

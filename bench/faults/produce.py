@@ -1,4 +1,4 @@
-"""Produces one row in a process of its own: `python -m bench.faults.produce FAULT FOLDER SEED SHORT`.
+"""Produces one row in a process of its own: `python -m bench.faults.produce FAULT FOLDER SEED SHORT RUNS`.
 
 Some rows patch the clock or the limits of their process, so no two may share one.
 """
@@ -19,7 +19,7 @@ from bench.faults.table import ROWS
 
 _RESULT = "outcome.json"
 _LOG = "row.log"
-_LONGEST = 2700.0
+_LONGEST, _LONGEST_RUN = 2700.0, 150.0
 _LOOK = 0.1
 
 
@@ -29,15 +29,19 @@ def produce(row: Row, work: Work, cancelled: threading.Event) -> Outcome:
     command = [sys.executable, "-m", "bench.faults.produce", row.fault, str(work.folder), str(work.seed)]
     with (work.folder / _LOG).open("wb") as log:
         process = subprocess.Popen(
-            [*command, str(int(work.short))], stdout=log, stderr=log, start_new_session=True
+            [*command, str(int(work.short)), str(work.runs or 0)],
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
         )
-        until = time.monotonic() + _LONGEST
+        longest = max(_LONGEST, _LONGEST_RUN * (work.runs or 0))
+        until = time.monotonic() + longest
         while process.poll() is None and time.monotonic() < until and not cancelled.is_set():
             time.sleep(_LOOK)
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-            return Outcome(0, (f"did not end within {_LONGEST:g} s",))
+            return Outcome(0, (f"did not end within {longest:g} s",))
     if process.returncode:
         lines = (work.folder / _LOG).read_text(encoding="utf-8", errors="replace").split("\n")
         return Outcome(
@@ -47,12 +51,12 @@ def produce(row: Row, work: Work, cancelled: threading.Event) -> Outcome:
     return Outcome(runs, tuple(wrong), *rest)
 
 
-def main(fault: str, folder: str, seed: str, short: str) -> None:
+def main(fault: str, folder: str, seed: str, short: str, runs: str) -> None:
     """Produces the row and writes its outcome into the folder."""
     (row,) = (row for row in ROWS if row.fault == fault)
     own = Path(folder) / "run"
     own.mkdir()
-    found = row.produce(Work(own, int(seed), bool(int(short))))
+    found = row.produce(Work(own, int(seed), bool(int(short)), int(runs) or None))
     (Path(folder) / _RESULT).write_text(json.dumps(found), encoding="utf-8")
 
 

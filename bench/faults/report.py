@@ -14,12 +14,21 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from bench.bounds import told
 from bench.faults.row import Outcome, Row
 from bench.faults.table import ROWS
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
-COLUMNS = "fault", "how it is produced", "what must follow", "runs", "hold, s", "return, s", "what was seen"
+COLUMNS = (
+    "fault",
+    "how it is produced",
+    "what must follow",
+    "runs, fails in",
+    "hold, s",
+    "return, s",
+    "what was seen",
+)
 
 
 def wrong(row: Row, outcome: Outcome, *, short: bool) -> list[str]:
@@ -54,8 +63,8 @@ def judged(row: Row, outcome: Outcome, *, short: bool) -> dict[str, Any]:
 def line(figures: Mapping[str, Any]) -> str:
     """Formats a row as a line for a reader."""
     hold, returned = (_seconds(figures[name]) for name in ("hold_s", "return_s"))
-    told = f"{_verdict(figures):8} {figures['fault']}: {figures['runs']} runs, hold {hold}, return {returned}"
-    return f"{told}  {figures['saw']}" + "".join(f"\n         {one}" for one in figures.get("wrong", ())[:5])
+    said = f"{_verdict(figures):8} {figures['fault']}: {_runs(figures)}, hold {hold}, return {returned}"
+    return f"{said}  {figures['saw']}" + "".join(f"\n         {one}" for one in figures.get("wrong", ())[:5])
 
 
 def summed(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -111,11 +120,16 @@ def _cells(row: Row, figures: Mapping[str, Any] | None) -> list[str]:
     seen = figures["saw"] if figures["safe"] else f"🔴 **NOT SAFE**: {figures['saw']}"
     seen += "".join(f". {text}" for text in (*figures.get("wrong", ()), row.exception) if text)
     return [
-        str(figures["runs"]),
+        _runs(figures),
         _of_limit(figures["hold_s"], row.hold_within),
         _of_limit(figures["return_s"], row.return_within),
         seen,
     ]
+
+
+def _runs(figures: Mapping[str, Any]) -> str:
+    runs = figures["runs"]
+    return f"{runs}, {told(runs, min(len(figures.get('wrong', ())), runs))}" if runs else "0"
 
 
 def _of_limit(seconds: float | None, limit: float | None) -> str:

@@ -16,12 +16,18 @@ class Work(NamedTuple):
     """What a row gets to work with.
 
     folder: an empty folder of its own. seed: of everything that is random. short: produce the fault once or
-    a few times only, as in the tests; else as often as the row says.
+    a few times only, as in the tests; else as often as the row says, or `runs` times where it is repeated on
+    stages. None: as the row says.
     """
 
     folder: Path
     seed: int
     short: bool
+    runs: int | None = None
+
+    def seeds(self, times: int) -> range:
+        """Returns a seed for each run of a row that says `times`."""
+        return range(self.seed, self.seed + (1 if self.short else self.runs or times))
 
 
 class Outcome(NamedTuple):

@@ -43,7 +43,7 @@ def stops(named: Fault | Mapping[str, Fault], times: int, *, breakable: bool = F
     def produce(work: Work) -> Outcome:
         own = dict(list(every.items())[:1]) if work.short else every
         seen = []
-        for seed in range(work.seed, work.seed + (1 if work.short else times)):
+        for seed in work.seeds(times):
             job = Job(seed, work.folder, threading.Event())
             for run in faults(job, own, job.random(), breakable=breakable):
                 wrong = "" if work.short and run.wrong == LATE else run.wrong
@@ -69,8 +69,8 @@ def repeated(
     """
 
     def produce(work: Work) -> Outcome:
-        seeds = range(work.seed, work.seed + (1 if work.short else times))
-        return outcome([_played(Job(seed, work.folder, threading.Event()), plan, play) for seed in seeds])
+        jobs = (Job(seed, work.folder, threading.Event()) for seed in work.seeds(times))
+        return outcome([_played(job, plan, play) for job in jobs])
 
     return produce
 

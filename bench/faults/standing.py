@@ -296,7 +296,8 @@ def repeating(
     """Make a row that produces its fault `times` times, each with a folder of its own; once if short."""
 
     def produce(work: Work) -> Outcome:
-        return _put_together([_once(work, number, once) for number in range(1 if work.short else times)])
+        numbers = range(len(work.seeds(times)))
+        return _put_together([_once(work, number, once) for number in numbers])
 
     limits = HOLD_WITHIN if holds else None, BACK_WITHIN if returns else None
     return Row(fault, produced, safe_state, produce, *limits)

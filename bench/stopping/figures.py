@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from bench.bounds import told as told_bound
 from bench.stopping.runs import Run
 
 NEVER_STOPS = ("report",)
@@ -53,7 +54,8 @@ def good(runs: Sequence[Run]) -> bool:
 
 def _of_kind(runs: Sequence[Run], kind: str) -> dict[str, Any]:
     own = [run for run in runs if run.kind == kind]
-    counted = {"runs": len(own), "wrong": sum(bool(run.wrong) for run in own)}
+    wrong = sum(bool(run.wrong) for run in own)
+    counted = {"runs": len(own), "wrong": wrong, "fails_in": told_bound(len(own), wrong)}
     disturbed = sum(run.disturbed for run in own)
     told = {**counted, "begun_anew": disturbed} if disturbed else counted
     stops = [run.stop for run in own if run.stop is not None]

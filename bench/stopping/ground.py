@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import socket
+import time
 from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.sim.field.modes import Mode
+from companion.sim.field.router import Parser
 from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion
 
 ROVER, AUTOPILOT = 1, 1
@@ -15,7 +18,7 @@ REAL32 = 9
 
 
 class Ground:
-    """Sends to the autopilot's second port; it does not read what comes back."""
+    """Sends to the autopilot's second port; only `press_hold` reads what comes back."""
 
     def __init__(self, url: str) -> None:
         """url: as the field prints it, udpout:HOST:PORT."""
@@ -53,6 +56,23 @@ class Ground:
         """Answers go to the call or hold of this id."""
         params = (float(number), float(Motion.GO), 0.0, 0.0, 0.0, 0.0, 0.0)
         self._send(mavlink.MAVLink_command_long_message(ROVER, COMPONENT_ID, ANSWER_COMMAND, 0, *params))
+
+    def press_hold(self, within: float = 1.0) -> None:
+        """Commands HOLD, and waits until the autopilot has acknowledged that; for a new connection only.
+
+        Raises TimeoutError after `within` s.
+        """
+        base = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+        params = (base, float(Mode.HOLD), 0.0, 0.0, 0.0, 0.0, 0.0)
+        command = int(mavlink.MAV_CMD_DO_SET_MODE)
+        self._send(mavlink.MAVLink_command_long_message(ROVER, AUTOPILOT, command, 0, *params))
+        until = time.monotonic() + within
+        while (left := until - time.monotonic()) > 0.0:
+            self._socket.settimeout(left)
+            for frame in Parser().frames(self._socket.recv(65536)):
+                if frame.get_type() == "COMMAND_ACK" and frame.command == command:
+                    return
+        raise TimeoutError("the autopilot does not acknowledge HOLD")
 
     def _send(self, message: Any) -> None:
         self._socket.send(bytes(message.pack(self._mav)))

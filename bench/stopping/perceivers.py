@@ -7,6 +7,7 @@
 "segfault": native code that reads an invalid address. "memory": killed as when memory runs out.
 "no memory": no more memory is to be had from the kernel, and more is needed for every picture.
 "slow SECONDS": each picture takes so much longer.
+"same": every word is everywhere in every picture, at nearly no cost, where something else is measured.
 "shape NAME": one of `SHAPES`. "shape embedding": an embedding that is one number too long.
 `python -m bench.stopping.perceivers vision` is its vision process.
 """
@@ -64,6 +65,7 @@ class Breakable:
     def __init__(self, argument: str, runtime: Runtime) -> None:
         self._own: Perceiver = make_perceiver("builtin", runtime)
         self._file = Path(argument)
+        self._first: Features | None = None
 
     @property
     def model_id(self) -> str:
@@ -102,6 +104,9 @@ class Breakable:
                 time.sleep(float(slow.removeprefix("slow ")))
             case "":
                 _limit_memory(resource.RLIM_INFINITY)
+            case "same":
+                self._first = self._first or self._own.encode(image)
+                return self._first
         return self._own.encode(image)
 
     def attend(self, features: Features, prompts: Sequence[Prompt]) -> NDArray[np.float32]:
@@ -111,6 +116,8 @@ class Breakable:
             maps[:] = np.nan
         elif fault == "one nan":
             maps[0, 0, 0] = np.nan
+        elif fault == "same":
+            maps[:] = 1.0
         shaped: NDArray[np.float32] = SHAPES.get(fault.removeprefix("shape "), np.asarray)(maps)
         return shaped
 

@@ -73,6 +73,7 @@ class Plan:
     whether the camera is there when the companion starts. autopilot: ardupilot or px4, which has no script.
     mission: m of the trail after which the mission is complete; None: it goes round.
     deadman: the companion streams sticks, the autopilot holds when they end, and no transmitter is on.
+    delay: s that the wire takes, each way.
     """
 
     seed: int
@@ -89,10 +90,15 @@ class Plan:
     autopilot: str = "ardupilot"
     mission: float | None = None
     deadman: bool = False
+    delay: float = 0.0
 
 
 class Stage:
-    """Starts field and companion, and ends them when the block ends."""
+    """Starts field and companion, and ends them when the block ends.
+
+    control, hand: the field's control channel, for one thread each. gcs: the url of the autopilot's second
+    port.
+    """
 
     def __init__(self, out: Path, plan: Plan, cancelled: threading.Event) -> None:
         self.out, self.plan = out, plan
@@ -119,12 +125,15 @@ class Stage:
             raise RuntimeError(f"the script on the autopilot is {ports['script']}")
         host, _, port = ports["control"].rpartition(":")
         self.control = self._closing.enter_context(FieldControl(host, int(port)))
+        self.hand = self._closing.enter_context(FieldControl(host, int(port)))
         port = ports["companion"].rpartition(":")[2]
-        self.wire = self._closing.enter_context(closing(Wire(int(port), calls=plan.listens)))
+        self.wire = self._closing.enter_context(
+            closing(Wire(int(port), calls=plan.listens, delay=plan.delay))
+        )
         self.disk = SlowDisk(self.out) if plan.slow_disk else None
         self.camera = self._closing.enter_context(closing(CameraRelay(ports["frames"], plugged=plan.plugged)))
-        self._gcs = ports["gcs"]
-        self.ground = self._closing.enter_context(closing(Ground(self._gcs)))
+        self.gcs = ports["gcs"]
+        self.ground = self._closing.enter_context(closing(Ground(self.gcs)))
         self.config = self._write_config(self.camera.source, self.wire.url)
         if plan.deadman:
             self.control.ask("transmitter", on=False)
@@ -153,7 +162,7 @@ class Stage:
 
     def start_operator(self) -> Child:
         """Starts the operator's terminal, into which lines can be typed; its lines are its events as JSON."""
-        operator = start_operator(self._gcs, self.out, auto=True)
+        operator = start_operator(self.gcs, self.out, auto=True)
         self._closing.callback(_end, operator)
         return operator
 

@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -33,6 +34,8 @@ _MAY_BE_ASKED = {
 }
 _PATIENCE = 0.2
 _BEATS = 1000
+_Way = deque[tuple[float, bytes]]
+"""Datagrams under way, and when each is due, in monotonic seconds."""
 _GREETING = bytes(
     mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_GENERIC, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
@@ -63,16 +66,25 @@ class Wire:
     mute: nothing passes from the autopilot to the companion. unheard: nothing passes from the companion to
     the autopilot. deaf: its commands to the vehicle are lost. commands: all commands that the companion sent
     to the vehicle, lost or not, and commanded_at: when, in monotonic seconds. reported: state and policy of
-    every heartbeat of the companion, lost or not. beats: its newest heartbeats.
+    every heartbeat of the companion, lost or not. beats: its newest heartbeats. ordered_now: called with each
+    command to the vehicle and its monotonic seconds, before it is passed on; it returns the s by which that
+    command, and what comes after it, is passed on later.
     """
 
-    def __init__(self, autopilot: int, *, calls: bool = False) -> None:
-        """autopilot: its UDP port of 127.0.0.1. calls: the companion listens, and the wire sends first."""
+    def __init__(self, autopilot: int, *, calls: bool = False, delay: float = 0.0) -> None:
+        """autopilot: its UDP port of 127.0.0.1. calls: the companion listens, and the wire sends first.
+
+        delay: s that a datagram takes, each way.
+        """
         self.mute = self.unheard = self.deaf = False
         self.beats: deque[Beat] = deque(maxlen=_BEATS)
         self.commands: list[str] = []
         self.commanded_at: list[float] = []
         self.reported: set[tuple[State, Policy]] = set()
+        self.ordered_now: Callable[[str, float], float] | None = None
+        self._delay = delay
+        self._up: _Way = deque()
+        self._down: _Way = deque()
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._near.bind(("127.0.0.1", 0))
         self._far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -145,9 +157,27 @@ class Wire:
             with contextlib.suppress(OSError):
                 self._far.send(_GREETING)
         while not self._closing.is_set():
-            for readable in select.select([self._near, self._far], [], [], _PATIENCE)[0]:
+            for readable in select.select([self._near, self._far], [], [], self._pause())[0]:
                 with contextlib.suppress(OSError):  # one of the two is not there just now
                     self._from_companion() if readable is self._near else self._from_autopilot()
+            self._deliver()
+
+    def _pause(self) -> float:
+        """Returns the s until the next datagram is due, at most `_PATIENCE`."""
+        due = min((way[0][0] for way in (self._up, self._down) if way), default=math.inf)
+        return min(max(due - time.monotonic(), 0.0), _PATIENCE)
+
+    def _deliver(self) -> None:
+        """Passes on what is due, in the order in which it came."""
+        now = time.monotonic()
+        for way, send in ((self._up, self._far.send), (self._down, self._to_companion)):
+            while way and way[0][0] <= now:
+                with contextlib.suppress(OSError):
+                    send(way.popleft()[1])
+
+    def _to_companion(self, datagram: bytes) -> None:
+        if self._companion is not None:
+            self._near.sendto(datagram, self._companion)
 
     def _from_companion(self) -> None:
         datagram, self._companion = self._near.recvfrom(65536)
@@ -157,16 +187,18 @@ class Wire:
         self.commands += orders
         self.commanded_at += [now] * len(orders)
         passes = not self.unheard and not (self.deaf and orders)
+        later = sum(self.ordered_now(order, now) for order in orders) if self.ordered_now else 0.0
         if passes:
-            self._far.send(datagram)
+            behind = self._up[-1][0] if self._up else now
+            self._up.append((max(now + self._delay + later, behind), datagram))
         told = [_reported_by(frame) for frame in frames if frame.get_type() == "HEARTBEAT"]
         self.reported |= set(told)
         self.beats += [Beat(now, state, passes) for state, _ in told]
 
     def _from_autopilot(self) -> None:
         datagram = self._far.recv(65536)
-        if not self.mute and self._companion is not None:
-            self._near.sendto(datagram, self._companion)
+        if not self.mute:
+            self._down.append((time.monotonic() + self._delay, datagram))
 
 
 def _reported_by(frame: Any) -> tuple[State, Policy]:

@@ -13,6 +13,8 @@ from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
 
 _REPORT_LAG = 0.25
+_RESUME_SHOWS_LATER = 0.5
+"""s beside the round trip in which a resume is shown."""
 _LATE_REPORT_LAG = 1.2
 """Seconds after which a mode is shown: at once by HEARTBEAT, or late, see `Autopilot.reports_mode_late`."""
 
@@ -127,10 +129,18 @@ class Hold:
         if autopilot is not None and self.mode in autopilot.streamed and mode == autopilot.rest_mode:
             self.mode = autopilot.rest_mode
 
-    def tick(self, now: float, numbers: Numbers) -> tuple[int | None, HoldEvent | None]:
-        """Return the mode to command now, if any, and FAILED once when all tries are used up."""
+    def tick(
+        self, now: float, numbers: Numbers, round_trip: float = 0.0
+    ) -> tuple[int | None, HoldEvent | None]:
+        """Return the mode to command now, if any, and FAILED once when all tries are used up.
+
+        round_trip: s in which a resume shows; before that it is not repeated, or it would override a human
+        who sets a mode after the first one was carried out.
+        """
         wanted = self.wanted_mode
         pause = numbers.mode_retry_failed if self.failed else numbers.mode_retry
+        if self.state is HoldState.RESUMING:
+            pause = max(pause, round_trip + _RESUME_SHOWS_LATER)
         if wanted is None or (self.tries and now - self.tried_at < pause):
             return None, None
         event = None

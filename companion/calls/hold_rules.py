@@ -249,7 +249,7 @@ class HoldController:
             return []
         decisions: list[Decision] = []
         resuming = hold.state is HoldState.RESUMING
-        mode, event = hold.tick(now, self._numbers)
+        mode, event = hold.tick(now, self._numbers, self._monitor.newest.round_trip)
         if event is not None:
             decisions.append(HoldMoved(hold, event, resuming))
             if resuming:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import random
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -29,8 +29,10 @@ log = logging.getLogger(__name__)
 
 LIFETIME = 1.0
 """s that a mode command may wait to be sent: later it may no longer be right."""
-HOLD_UNANSWERED = 0.3
-"""s after which a hold that the script has not answered goes as DO_SET_MODE."""
+HOLD_UNANSWERED, LONGEST_UNANSWERED = 0.3, 2.0
+"""s after which a hold that the script has not answered goes as DO_SET_MODE: at least, and at most."""
+SCRIPT_LATER = 0.1
+"""s by which the script's answer may come later than earlier ones: it runs every 0.1 s."""
 FIRST_ROUND_TRIP = 0.5
 _SHORTEST, _LONGEST = 0.02, 3.0
 """s. Round trip of a command and its answer: assumed before the first one; limits of a measured one."""
@@ -84,7 +86,8 @@ class ModeCommands:
         self._asked_at: float | None = None
         self._unanswered: deque[_Sent] = deque(maxlen=_MAX_UNANSWERED)
         self._hold: _Sent | None = None
-        """The hold that goes as DO_SET_MODE unless the script answers it."""
+        """The hold that goes as DO_SET_MODE unless the script answers it. at: of its first request."""
+        self._script_takes = 0.0
         # The script answers each serial once, also one of before a restart of the companion.
         self._serial = random.randrange(1, _SERIALS)
         self.round_trip = FIRST_ROUND_TRIP
@@ -111,11 +114,13 @@ class ModeCommands:
         if vehicle is None or autopilot is None:
             self._access.rejected["no autopilot for modes"] += 1
             return
+        before = self._hold
         self.cancel()
         resumes = mode in autopilot.holdable
         if self.compares and expected is not None:
             sent = self._request(vehicle, "resume" if resumes else "hold", mode, expected, hold, now)
-            self._hold = None if resumes else sent
+            again = before is not None and (before.mode, before.hold) == (mode, hold)
+            self._hold = None if resumes else replace(sent, at=before.at) if before and again else sent
         elif not resumes or self._script is _Script.ABSENT or not autopilot.scripted:
             self._set_mode(vehicle, autopilot, mode, hold, now)
 
@@ -137,7 +142,7 @@ class ModeCommands:
         if self._tracker.returns != self._returns:  # it may have rebooted, with another script or none
             self._returns, self._script, self._asked_at = self._tracker.returns, _Script.UNKNOWN, None
         hold = self._hold
-        if hold is not None and hold.mode is not None and now - hold.at >= HOLD_UNANSWERED:
+        if hold is not None and hold.mode is not None and now - hold.at >= self._patience:
             self.cancel()
             self._set_mode(vehicle, autopilot, hold.mode, hold.hold, now)
             self.send_hold_now(now)
@@ -159,9 +164,11 @@ class ModeCommands:
             self._script = _Script.HEARD if ours or self.compares else _Script.ABSENT
         if sent is None:
             return None
-        if self._hold is not None and sent.serial == self._hold.serial:
+        if self._hold is not None and by_script and sent.hold == self._hold.hold:
             self._hold = None
         measured = min(max(now - sent.at, _SHORTEST), _LONGEST)
+        if by_script:
+            self._script_takes = max(measured, self._script_takes + (measured - self._script_takes) / 8)
         self.round_trip = max(measured, (self.round_trip + measured) / 2)
         autopilot = self._known()[1]
         doubtful = not by_script and autopilot is not None and autopilot.contradicts_itself
@@ -171,6 +178,14 @@ class ModeCommands:
         if not accepted:
             log.info("the autopilot says no to mode %d: MAV_RESULT %d", sent.mode, message.result)
         return ModeAnswer(sent.mode, accepted, by_hand=by_script and message.result == _DENIED)
+
+    @property
+    def _patience(self) -> float:
+        """s that the script has for its answer to a hold: one that is on its way must not be overtaken.
+
+        DO_SET_MODE would override a human who was faster than the hold.
+        """
+        return min(max(HOLD_UNANSWERED, self._script_takes + SCRIPT_LATER), LONGEST_UNANSWERED)
 
     def _known(self) -> tuple[Vehicle | None, Autopilot | None]:
         vehicle = self._tracker.vehicle

@@ -125,6 +125,21 @@ def test_a_stated_exception_is_not_safe_and_not_wrong_while_it_is_as_stated() ->
     }
 
 
+def test_a_row_says_how_often_it_may_fail_at_most() -> None:
+    clean = judged(row(), Outcome(59, (), 1.2, 4.0), short=False)
+    assert "| 59, < 4.96 % |" in document([row()], [clean])
+    spoilt = judged(row(), Outcome(5, ("not stopped",), 1.2, 4.0), short=False)
+    assert "| 5, < 65.8 % |" in document([row()], [spoilt])
+    never = judged(row(), Outcome(0, ("did not end",), None, None), short=False)
+    assert "| 0 |" in document([row()], [never])
+
+
+def test_a_row_is_repeated_as_often_as_is_asked(tmp_path: Path) -> None:
+    assert list(Work(tmp_path, 3, short=False).seeds(5)) == [3, 4, 5, 6, 7]
+    assert list(Work(tmp_path, 3, short=False, runs=2).seeds(5)) == [3, 4]
+    assert list(Work(tmp_path, 3, short=True, runs=2).seeds(5)) == [3]
+
+
 def test_results_keep_the_rows_of_earlier_runs_and_forget_faults_that_are_not_in_the_table(
     tmp_path: Path,
 ) -> None:

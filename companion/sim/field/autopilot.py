@@ -277,7 +277,8 @@ class Autopilot:
         """Returns what the mode makes the motors of an armed rover do."""
         if self.tour.complete and self.mode is self.mission:
             return Drive.HOLD
-        return {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND}.get(Mode(self.mode), Drive.HOLD)
+        known = {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND, Mode.STEERING: Drive.HAND}
+        return known.get(Mode(self.mode), Drive.HOLD)
 
     def _drive_mission(self) -> None:
         for reached in self.tour.advance():

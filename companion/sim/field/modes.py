@@ -8,9 +8,10 @@ from pymavlink.dialects.v20 import development as mavlink
 
 
 class Mode(enum.IntEnum):
-    """A mode; its value is HEARTBEAT.custom_mode. MANUAL and AUTO drive, the others stand still."""
+    """A mode; its value is HEARTBEAT.custom_mode. MANUAL, STEERING and AUTO drive, the others stand still."""
 
     MANUAL = 0
+    STEERING = 3
     HOLD = 4
     LOITER = 5
     AUTO = 10
@@ -21,7 +22,7 @@ class Mode(enum.IntEnum):
 def base_mode(mode: Mode, *, armed: bool) -> int:
     """Returns HEARTBEAT.base_mode: always with the custom-mode bit; 0x80 means armed."""
     bits = int(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-    if mode in (Mode.MANUAL, Mode.HOLD):
+    if mode in (Mode.MANUAL, Mode.STEERING, Mode.HOLD):
         bits |= int(mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
     else:
         bits |= int(mavlink.MAV_MODE_FLAG_GUIDED_ENABLED)

@@ -109,6 +109,13 @@ def test_our_mode_that_replaces_a_human_s_is_held_at_once_and_told(round_trip: f
     assert scene.autopilot.mode == AUTO
 
 
+def test_a_resume_is_not_repeated_while_its_report_is_on_its_way() -> None:
+    scene = resuming(round_trip=1.2)
+    scene.run(3.0, CLEAR)
+    assert scene.autopilot.mode == AUTO
+    assert scene.modes().count(AUTO) == 1, "a second one would override a human who set a mode meanwhile"
+
+
 def test_later_it_is_the_human_s_own_mode() -> None:
     scene = resuming()
     lose_resume(scene)

@@ -92,6 +92,46 @@ def test_a_hold_that_the_script_does_not_answer_goes_past_it() -> None:
     assert (command.param2, command.param7) == (HOLD, 7)
 
 
+def started_late(seconds: float) -> LoopbackLink:
+    """A link over whose wire the script's answers take so long."""
+    stage = started(None)
+    question = sent(stage, MODE_REQUEST_COMMAND)[-1]
+    stage.run(seconds - 0.2)
+    answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, int(question.param4))
+    return stage
+
+
+def test_over_a_slow_wire_it_waits_for_an_answer_that_is_on_its_way() -> None:
+    stage = started_late(1.0)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(1.05)
+    (request,) = requests(stage)
+    answer(stage, MODE_REQUEST_COMMAND, CHANGED, int(request.param4))
+    stage.run(1.0)
+    assert not sent(stage, SET_MODE)
+
+
+def test_but_no_longer_also_where_the_hold_is_requested_again_meanwhile() -> None:
+    stage = started_late(1.0)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(1.0)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.35)
+    assert len(requests(stage)) == 2
+    assert [message.param2 for message in sent(stage, SET_MODE)] == [HOLD]
+
+
+def test_an_answer_to_the_first_of_two_requests_counts_for_both() -> None:
+    stage = started_late(1.0)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(1.0)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    answer(stage, MODE_REQUEST_COMMAND, CHANGED, int(requests(stage)[0].param4))
+    stage.run(1.0)
+    assert not sent(stage, SET_MODE)
+
+
 @pytest.mark.parametrize("result", [CHANGED, DENIED, FAILED])
 def test_one_that_the_script_refuses_does_not(result: int) -> None:
     stage = started()

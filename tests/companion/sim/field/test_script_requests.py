@@ -144,6 +144,15 @@ def test_not_even_where_the_press_and_the_request_come_in_one_cycle() -> None:
     assert asked.ask(AUTO, HOLD) == [DENIED]
 
 
+def test_nor_where_the_press_comes_after_the_request_in_one_cycle() -> None:
+    asked = Requests().held()
+    asked.send(AUTO, HOLD)
+    asked.station_sets_hold()
+    asked.wait()
+    assert asked.board.mode_now == HOLD
+    assert struct.unpack_from("<HB", asked.board.sent[-1][2])[1] == DENIED
+
+
 def test_a_press_with_a_wrong_checksum_or_for_another_vehicle_is_none() -> None:
     asked = Requests().held()
     message = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, HOLD, 0, 0, 0, 0, 0)

@@ -1,0 +1,1 @@
+"""Sets modes by hand round the companion's own mode commands, and counts which human is overridden."""

@@ -88,6 +88,13 @@ class SetMode:
 
 
 @dataclass(frozen=True)
+class ResumeCancelled:
+    """A resume is not wanted any more: drop the command where it has not left yet. id: of the hold."""
+
+    id: int
+
+
+@dataclass(frozen=True)
 class CallOpened:
     """A call opened: announce it, and store its frame."""
 
@@ -193,6 +200,7 @@ class WouldResume:
 
 Decision = (
     SetMode
+    | ResumeCancelled
     | CallOpened
     | CallClosed
     | HoldStarted

@@ -16,6 +16,7 @@ from companion.calls.decisions import (
     HoldRenamed,
     HoldShown,
     HoldStarted,
+    ResumeCancelled,
     SetMode,
 )
 from companion.calls.held_mission import HeldMission
@@ -230,6 +231,7 @@ class HoldController:
         ready = not reasons and self._ready(hold, now)
         if hold.state is HoldState.RESUMING and not ready:
             hold.cancel_resume()
+            decisions.append(ResumeCancelled(hold.id))
         elif hold.state is not HoldState.RESUMING and ready and self.mission_ended:
             self.go_at, hold.only_fault = None, False
             decisions.append(HoldMoved(hold, HoldEvent.MISSION_OVER))

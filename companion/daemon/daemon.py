@@ -303,7 +303,8 @@ class Daemon:
         Standing still ends no such fault in our hold: only a go does, or a human's mode.
         """
         calls, before = self.calls, self._course.told
-        drives = calls.monitor.drives_itself(now)
+        # After a mission that is complete it may roll back a little as it stops.
+        drives = calls.monitor.drives_itself(now) and not calls.monitor.newest.mission_ended
         held = calls.hold is not None and calls.go_at is None
         told = self._course.judge(self._link.vehicle, now, drives=drives, held=held)
         if told != before:

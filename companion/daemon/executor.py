@@ -17,6 +17,7 @@ from companion.calls.decisions import (
     HoldRenamed,
     HoldShown,
     HoldStarted,
+    ResumeCancelled,
     SetMode,
     Unasked,
     WouldHold,
@@ -101,7 +102,9 @@ class DecisionExecutor:
 
     def _send_mode(self, decision: Decision, now: float) -> None:
         match decision:
-            case HoldMoved() if decision.event in _ENDS or decision.event is HoldEvent.REBOOTED:
+            case HoldMoved() if decision.event in (*_ENDS, HoldEvent.CONFIRMED, HoldEvent.REBOOTED):
+                self._link.modes.cancel()
+            case ResumeCancelled():
                 self._link.modes.cancel()
             case SetMode(mode, expected, hold):
                 self._link.modes.command(mode, now, expected=expected, hold=hold)

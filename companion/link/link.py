@@ -210,7 +210,7 @@ class Link:
             self.text_parameters.tick(now)
             self.camera.tick(now)
             self._intervals.tick(self.vehicle, returns, now)
-            self.modes.tick(now)
+        self.modes.tick(now)
         # The autopilot may have rebooted, or be on another connection: a heartbeat announces us at once.
         if returns != self._returns_seen:
             self._returns_seen = returns

@@ -7,8 +7,8 @@ the mode whatever it was.
 from __future__ import annotations
 
 import logging
+import math
 import random
-from collections import deque
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -54,17 +54,20 @@ class _Script(Enum):
     HEARD = "heard"
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Sent:
     """A command that waits for its answer. mode: None for the question whether the script is there.
 
     serial: of a request to the script, 0 for DO_SET_MODE, whose answer names none. hold: id of the hold.
+    row: of the message table. left: it was sent, and waits for its answer since `at`.
     """
 
     mode: int | None
     serial: int
     at: float
     hold: int = 0
+    row: str = ""
+    left: bool = False
 
 
 def _is_mavlink_1(message: Any) -> bool:
@@ -84,7 +87,8 @@ class ModeCommands:
         self._script = _Script.UNKNOWN
         self._returns = 0
         self._asked_at: float | None = None
-        self._unanswered: deque[_Sent] = deque(maxlen=_MAX_UNANSWERED)
+        self._unanswered: list[_Sent] = []
+        self._ticked_at = -math.inf
         self._hold: _Sent | None = None
         """The hold that goes as DO_SET_MODE unless the script answers it. at: of its first request."""
         self._script_takes = 0.0
@@ -100,7 +104,7 @@ class ModeCommands:
     @property
     def resume_waits(self) -> bool:
         """Whether a resume waits to be sent."""
-        return self._outbox.waiting("resume") > 0
+        return self._outbox.waits("resume")
 
     def command(self, mode: int, now: float, *, expected: int | None = None, hold: int = 0) -> None:
         """Command a mode, before all other messages; it is dropped when it cannot be sent within 1 s.
@@ -129,13 +133,16 @@ class ModeCommands:
         self._outbox.send_now("hold", now)
 
     def cancel(self) -> None:
-        """Drop a mode command that waits."""
+        """Drop a mode command that waits, and expect no answer to it."""
         self._hold = None
+        self._note_sent(self._ticked_at)
+        self._unanswered = [sent for sent in self._unanswered if sent.left or sent.row == "script"]
         self._outbox.forget("hold")
         self._outbox.forget("resume")
 
     def tick(self, now: float) -> None:
         """Ask whether the script is there, and send a hold that it has not answered as DO_SET_MODE."""
+        self._note_sent(now)
         vehicle, autopilot = self._known()
         if vehicle is None or autopilot is None:
             return
@@ -155,9 +162,10 @@ class ModeCommands:
         """Take a COMMAND_ACK of our autopilot to us; return what it answers, None where that is no mode."""
         if message.command not in (mavlink.MAV_CMD_DO_SET_MODE, MODE_REQUEST_COMMAND):
             return None
+        self._note_sent(now)
         by_script = message.command == MODE_REQUEST_COMMAND
         serial = message.result_param2 if by_script else 0
-        sent = self._take_sent(serial, now, by_script=by_script)
+        sent = self._take_sent(serial, by_script=by_script)
         if by_script and sent is not None:
             # Our script names the serial number, where MAVLink 1 does not cut it off.
             ours = message.result != _UNSUPPORTED and (serial or _is_mavlink_1(message))
@@ -206,19 +214,30 @@ class ModeCommands:
         return sent
 
     def _push(self, row: str, message: Any, sent: _Sent, vehicle: Vehicle) -> None:
-        self._unanswered.append(sent)
+        sent.row = row
+        self._unanswered = [*self._unanswered, sent][-_MAX_UNANSWERED:]
         to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
         self._outbox.push(row, message, sent.at, lifetime=LIFETIME, to=to)
 
-    def _take_sent(self, serial: int, now: float, *, by_script: bool) -> _Sent | None:
+    def _note_sent(self, now: float) -> None:
+        """Note which commands have left since the last tick. Those that were dropped get no answer."""
+        for sent in [one for one in self._unanswered if not one.left and not self._outbox.waits(one.row)]:
+            if now - sent.at <= LIFETIME:
+                sent.left, sent.at = True, max(sent.at, self._ticked_at)
+            else:
+                self._unanswered.remove(sent)
+        self._unanswered = [one for one in self._unanswered if now - one.at <= _ANSWERED_WITHIN]
+        self._ticked_at = max(self._ticked_at, now)
+
+    def _take_sent(self, serial: int, *, by_script: bool) -> _Sent | None:
         """Return the command that is answered: by its serial number, or the oldest of its kind without one.
 
-        DO_SET_MODE is answered in order. MAVLink 1 carries no serial number.
+        DO_SET_MODE is answered without one, as is all over MAVLink 1. Where commands of several modes wait
+        for such an answer, it is not known which of them it answers, as one may have been lost.
         """
-        for sent in list(self._unanswered):
-            if now - sent.at > _ANSWERED_WITHIN:
-                self._unanswered.remove(sent)
-            elif bool(sent.serial) is by_script and serial in (0, sent.serial):
-                self._unanswered.remove(sent)
-                return sent
-        return None
+        waiting = [one for one in self._unanswered if one.left and bool(one.serial) is by_script]
+        fitting = [one for one in waiting if serial in (0, one.serial)]
+        if not fitting:
+            return None
+        self._unanswered.remove(fitting[0])
+        return fitting[0] if len({one.mode for one in fitting}) == 1 else None

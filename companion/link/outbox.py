@@ -103,6 +103,10 @@ class Outbox:
         share = None if to is None else self._share(to)
         return min(channel.sender.waiting(name, to=share) for channel in self._channels_to(to))
 
+    def waits(self, name: str) -> bool:
+        """Whether a frame of row `name` waits on any connection."""
+        return any(channel.sender.waiting(name) for channel in self._channels)
+
     def is_own(self, message: Any) -> bool:
         """Whether `message` is one of our own newest frames, which came back on any connection."""
         return any(channel.sender.is_own(message) for channel in self._channels)

@@ -24,6 +24,7 @@ from companion.calls.decisions import (
     HoldRenamed,
     HoldShown,
     HoldStarted,
+    ResumeCancelled,
     SetMode,
     WouldHold,
     WouldResume,
@@ -124,6 +125,7 @@ _NAMES = {
     HoldShown: "hold shown",
     HoldRenamed: "hold renamed",
     GoLapsed: "go lapsed",
+    ResumeCancelled: "resume cancelled",
     FaultAccepted: "fault accepted",
     FaultAcceptanceEnds: "fault acceptance ends",
     SetMode: "set mode",
@@ -146,7 +148,7 @@ def _figures(one: Decision) -> dict[str, Any]:
             return {"id": hold.id, "frame": seen.frame.id}
         case HoldRenamed(old, hold):
             return {"id": hold.id, "before": old}
-        case GoLapsed(number):
+        case GoLapsed(number) | ResumeCancelled(number):
             return {"id": number}
         case FaultAccepted(number, accepted):
             return {"id": number, "faults": accepted.faults if accepted is not None else ()}

@@ -414,7 +414,9 @@ do
     well_ms = reason and 0 or later(well_ms, dt)
     if well_ms >= STEADY_MS then accepted = false end
     if reason then return tell(dt, answer(reason, dt)) end
-    if held or warned then gcs:send_text(WARNING, "Companion is back: nothing resumes by itself") end
+    if (held or warned) and state ~= FAULT then
+      gcs:send_text(WARNING, "Companion is back: nothing resumes by itself")
+    end
     held, warned, tries, wait_ms = false, nil, 0, 0
     if not stands then return tell(dt) end
     if vehicle:get_mode() ~= HOLD or not arming:is_armed() then stands = nil end

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from companion.calls.decisions import HoldMoved, HoldStarted, SetMode, Unasked
+from companion.calls.decisions import HoldMoved, HoldStarted, ResumeCancelled, SetMode, Unasked
 from companion.calls.hold import HoldEvent, HoldState
 from companion.calls.mode_monitor import ModeAnswer
+from companion.vehicle.ardupilot import INITIALISING
 from companion.wire.ids import Motion, Policy
 from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, LOG, MANUAL, Scene
 
@@ -210,3 +211,20 @@ def test_a_hold_that_a_call_gave_its_id_is_resumed_as_it_was_commanded_also_afte
     blocked.go()
     blocked.run(3.0, DRUM)
     assert blocked.all(SetMode)[-1] == SetMode(AUTO, HOLD, first)
+
+
+def test_a_reboot_in_an_acknowledged_hold_is_no_human(held: Scene) -> None:
+    held.keep(held.calls.mode_answered(ModeAnswer(HOLD, accepted=True), held.now))
+    held.human(INITIALISING, armed=False)
+    held.run(1.0, DRUM)
+    held.human(AUTO)
+    held.run(2.0, DRUM)
+    assert HoldEvent.TAKEN_OVER not in held.events()
+    assert held.calls.reason_filter.acceptance is None
+    assert held.autopilot.mode == HOLD
+
+
+def test_a_resume_that_waits_is_dropped_when_the_rover_is_disarmed() -> None:
+    scene = resuming()
+    scene.human(HOLD, armed=False)
+    assert scene.all(ResumeCancelled)

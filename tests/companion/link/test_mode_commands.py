@@ -104,7 +104,7 @@ def started_late(seconds: float) -> LoopbackLink:
 def test_over_a_slow_wire_it_waits_for_an_answer_that_is_on_its_way() -> None:
     stage = started_late(1.0)
     stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
-    stage.run(1.05)
+    stage.run(0.8)
     (request,) = requests(stage)
     answer(stage, MODE_REQUEST_COMMAND, CHANGED, int(request.param4))
     stage.run(1.0)
@@ -114,7 +114,7 @@ def test_over_a_slow_wire_it_waits_for_an_answer_that_is_on_its_way() -> None:
 def test_but_no_longer_also_where_the_hold_is_requested_again_meanwhile() -> None:
     stage = started_late(1.0)
     stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
-    stage.run(1.0)
+    stage.run(0.75)
     stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
     stage.run(0.35)
     assert len(requests(stage)) == 2
@@ -124,7 +124,7 @@ def test_but_no_longer_also_where_the_hold_is_requested_again_meanwhile() -> Non
 def test_an_answer_to_the_first_of_two_requests_counts_for_both() -> None:
     stage = started_late(1.0)
     stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
-    stage.run(1.0)
+    stage.run(0.75)
     stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
     stage.run(0.05)
     answer(stage, MODE_REQUEST_COMMAND, CHANGED, int(requests(stage)[0].param4))
@@ -196,19 +196,39 @@ def test_a_death_holds_without_asking_the_script() -> None:
     assert [message.param2 for message in sent(stage, SET_MODE)] == [HOLD]
 
 
-def test_answers_without_a_serial_number_are_taken_in_order() -> None:
+def test_an_answer_that_may_be_one_of_two_commands_says_nothing() -> None:
     stage = started(UNSUPPORTED)
     stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
     stage.run(0.05)
     stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
     stage.run(0.05)
-    answer(stage, SET_MODE, FAILED)
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == []
     answer(stage, SET_MODE, ACCEPTED)
     answer(stage, SET_MODE, ACCEPTED)
-    assert stage.reported(ModeAnswer) == [
-        ModeAnswer(AUTO, accepted=False),
-        ModeAnswer(HOLD, accepted=True),
-    ]
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+
+
+def test_a_command_that_never_left_is_not_answered() -> None:
+    stage = started(UNSUPPORTED)
+    stage.far.full = stage.near.full = True
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.2)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.far.full = stage.near.full = False
+    stage.run(0.2)
+    assert [message.param2 for message in sent(stage, SET_MODE)] == [HOLD]
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+
+
+def test_a_hold_that_is_shown_is_not_commanded_past_the_script_any_more() -> None:
+    stage = started()
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.1)
+    stage.link.modes.cancel()
+    stage.run(1.0)
+    assert not sent(stage, SET_MODE)
 
 
 def test_the_round_trip_is_measured_and_falls_slowly() -> None:

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from random import Random
 
 from bench.faults.row import BACK_WITHIN, Row
-from bench.faults.stages import SOON, Seen, changed_by, follows, repeated, wait_for_mode, watch
+from bench.faults.stages import (
+    SOON,
+    Seen,
+    changed_by,
+    drives,
+    follows,
+    repeated,
+    wait_for_mode,
+    watch,
+    with_and_without_script,
+)
 from bench.stopping.humans import READ
-from bench.stopping.runs import FAST, SLOW, Job
-from bench.stopping.stage import Plan, Stage
+from bench.stopping.runs import Job
+from bench.stopping.stage import Stage
 
 _TOLD_FOR = 1.5
 """s after the hold was confirmed in which the human reads it: the mode counts from 1 s on."""
@@ -23,15 +32,9 @@ _AROUND = 0.06
 _SETTLES = 3.0
 
 
-def _drives(stage: Stage, random: Random) -> None:
-    stage.set_speed(random.uniform(SLOW, FAST))
-    stage.wait_until_well()
-    stage.drive(random.uniform(0.0, 1.0))
-
-
 def _driven_on(stage: Stage, random: Random) -> Seen:
     """Freezes the camera, and lets a human drive on in AUTO over the hold."""
-    _drives(stage, random)
+    drives(stage, random)
     stage.freeze_camera(on=True)
     with follows():
         wait_for_mode(stage, "HOLD")
@@ -58,13 +61,9 @@ def _driven_on(stage: Stage, random: Random) -> Seen:
         )
 
 
-def _with_and_without_script(job: Job, random: Random) -> Plan:
-    return replace(job.plan(random), script=job.seed % 2 == 0)
-
-
 def _in_the_moment(stage: Stage, random: Random) -> Seen:
     """Sets MANUAL about when the command to resume arrives."""
-    _drives(stage, random)
+    drives(stage, random)
     stage.freeze_camera(on=True)
     with follows():
         wait_for_mode(stage, "HOLD")
@@ -100,6 +99,6 @@ ROWS = (
         "a go; MANUAL is set up to 60 ms after the command to resume has left; by turns with and without the "
         "script",
         "the rover stays in MANUAL; without the script it may be held again",
-        repeated(10, _with_and_without_script, _in_the_moment),
+        repeated(10, with_and_without_script, _in_the_moment),
     ),
 )

@@ -17,15 +17,17 @@ from bench.faults.stages import (
     SOON,
     Seen,
     changed_by,
+    drives,
     follows,
     repeated,
     stops,
     wait_for_mode,
     watch,
+    with_and_without_script,
 )
 from bench.stopping.faults import SILENCE, UNHEARD
 from bench.stopping.humans import READ
-from bench.stopping.runs import FAST, SLOW, Job, reversing
+from bench.stopping.runs import Job, reversing
 from bench.stopping.stage import READY_WITHIN, RETURN_WITHIN, Plan, Stage
 from companion.sim.demo.child import Child
 from companion.sim.field.rover import STANDSTILL
@@ -70,17 +72,11 @@ class _Events:
         return found
 
 
-def _drives(stage: Stage, random: Random) -> None:
-    stage.set_speed(random.uniform(SLOW, FAST))
-    stage.wait_until_well()
-    stage.drive(random.uniform(0.0, 1.0))
-
-
 def _call_open(stage: Stage, random: Random) -> Seen:
     """Cuts the wire while a call is open and before its hold has arrived, and makes it whole again."""
     operator = stage.start_operator()
     events = _Events(operator)
-    _drives(stage, random)
+    drives(stage, random)
     stage.wire.deaf = True
     stage.ground.set_parameter(THR_SCENE, _ALWAYS_NEW)
     _, call = events.wait(stage, "a call", lambda one: one["event"] == "call")
@@ -160,7 +156,7 @@ def _drives_by_hand(stage: Stage) -> str:
 
 def _reboot_while_held(stage: Stage, random: Random) -> Seen:
     """Reboots the autopilot in our hold, then lets a person set AUTO and arm it, or arm it and set AUTO."""
-    _drives(stage, random)
+    drives(stage, random)
     stage.freeze_camera(on=True)
     with follows():
         wait_for_mode(stage, "HOLD")
@@ -188,7 +184,7 @@ def _reboot_while_held(stage: Stage, random: Random) -> Seen:
 
 def _reboot_while_driving(stage: Stage, random: Random) -> Seen:
     """Reboots the autopilot as it drives. A person arms it and sets AUTO again: nothing may hold it."""
-    _drives(stage, random)
+    drives(stage, random)
     with follows():
         wrong, returned = _reboots(stage, random)
         saw = "drives again when a person sets AUTO"
@@ -203,10 +199,6 @@ def _reboot_while_driving(stage: Stage, random: Random) -> Seen:
         return Seen(wrong, None, returned, f"says: autopilot silent; {saw}")
 
 
-def _with_us_or_the_script(job: Job, random: Random) -> Plan:
-    return replace(job.plan(random), script=job.seed % 2 == 0)
-
-
 def _reboot_into_auto(stage: Stage, random: Random) -> Seen:
     """Reboots an autopilot that then arms itself in AUTO, as it drives.
 
@@ -215,7 +207,7 @@ def _reboot_into_auto(stage: Stage, random: Random) -> Seen:
     lives = not stage.plan.script
     for name, value in (("ARMING_REQUIRE", 3.0), ("INITIAL_MODE", 10.0), ("ATS_NEED", 1.0)):
         stage.ground.set_of_autopilot(name, value)
-    _drives(stage, random)
+    drives(stage, random)
     seconds, checks = random.uniform(4.0, 8.0), random.choice((0.0, random.uniform(0.5, 3.0)))
     with follows():
         if not lives:
@@ -404,7 +396,7 @@ ROWS = (
         "ARMING_REQUIRE 3, INITIAL_MODE 10: deaf and silent for 4 to 8 s, it arms itself in AUTO up to 3 s "
         "later; by turns it has no script, and the companion is dead with ATS_NEED 1",
         "it is held as soon as it is armed: by the companion until a go, by the script where that is dead",
-        repeated(6, _with_us_or_the_script, _reboot_into_auto),
+        repeated(6, with_and_without_script, _reboot_into_auto),
         HOLD_WITHIN,
         BACK_WITHIN,
     ),

@@ -8,13 +8,14 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
 from bench.faults.row import Outcome, Work
 from bench.stopping.faults import Fault
-from bench.stopping.runs import LATE, TRIES, Job, faults
+from bench.stopping.runs import FAST, LATE, SLOW, TRIES, Job, faults
 from bench.stopping.stage import Disturbed, Plan, Stage
 
 SCRIPT_WITHIN = 1.5 + 0.5
@@ -90,6 +91,18 @@ def outcome(seen: Sequence[Seen], saw: str = "") -> Outcome:
 
 class _Missing(Exception):  # noqa: N818 - it is caught here
     """Raised when what must follow a fault did not."""
+
+
+def with_and_without_script(job: Job, random: Random) -> Plan:
+    """Plans a stage whose autopilot runs the script by turns."""
+    return replace(job.plan(random), script=job.seed % 2 == 0)
+
+
+def drives(stage: Stage, random: Random) -> None:
+    """Brings the rover to drive at a speed by chance, and lets it drive for up to a second."""
+    stage.set_speed(random.uniform(SLOW, FAST))
+    stage.wait_until_well()
+    stage.drive(random.uniform(0.0, 1.0))
 
 
 @contextmanager

@@ -87,11 +87,30 @@ class Transport(Protocol):
         """Close the device."""
 
 
-class Udp:
-    """Exchanges datagrams: udpin is bound to a port and sends to `Peers`, udpout has one fixed peer."""
+class Datagrams:
+    """Answers for a transport of datagrams, of which none waits in the device."""
 
     datagrams = True
     rate = math.inf
+
+    def check(self, now: float) -> None:
+        """Do nothing: a datagram leaves at once or is lost, and so in the four methods below."""
+
+    def idle(self) -> bool:
+        return True
+
+    def settled(self) -> bool:
+        return True
+
+    def has_room(self) -> bool:
+        return True
+
+    def recall(self) -> None:
+        pass
+
+
+class Udp(Datagrams):
+    """Exchanges datagrams: udpin is bound to a port and sends to `Peers`, udpout has one fixed peer."""
 
     def __init__(self, address: Address) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -144,21 +163,6 @@ class Udp:
                 raise
             return False
         return True
-
-    def check(self, now: float) -> None:
-        """Do nothing: a datagram leaves at once or is lost, and so in the four methods below."""
-
-    def idle(self) -> bool:
-        return True
-
-    def settled(self) -> bool:
-        return True
-
-    def has_room(self) -> bool:
-        return True
-
-    def recall(self) -> None:
-        pass
 
     def fileno(self) -> int | None:
         return self._socket.fileno()

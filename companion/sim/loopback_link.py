@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Sequence
 from functools import partial
@@ -18,7 +17,7 @@ from companion.link.inbound import InboundEvent
 from companion.link.link import Link
 from companion.link.parser import Parser
 from companion.link.signing import Signing
-from companion.link.transport import Transport
+from companion.link.transport import Datagrams, Transport
 from companion.storage.served_tree import Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, SenderId
@@ -27,14 +26,11 @@ from companion.wire.parameters import Parameter, build
 _MAX_WAITING = 4096
 
 
-class MemoryTransport:
+class MemoryTransport(Datagrams):
     """One end of a pair of transports: what one end writes, the other reads.
 
     `broken`: read and write raise OSError. `full`: write returns False.
     """
-
-    datagrams = True
-    rate = math.inf
 
     def __init__(self) -> None:
         self._inbox: deque[bytes] = deque(maxlen=_MAX_WAITING)
@@ -54,21 +50,6 @@ class MemoryTransport:
             return False
         self._outbox.append(frame)
         return True
-
-    def check(self, now: float) -> None:
-        """Does nothing: what is written arrives at once, and so in the four methods below."""
-
-    def idle(self) -> bool:
-        return True
-
-    def settled(self) -> bool:
-        return True
-
-    def has_room(self) -> bool:
-        return True
-
-    def recall(self) -> None:
-        pass
 
     def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Does nothing: there is only one other end, so that no address has to be trusted."""

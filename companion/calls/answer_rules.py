@@ -81,7 +81,7 @@ def _scope(call: Call, reason_filter: ReasonFilter, now: float, travelled: float
 def accept_taken_over(
     call: Call | None, reason_filter: ReasonFilter, now: float, travelled: float | None
 ) -> None:
-    """Accept what is in the way when a human takes over, who has seen it. A fault cannot be accepted."""
+    """Accept what is in the way when a human takes over, who has seen it. For faults see `Faults.accept`."""
     newest = reason_filter.newest
     unanswered = call.reasons if call is not None and not call.answered else set[Reason]()
     reasons = (reason_filter.reasons(now) | unanswered) - {Reason.FAULT}

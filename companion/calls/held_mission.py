@@ -14,7 +14,7 @@ class HeldMission:
 
     before: its report as the vehicle stood. now: its newest report in the hold; both None before the first.
     settled: `before` was reported in the hold: the current item may have moved until then by itself.
-    ended: it is complete, or its state is not known and its last item was reached.
+    ended: it is complete, or its state is not known and its last item was reached; until another item is set.
     """
 
     before: Mission | None = None
@@ -23,7 +23,7 @@ class HeldMission:
     ended: bool = False
 
     def driving(self, report: ModeReport) -> HeldMission:
-        """Take in a report from before the hold is confirmed."""
+        """Take in a report from before the hold was confirmed, or of a resume that is cancelled."""
         if report.mission is None:
             return self
         return HeldMission(before=report.mission, ended=self.ended or report.mission_ended)
@@ -37,9 +37,12 @@ class HeldMission:
         moved = held.before is not None and (
             mission.replaces(held.before) or mission.item != held.before.item
         )
-        known = mission.state is not MissionState.UNKNOWN
-        ended = mission.state is MissionState.COMPLETE if known else held.ended and not moved
+        ended = mission.state is MissionState.COMPLETE or (held.ended and not moved)
         return replace(held, now=mission, ended=ended)
+
+    def rebooted(self) -> HeldMission:
+        """Forget the items: the autopilot starts with the first one. What has ended stays ended."""
+        return HeldMission(ended=self.ended)
 
     @property
     def replaced(self) -> bool:

@@ -116,7 +116,15 @@ class Hold:
         """Request the hold again after the autopilot rebooted. From now on it needs a go to end."""
         self.enter(HoldState.REQUESTED)
         self.rebooted, self.only_fault = True, False
+        self.interrupted = self.interrupted.rebooted()
         self.resumed_at = self.held_at = self.confirmed_at = None
+
+    def note_mission(self, report: ModeReport) -> None:
+        """Take in what the vehicle reports of its mission."""
+        if self.confirmed_at is not None and report.mode == self.mode:
+            self.interrupted = self.interrupted.standing(report)
+        elif not self.standing:
+            self.interrupted = self.interrupted.driving(report)
 
     def needs_lead(self, autopilot: Autopilot | None, now: float) -> bool:
         """Whether setpoints must be streamed for longer before the mode that holds is commanded."""

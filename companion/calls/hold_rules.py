@@ -64,16 +64,13 @@ class HoldController:
     def vehicle_reported(self, report: ModeReport, now: float) -> HoldEvent | None:
         """Take in a report of the autopilot, and return what it means for the hold."""
         before = self._monitor.reported(report)
-        if self.hold is not None and not self.hold.standing:
-            self.hold.interrupted = self.hold.interrupted.driving(report)
-        elif self.hold is not None and report.mode == self.hold.mode:
-            self.hold.interrupted = self.hold.interrupted.standing(report)
+        if self.hold is not None:
+            self.hold.note_mission(report)
         if before is None or self.hold is None or report.mode is None or self.offboard_release is not None:
             return None
-        silent_before = self._monitor.silent_since(before)
-        if silent_before:
+        if self._monitor.silent_since(before):
             self.hold.adopt_rest_mode(report.mode, report.autopilot)
-        return self._reboot(self.hold, before, now, silent_before=silent_before) or (
+        return self._reboot(self.hold, before, now) or (
             None if self.hold.rebooted else self._mode_reported(self.hold, report, now)
         )
 
@@ -93,19 +90,15 @@ class HoldController:
         mode, until = self._late_resume
         return now <= until and self._monitor.drives_itself(now) and self._monitor.newest.mode == mode
 
-    def _reboot(self, hold: Hold, before: ModeReport, now: float, *, silent_before: bool) -> HoldEvent | None:
-        """Detect a reboot of the autopilot, and decide what the modes after it mean.
+    def _reboot(self, hold: Hold, before: ModeReport, now: float) -> HoldEvent | None:
+        """Decide what the modes after a reboot of the autopilot mean.
 
         Until it is armed, no mode that it shows was set by a human. If it is then armed in a mode in which it
         drives by itself, it is held again; in any other mode a human drives.
         """
-        # A short reboot shows only as a silence after which the vehicle is not armed any more.
-        report, autopilot = self._monitor.newest, self._monitor.newest.autopilot
-        boot_modes = autopilot.booting if autopilot is not None else frozenset[int]()
-        booting = report.mode in boot_modes
-        lost = silent_before and not report.armed and (before.armed or report.mode != hold.mode)
-        if booting or lost:
-            known = hold.rebooted or (before.reported_at is None and not booting)
+        report = self._monitor.newest
+        if self._monitor.shows_reboot:
+            known = hold.rebooted or (before.reported_at is None and not report.booting)
             hold.request_again()
             self.go_at = None
             return None if known else HoldEvent.REBOOTED
@@ -117,9 +110,9 @@ class HoldController:
         hold.enter(HoldState.REQUESTED)
         if not report.armed:
             return None
-        if autopilot is not None and report.mode in autopilot.holdable:
+        if report.in_driving_mode:
             hold.rebooted, hold.mode_before = False, report.mode
-        elif not before.armed and before.mode not in boot_modes:
+        elif not before.armed and not before.booting:
             return HoldEvent.TAKEN_OVER
         return None
 

@@ -114,7 +114,9 @@ class OperatorCalls:
         if before is Policy.OFF:
             self.reason_filter.revoke_acceptance()
         self.reason_filter.faults.revoke()
+        self.monitor.forget_reboot()
         if policy is not Policy.HOLD:
+            self.reason_filter.faults.report(Fault.POLICY, now, stands=False)
             self.holding.release(now)
             dropped = self.holding.end()
             if dropped is not None:

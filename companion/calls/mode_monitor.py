@@ -92,11 +92,15 @@ class ModeAnswer:
 
 
 class ModeMonitor:
-    """Keeps the newest report, and decides how long it counts. newest: that report."""
+    """Keeps the newest report, and decides how long it counts.
+
+    newest: that report. shows_reboot: it shows that the autopilot rebooted since the report before.
+    """
 
     def __init__(self, numbers: Numbers) -> None:
         self._numbers = numbers
         self.newest = ModeReport()
+        self.shows_reboot = False
         self._script_hold: ScriptHold | None = None
         self._unknown_until = self._back_at = -math.inf
         self._rebooted = False
@@ -107,7 +111,7 @@ class ModeMonitor:
         self.newest = ModeReport(mode)
 
     def reported(self, report: ModeReport) -> ModeReport | None:
-        """Take in a report. Returns the report before it, None where this one has no new mode.
+        """Take in a report. Returns the report before it, None where this one tells nothing new of the mode.
 
         One with the `reported_at` of the report before has a new position, and no new mode.
         """
@@ -117,7 +121,12 @@ class ModeMonitor:
             report = replace(report, reported_at=None)
         before, self.newest = self.newest, report
         self._watch_for_a_reboot(before)
-        if (report.reported_at, report.mode, report.armed) == (before.reported_at, before.mode, before.armed):
+        same = (report.reported_at, report.mode, report.armed) == (
+            before.reported_at,
+            before.mode,
+            before.armed,
+        )
+        if same and not self.shows_reboot:
             return None
         if not report.at_rest:
             self._script_hold = None
@@ -158,6 +167,10 @@ class ModeMonitor:
         """Whether the mode is known, and is one in which the autopilot drives by itself."""
         return self.known(now) and self.newest.drives_itself
 
+    def forget_reboot(self) -> None:
+        """Treat the mode as set by somebody, who knows how the vehicle drives."""
+        self._rebooted = False
+
     def drives_unasked(self, now: float) -> bool:
         """Whether it rebooted and drives by itself since, in a mode that nobody has set."""
         return self._rebooted and self.drives_itself(now)
@@ -178,13 +191,14 @@ class ModeMonitor:
         A mode that changes while or as the vehicle is armed was set by somebody, any other one by nobody.
         """
         report = self.newest
-        heard = before.reported_at is not None and report.reported_at is not None
+        booted = report.booting or report.reboots != before.reboots
+        # A short reboot may show only as a silence after which the vehicle is not armed any more.
         reset = not report.armed and (before.armed or report.mode != before.mode)
-        if (
-            report.booting
-            or report.reboots != before.reboots
-            or (heard and reset and self.silent_since(before))
-        ):
+        reset = reset and self.silent_since(before)
+        self.shows_reboot = booted or reset
+        # Where the companion did not listen, somebody may have disarmed the vehicle meanwhile.
+        heard = before.reported_at is not None and report.reported_at is not None
+        if booted or (reset and heard):
             self._rebooted = True
             return
         changed = report.mode != before.mode and not before.booting

@@ -170,7 +170,8 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
         return ""
     if calls.hold is not None and calls.hold.failed:
         return texts.hold_failed(kind, number)
-    if Reason.FAULT in reasons:
+    waits_for_faults = calls.go_at is not None and bool(calls.reason_filter.standing_faults(now))
+    if Reason.FAULT in reasons or waits_for_faults:
         return texts.fault(number, fault_name(newest, silent), kind)
     if stage is Stage.CLEAR and calls.hold is not None and calls.holding.mission_ended:
         return texts.mission_over(kind, number, calls.monitor.newest.mode_name(calls.hold.mode_before))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from companion.calls.hold import HoldEvent, HoldState
+from companion.vehicle.ardupilot import INITIALISING
 from companion.vehicle.mission import Mission, MissionState
 from companion.vehicle.px4 import LOITER, LOITERING, MISSION
 from companion.wire.ids import Motion, Policy
@@ -31,6 +32,17 @@ def report(scene: Scene, mission: Mission) -> None:
     """The autopilot reports this of its mission."""
     scene.autopilot.mission = mission
     scene.run(1.1, CLEAR)
+
+
+def reboots(scene: Scene) -> None:
+    """The autopilot reboots into HOLD, and a person arms it. Of its mission it has not reported yet."""
+    assert scene.autopilot.mission is not None
+    scene.autopilot.mission = replace(scene.autopilot.mission, fresh=False)
+    scene.human(INITIALISING, armed=False)
+    scene.run(1.0, CLEAR)
+    scene.human(HOLD, armed=False)
+    scene.run(1.0, CLEAR)
+    scene.human(HOLD)
 
 
 @pytest.mark.parametrize("view", [DRUM, BROKEN])
@@ -194,6 +206,55 @@ def test_a_mission_at_whose_end_it_was_held_goes_on_where_somebody_sets_another_
     held.go()
     held.run(2.0, CLEAR)
     assert held.modes() == [HOLD, AUTO]
+
+
+def test_the_resume_is_refused_where_the_autopilot_reboots_in_the_hold_and_forgets_its_mission() -> None:
+    held = scene(COMPLETE, stands=False)
+    held.run(1.0, DRUM)
+    report(held, COMPLETE)
+    reboots(held)
+    report(held, replace(COMPLETE, item=1, state=MissionState.NOT_STARTED))
+    held.go()
+    held.run(3.0, CLEAR)
+    assert held.modes() == [HOLD]
+    assert held.events()[-1] is HoldEvent.MISSION_OVER
+
+
+def test_a_mission_that_a_reboot_interrupted_goes_on_after_a_go() -> None:
+    held = scene(DRIVEN, stands=False)
+    held.run(1.0, DRUM)
+    report(held, DRIVEN)
+    reboots(held)
+    report(held, replace(DRIVEN, item=1, state=MissionState.NOT_STARTED))
+    held.go()
+    held.run(3.0, CLEAR)
+    assert held.modes() == [HOLD, AUTO]
+
+
+def test_a_completed_mission_goes_on_where_somebody_sets_an_item_in_the_hold() -> None:
+    held = scene(COMPLETE, stands=False)
+    held.run(1.0, DRUM)
+    report(held, COMPLETE)
+    report(held, replace(COMPLETE, item=2, state=MissionState.PAUSED))
+    held.go()
+    held.run(3.0, CLEAR)
+    assert held.modes() == [HOLD, AUTO]
+
+
+def test_an_item_that_somebody_set_is_known_after_a_resume_that_was_cancelled() -> None:
+    held = scene(DRIVEN, stands=False)
+    held.run(1.0, DRUM)
+    report(held, DRIVEN)
+    report(held, replace(DRIVEN, item=4))
+    held.autopilot.deaf = True
+    held.go()
+    held.run(1.2, CLEAR)
+    assert held.hold.state is HoldState.RESUMING
+    held.run(1.5, DRUM)
+    held.autopilot.deaf = False
+    held.run(3.0, DRUM)
+    assert held.hold.standing
+    assert held.hold.interrupted.moved
 
 
 @pytest.mark.parametrize("mission", [OLD_AT_LAST, COMPLETE])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.assessment import Reason
-from companion.calls.decisions import FaultAcceptanceEnds, FaultAccepted
+from companion.calls.decisions import FaultAcceptanceEnds, FaultAccepted, WouldHold
 from companion.calls.faults import ACCEPTANCES, WITHIN, Fault
 from companion.wire.ids import Policy, State
 from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, MANUAL, Scene
@@ -154,6 +154,16 @@ def test_a_lower_policy_drives_on(blind: Scene) -> None:
     blind.human(AUTO)
     blind.run(60.0)
     assert blind.autopilot.mode == AUTO
+
+
+def test_a_fault_of_the_hold_policy_that_is_driven_over_would_not_hold_in_another_one(hold: Scene) -> None:
+    hold.keep(hold.calls.fault_reported(Fault.POLICY, "judges too slowly", hold.now))
+    hold.run(2.0)
+    hold.human(AUTO)
+    hold.policy(Policy.SHADOW)
+    hold.run(2.0)
+    assert hold.all(FaultAccepted)
+    assert not hold.all(WouldHold)
 
 
 def test_the_acceptance_does_not_outlive_a_change_of_policy(blind: Scene) -> None:

@@ -59,6 +59,14 @@ def test_a_quick_reboot_that_only_its_mode_shows_is_one_too(held: Scene) -> None
     assert held.call.id == 1
 
 
+def test_and_so_is_one_that_only_its_clock_shows(held: Scene) -> None:
+    held.autopilot.reboots = 1
+    held.human(MANUAL, armed=False)
+    held.run(5.0, DRUM)
+    assert held.events() == [HoldEvent.CONFIRMED, HoldEvent.REBOOTED]
+    assert (held.call.id, held.calls.reason_filter.acceptance) == (1, None)
+
+
 def test_it_is_not_told_to_stand_because_of_us_before_it_holds_again(held: Scene) -> None:
     reboot(held, MANUAL)
     standing = [held.hold.standing]
@@ -264,6 +272,17 @@ def test_in_no_other_policy_is_one_that_reboots_held(policy: Policy) -> None:
     scene.run(1.0)
     reboot(scene, AUTO, seen=CLEAR)
     scene.human(AUTO)
+    scene.run(5.0, CLEAR)
+    assert scene.modes() == []
+
+
+def test_nor_is_one_that_rebooted_in_such_a_policy_held_for_that_later() -> None:
+    scene = Scene(Policy.REPORT)
+    scene.run(1.0)
+    reboot(scene, AUTO, seen=CLEAR)
+    scene.human(AUTO)
+    scene.run(60.0, CLEAR)
+    scene.policy(Policy.HOLD)
     scene.run(5.0, CLEAR)
     assert scene.modes() == []
 

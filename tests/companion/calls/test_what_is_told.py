@@ -9,12 +9,14 @@ from anytraverse.history import Place
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.calls.decisions import HoldShown
+from companion.calls.faults import Fault
 from companion.telemetry.summary import call_data, current_data, current_text, flags, milliseconds, summary
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.payloads import CallData, Summary
 from tests.companion.calls.scenes import (
     ACROSS,
     AHEAD,
+    AUTO,
     BROKEN,
     CLEAR,
     DRUM,
@@ -141,6 +143,17 @@ def test_a_go_that_waits_says_what_for(hold: Scene) -> None:
     assert text(hold) == "C1 blocked by drum: waiting"
     hold.show(CLEAR, CLEAR)
     assert text(hold) == "C1 go given: waiting for a clear view"
+
+
+def test_a_go_that_waits_for_a_fault_names_it_though_a_human_drove_on_over_it(hold: Scene) -> None:
+    hold.keep(hold.calls.fault_reported(Fault.COURSE, "drives backwards", hold.now))
+    hold.run(2.0)
+    hold.human(AUTO)
+    hold.run(1.0, BARREL)
+    hold.go({"drum": 1.0})
+    hold.run(1.0)
+    assert hold.calls.fault_accepted(hold.now)
+    assert text(hold, "drives backwards") == "C2 FAULT drives backwards"
 
 
 def test_a_hold_whose_reason_has_just_gone_only_says_that_it_holds(blocked: Scene) -> None:

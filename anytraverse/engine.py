@@ -128,7 +128,7 @@ class AnyTraverse:
         roi = self.figures_of(observation, maps)
         if isinstance(roi, Finding):
             return seen((*findings, roi, *find_scene(judged, self.settings)), maps=maps)
-        return seen((*findings, *find(maps, roi, judged, self.settings)), maps=maps, roi=roi)
+        return seen((*findings, *find(roi, len(words), judged, self.settings)), maps=maps, roi=roi)
 
     def maps_of(self, observation: Observation) -> Maps | Finding:
         """Make a frame's maps with the words in force, or say which fault prevents it.

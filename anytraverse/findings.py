@@ -145,15 +145,15 @@ def is_open(drivable: Mask, aspect: float, settings: Settings, corridor: Corrido
     return corridor_open(drivable, settings.region, corridor, gap)
 
 
-def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settings) -> list[Finding]:
-    """Compare every figure with its threshold.
+def find(roi: RoiFigures, words: int, similarity: float | None, settings: Settings) -> list[Finding]:
+    """Compare every figure with its threshold. words: how many are in force.
 
     Naming a thing with a word of no positive weight turns `unknown_object` into `blocked`, never into OK.
     """
     limits = settings.thresholds
     mean = Finding.above(Reason.UNKNOWN_OBJECT, "roi_uncertainty", roi.uncertainty, limits.roi, limits.margin)
     findings = [mean]
-    if len(maps.attention) == 0:
+    if words == 0:
         findings.append(Finding(Reason.UNKNOWN_OBJECT, "no words", bad=True, clear=False))
     if limits.tile is not None:
         worst = roi.worst_tile.uncertainty

@@ -241,10 +241,7 @@ class VisionClient:
 
         False when the process hangs or is not ready.
         """
-        if not self.watchdog.responsive or not self._send(Tune(settings)):
-            return False
-        self._settings = settings
-        return True
+        return self.watchdog.responsive and self._tune(settings)
 
     def draw(
         self,
@@ -381,6 +378,7 @@ class VisionClient:
             self.failed = f"it is {ready.model.id} now, not {first.model.id}: restart the companion"
             return
         self._apply_update(ready.update)
+        self._expected.settings = {0: ready.settings}
         self.watchdog.ready((first or ready).step, now)
         self.pace.started(ready.step, now)
         self.trouble = ""
@@ -390,11 +388,19 @@ class VisionClient:
             return
         log.info("the vision process is back")
         assert self._settings is not None
-        self._send(Tune(self._settings))
+        self._tune(self._settings)
         for frame_id, png in self._frames.items():
             self._numbers += 1
             self._unanswered[self._numbers] = _Asked(None, frame_id, now)
             self._send(Restore(self._numbers, frame_id, png))
+
+    def _tune(self, settings: Settings) -> bool:
+        self._numbers += 1
+        if not self._send(Tune(self._numbers, settings)):
+            return False
+        self._settings = settings
+        self._expected.tuned(self._numbers, settings)
+        return True
 
     def _restart(self, failure: Failure, now: float) -> list[Result]:
         """Have the process killed and restarted. Return the errors of the answers that waited.

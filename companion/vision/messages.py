@@ -87,6 +87,7 @@ class Scenes:
 class Tune:
     """Judge frames by these settings from now on. No frame is judged before the first `Tune`."""
 
+    number: int
     settings: Settings
 
 
@@ -231,7 +232,8 @@ class FrameJudged:
     revision: of the memory by which it was judged. at: monotonic seconds when judging ended. duration:
     seconds of judging. sectors: drivable share of each image column over the ROI's rows, None where nothing
     is known. update: the change of the memory by the frame itself, as the first reference or by a match.
-    infrared: whether the camera shows infrared, None: not known yet.
+    infrared: whether the camera shows infrared, None: not known yet. tuning: number of the `Tune` by whose
+    settings it was judged, 0 before the first one.
     """
 
     assessment: Assessment
@@ -241,16 +243,21 @@ class FrameJudged:
     sectors: tuple[float | None, ...]
     update: MemoryUpdate | None = None
     infrared: bool | None = None
+    tuning: int = 0
 
 
 @dataclass(frozen=True)
 class Done:
-    """Reports the outcome of an `Apply` or a `Restore`, or an error; then nothing has changed."""
+    """Reports the outcome of an `Apply` or a `Restore`, or an error; then nothing has changed.
+
+    tuning: as for `FrameJudged`.
+    """
 
     number: int
     outcome: AnswerOutcome | None
     error: str
     update: MemoryUpdate | None
+    tuning: int = 0
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,8 @@ class Worker:
         self._engine = engine
         self._reported = engine.memory
         self.revision = revision
+        self._tuning = 0
+        """Number of the `Tune` in force."""
         self._situation = Situation(Place(), moving=False)
         self._freeze_detector = FreezeDetector()
         self._exposure_detector = ExposureDetector()
@@ -69,8 +71,8 @@ class Worker:
     def handle(self, request: Request) -> list[Report]:
         """Handle a request, and return the reports that answer it."""
         match request:
-            case Tune(settings):
-                self._engine.settings = settings
+            case Tune(number, settings):
+                self._tuning, self._engine.settings = number, settings
             case Situation():
                 self._situation = request
             case Apply():
@@ -103,7 +105,8 @@ class Worker:
         maps, region = seen.maps, self._engine.settings.region
         shares = sectors(maps.known, maps.drivable, region) if maps is not None else ()
         update, infrared = self._update(), self._infrared_detector.check(frame.image, started)
-        return FrameJudged(seen, self.revision, now, now - started, shares, update, infrared)
+        duration = now - started
+        return FrameJudged(seen, self.revision, now, duration, shares, update, infrared, self._tuning)
 
     def _camera_faults(self, frame: Frame, now: float) -> list[Finding]:
         """Return what has been wrong with the pictures for longer than T: frozen, or badly exposed."""
@@ -167,7 +170,7 @@ class Worker:
                 if again is not None and again.frame.id in frames:
                     self._earlier[again.frame.id] = before[again.frame.id]
                     frames[again.frame.id] = again
-        return Done(number, outcome, "", self._update())
+        return Done(number, outcome, "", self._update(), self._tuning)
 
     def _draw(self, request: Draw) -> Drawn:
         seen = self.recent(request.frame_id)

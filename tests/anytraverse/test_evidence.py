@@ -40,7 +40,7 @@ def judged(attention: Map, weights: list[float], judging: Settings) -> tuple[Map
     height, width = attention.shape[1:]
     roi = roi_figures(maps, width / height, judging)
     assert not isinstance(roi, Finding)
-    return maps, find(maps, roi, None, judging)
+    return maps, find(roi, len(maps.attention), None, judging)
 
 
 def reasons(findings: list[Finding]) -> frozenset[Reason]:
@@ -181,7 +181,7 @@ def test_a_word_that_explains_a_thing_for_the_trails_word_does_not_open_the_way(
     judging = Settings(region=WHOLE, thresholds=Thresholds(roi=0.4, tile=0.65))
     roi = roi_figures(maps, 4 / 3, judging)
     assert not isinstance(roi, Finding)
-    assert reasons(find(maps, roi, None, judging)) == {Reason.BLOCKED}
+    assert reasons(find(roi, len(maps.attention), None, judging)) == {Reason.BLOCKED}
 
 
 @cache

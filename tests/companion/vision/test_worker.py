@@ -206,7 +206,7 @@ def test_it_judges_by_the_settings_that_it_was_told_last(stage: Stage) -> None:
     assert before is not None
     assert before.threshold == Settings().thresholds.roi
     calm = Thresholds(roi=1.0, tile=None)
-    stage.worker.handle(Tune(Settings(thresholds=calm)))
+    stage.worker.handle(Tune(1, Settings(thresholds=calm)))
     figures = [finding.figure for finding in stage.look("drum").assessment.bad]
     assert before.figure not in figures
 

@@ -235,22 +235,23 @@ class AnyTraverse:
         """The call's frame judged as if it were fresh: its age is no fault of the words."""
         return self.judge(call, call.frame.captured_at)
 
-    def _attend(self, observation: Observation) -> tuple[Map, Map]:
+    def _attend(self, observation: Observation) -> tuple[Map, Map | None]:
         """Attention maps of the words in force, and those of the drivable ones when only they are asked for.
 
-        A change of weights that turns no sign asks for nothing. Nor is a perceiver asked twice that says of
-        itself that it is `independent`: there a word's map does not depend on the other words asked for.
+        None: these are the same, of a perceiver that says of itself that it is `independent`: there a word's
+        map does not depend on the other words asked for.
+
+        A change of weights that turns no sign asks for nothing.
         """
         memory, kept = self.memory, observation.attended
-        positive = [weight > 0 for weight in memory.preferences.values()]
         if getattr(self.perceiver, "independent", False):
             prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
             whole = kept[prompts] if prompts in kept else self.perceiver.attend(observation.features, prompts)
             observation.attended = {prompts: whole}
-            return whole, whole[np.array(positive, dtype=np.bool_)] if len(whole) == len(positive) else whole
+            return whole, None
         prompts = tuple(
-            Prompt(word, memory.examples.get(word, ()), drivable)
-            for word, drivable in zip(memory.preferences, positive, strict=True)
+            Prompt(word, memory.examples.get(word, ()), weight > 0)
+            for word, weight in memory.preferences.items()
         )
         alone = tuple(prompt for prompt in prompts if prompt.drivable)
         observation.attended = {asked: kept[asked] for asked in (prompts, alone) if asked in kept}

@@ -54,7 +54,8 @@ def make_maps(
 
     attention: (n, h, w) of any floating dtype, one map for each weight. evidence: the attention of the words
     of positive weight when only these are asked for, (p, h, w); None: the same as in `attention`, which holds
-    for a perceiver whose words do not compete for a pixel.
+    for a perceiver whose words do not compete for a pixel. Where they do, words that are not drivable share
+    what they explain, and a further one must not make it less: it is summed.
     """
     signs = np.sign(np.asarray(weights, dtype=np.float32))
     whole = _checked_attention(attention, len(weights))
@@ -73,9 +74,13 @@ def make_maps(
         return Finding.fault("pooled maps are not finite")
     # A pixel is drivable only where a word of positive weight explains it both alone and beside all others,
     # and no other word does: a thing's name must not make the ground below it drivable.
-    against = whole[signs <= 0].max(axis=0, initial=0.0)
+    others, wins = whole[signs <= 0], signed > 0
+    against = others.max(axis=0, initial=0.0) if evidence is None else others.sum(axis=0)
+    if evidence is not None:
+        weighted = whole * np.asarray(weights, dtype=np.float32)[:, np.newaxis, np.newaxis]
+        wins &= weighted.max(axis=0, initial=0.0) > -np.minimum(weighted, 0.0).sum(axis=0)
     explained_alone = np.minimum(alone.max(axis=0, initial=0.0), whole.max(axis=0, initial=0.0)) >= KNOWN
-    drivable = explained_alone & (against < KNOWN) & (signed > 0)
+    drivable = explained_alone & (against < KNOWN) & wins
     return Maps(whole, signed, uncertainty, strangeness, drivable, signs <= 0)
 
 

@@ -19,6 +19,7 @@ from anytraverse.findings import make_maps
 from anytraverse.judging import Settings
 from anytraverse.perception import Features, Perceiver, Prompt
 from anytraverse.preferences import Preferences
+from anytraverse.release import program_identity
 from anytraverse.synonyms import refuse_contradictions
 
 
@@ -31,12 +32,12 @@ class Seen:
 
 
 def maps_identity(name: str, perceiver: Perceiver) -> str:
-    """Name all that a perceiver's maps depend on besides frame and words.
+    """Name all that a perceiver's maps depend on besides frame and words, the program included.
 
     name: that it was made by. Of a bundle its variant in use counts, and its manifest with the calibration,
     which `model_id` does not name.
     """
-    parts = [perceiver.model_id, str(getattr(perceiver, "precision", ""))]
+    parts = [perceiver.model_id, str(getattr(perceiver, "precision", "")), f"program {program_identity()}"]
     manifest = Path(name.partition(":")[2]) / MANIFEST
     if manifest.is_file():
         parts.append(hashlib.sha256(manifest.read_bytes()).hexdigest()[:16])
@@ -68,9 +69,9 @@ class PerceiverRun:
         begin = time.perf_counter()
         if features is None:
             features = self.perceiver.encode(frame.image)
-        attention, alone = (
-            self.perceiver.attend(features, asked) for asked in (self._prompts, self._drivable)
-        )
+        attention = self.perceiver.attend(features, self._prompts)
+        independent = getattr(self.perceiver, "independent", False)
+        alone = None if independent else self.perceiver.attend(features, self._drivable)
         maps = make_maps(attention, list(self.words.values()), self._settings, alone)
         milliseconds = (time.perf_counter() - begin) * 1e3
         if isinstance(maps, Finding):

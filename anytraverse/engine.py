@@ -23,7 +23,7 @@ from anytraverse.frame import Frame, is_black, is_image
 from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
-from anytraverse.perception import Features, Perceiver, Prompt
+from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint
 from anytraverse.roi import RoiFigures
 from anytraverse.scene_watch import CarriedPlace, SceneWatch
 from anytraverse.synonyms import refuse_contradictions
@@ -137,7 +137,8 @@ class AnyTraverse:
         """
         try:
             attention, alone = self._attend(observation)
-            return make_maps(attention, list(self.memory.preferences.values()), self.settings, alone)
+            weights = list(self.memory.preferences.values())
+            return make_maps(attention, weights, self.settings, alone, joint=is_joint(self.perceiver))
         except PerceiverError as error:
             return Finding.fault(str(error))
 
@@ -244,7 +245,7 @@ class AnyTraverse:
         A change of weights that turns no sign asks for nothing.
         """
         memory, kept = self.memory, observation.attended
-        if getattr(self.perceiver, "independent", False):
+        if is_independent(self.perceiver):
             prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
             whole = kept[prompts] if prompts in kept else self.perceiver.attend(observation.features, prompts)
             observation.attended = {prompts: whole}

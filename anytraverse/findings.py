@@ -48,14 +48,20 @@ def check_age(age: float, freshness: float) -> list[Finding]:
 
 
 def make_maps(
-    attention: Map, weights: list[float], settings: Settings, evidence: Map | None = None
+    attention: Map,
+    weights: list[float],
+    settings: Settings,
+    evidence: Map | None = None,
+    *,
+    joint: bool = False,
 ) -> Maps | Finding:
     """Pool attention maps, or return the fault that makes them useless.
 
     attention: (n, h, w) of any floating dtype, one map for each weight. evidence: the attention of the words
     of positive weight when only these are asked for, (p, h, w); None: the same as in `attention`, which holds
-    for a perceiver whose words do not compete for a pixel. Where they do, words that are not drivable share
-    what they explain, and a further one must not make it less: it is summed.
+    for a perceiver whose words do not compete for a pixel. Where they do, words that are not drivable may
+    share what they explain, and a further one must not make it less: it is summed. joint: that cannot happen,
+    see `is_joint`.
     """
     signs = np.sign(np.asarray(weights, dtype=np.float32))
     whole = _checked_attention(attention, len(weights))
@@ -75,8 +81,9 @@ def make_maps(
     # A pixel is drivable only where a word of positive weight explains it both alone and beside all others,
     # and no other word does: a thing's name must not make the ground below it drivable.
     others, wins = whole[signs <= 0], signed > 0
-    against = others.max(axis=0, initial=0.0) if evidence is None else others.sum(axis=0)
-    if evidence is not None:
+    adds_up = evidence is not None and not joint
+    against = others.sum(axis=0) if adds_up else others.max(axis=0, initial=0.0)
+    if adds_up:
         weighted = whole * np.asarray(weights, dtype=np.float32)[:, np.newaxis, np.newaxis]
         wins &= weighted.max(axis=0, initial=0.0) > -np.minimum(weighted, 0.0).sum(axis=0)
     explained_alone = np.minimum(alone.max(axis=0, initial=0.0), whole.max(axis=0, initial=0.0)) >= KNOWN

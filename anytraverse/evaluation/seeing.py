@@ -17,7 +17,7 @@ from anytraverse.errors import PerceiverError, PreferencesError
 from anytraverse.evaluation.datasets import LabelledFrame
 from anytraverse.findings import make_maps
 from anytraverse.judging import Settings
-from anytraverse.perception import Features, Perceiver, Prompt
+from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint
 from anytraverse.preferences import Preferences
 from anytraverse.release import program_identity
 from anytraverse.synonyms import refuse_contradictions
@@ -70,9 +70,11 @@ class PerceiverRun:
         if features is None:
             features = self.perceiver.encode(frame.image)
         attention = self.perceiver.attend(features, self._prompts)
-        independent = getattr(self.perceiver, "independent", False)
-        alone = None if independent else self.perceiver.attend(features, self._drivable)
-        maps = make_maps(attention, list(self.words.values()), self._settings, alone)
+        alone = None
+        if not is_independent(self.perceiver):
+            alone = self.perceiver.attend(features, self._drivable)
+        weights = list(self.words.values())
+        maps = make_maps(attention, weights, self._settings, alone, joint=is_joint(self.perceiver))
         milliseconds = (time.perf_counter() - begin) * 1e3
         if isinstance(maps, Finding):
             raise PerceiverError(f"{frame.name}: {maps.figure}: the perceiver is broken, or its files are")

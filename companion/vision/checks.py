@@ -20,6 +20,7 @@ from anytraverse.regions import Box
 from anytraverse.roi import Corridor, NamedTile, Passage, RoiFigures, Tile
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.vision.evidence import contradiction
+from companion.vision.freeze_detector import CELLS
 from companion.vision.messages import (
     LARGEST_JPEG,
     LONGEST_TEXT,
@@ -161,6 +162,9 @@ def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> 
     _need(_whole(judged.revision), "a revision")
     _need(isinstance(judged.sectors, tuple) and len(judged.sectors) <= 16, "sectors")
     _need(all(share is None or _fraction(share) for share in judged.sectors), "a sector's share")
+    still = judged.luma
+    right = isinstance(still, np.ndarray) and still.dtype == np.float32 and still.shape == CELLS[::-1]
+    _need(right and bool(np.isfinite(still).all()), "a picture's luma")
     _need(judged.infrared is None or isinstance(judged.infrared, bool), "whether the camera shows infrared")
     if judged.update is not None:
         _check_update(judged.update)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from anytraverse.answers import AnswerOutcome, Changes
-from anytraverse.assessment import Assessment
+from anytraverse.assessment import Assessment, Finding
 from anytraverse.errors import AnyTraverseError
 from anytraverse.history import Place
 from anytraverse.judging import Settings
@@ -26,6 +26,7 @@ from companion.system.watchdog import Failure, Restarts, Watchdog
 from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
+from companion.vision.freeze_detector import FreezeDetector
 from companion.vision.judging_rate import JudgingRate
 from companion.vision.measured_pace import MeasuredPace
 from companion.vision.memory_copy import MemoryCopy
@@ -145,6 +146,7 @@ class VisionClient:
         processes in a row died is dropped: it may be what kills them."""
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._situation_at = float("-inf")
+        self._freeze_detector, self._moving = FreezeDetector(), False
         self._overflowed = False
         self.ready: Ready | None = None
         self.failed = ""
@@ -283,12 +285,16 @@ class VisionClient:
         return True
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
-        """Send where the vehicle is, whether it moves, and the rate, at most five times a second."""
+        """Send where the vehicle is, and the rate, at most five times a second.
+
+        moving: whether it moves, so that two pictures in a row must differ.
+        """
+        self._moving = moving
         child = self.watchdog.child
         idle = self.watchdog.running and child is not None and child.idle
         if idle and now - self._situation_at >= _SITUATION_EVERY:
             self._situation_at = now
-            self._send(Situation(place, moving, self.rate.value))
+            self._send(Situation(place, self.rate.value))
 
     def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""
@@ -340,7 +346,7 @@ class VisionClient:
                     raise BadReportError(f"a frame under revision {report.revision}, not {known}")
                 # A new process does not know it yet: the camera is the same.
                 self.infrared = self.infrared if report.infrared is None else report.infrared
-                seen, at, duration = report.assessment, report.at, report.duration
+                seen, at, duration = self._unless_frozen(report), report.at, report.duration
                 self.rate.judged(duration)
                 self.pace.judged(duration, at)
                 return [Judged(seen, self.memory, at, duration, report.sectors, changed)]
@@ -367,6 +373,13 @@ class VisionClient:
                 self._encoding = 0
                 return [report]
         return []
+
+    def _unless_frozen(self, report: FrameJudged) -> Assessment:
+        """Return the frame's assessment, with a fault where the picture has stood still for longer than T."""
+        seen, limits = report.assessment, self._expected.settings_of(report.tuning)
+        if self._freeze_detector.seconds(report.luma, report.at, moving=self._moving) <= limits.freshness:
+            return seen
+        return replace(seen, findings=(*seen.findings, Finding.fault("camera frozen")))
 
     def _apply_update(self, update: MemoryUpdate) -> None:
         self._copy.apply(update)

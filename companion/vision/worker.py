@@ -19,7 +19,7 @@ from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
 from companion.vision import pictures
 from companion.vision.exposure import ADVICE, ExposureDetector
-from companion.vision.freeze_detector import FreezeDetector
+from companion.vision.freeze_detector import luma
 from companion.vision.infrared import InfraredDetector
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
@@ -57,8 +57,7 @@ class Worker:
         self.revision = revision
         self._tuning = 0
         """Number of the `Tune` in force."""
-        self._situation = Situation(Place(), moving=False)
-        self._freeze_detector = FreezeDetector()
+        self._situation = Situation(Place())
         self._exposure_detector = ExposureDetector()
         self._badly_exposed = ""
         self._infrared_detector = InfraredDetector()
@@ -106,20 +105,18 @@ class Worker:
         shares = sectors(maps.known, maps.drivable, region) if maps is not None else ()
         update, infrared = self._update(), self._infrared_detector.check(frame.image, started)
         duration = now - started
-        return FrameJudged(seen, self.revision, now, duration, shares, update, infrared, self._tuning)
+        still = luma(frame.image)
+        return FrameJudged(seen, self.revision, now, duration, shares, still, update, infrared, self._tuning)
 
     def _camera_faults(self, frame: Frame, now: float) -> list[Finding]:
-        """Return what has been wrong with the pictures for longer than T: frozen, or badly exposed."""
+        """Return what has been wrong with the pictures for longer than T: badly exposed."""
         freshness, region = self._engine.settings.freshness, self._engine.settings.region
-        still = self._freeze_detector.seconds(frame.image, now, moving=self._situation.moving)
         name, seconds = self._exposure_detector.check(frame.image, region, now)
         name = name if seconds > freshness else ""
         if name != self._badly_exposed:
             self._badly_exposed = name
             log.warning("%s", f"{name}: {ADVICE[name]}" if name else "the picture is well exposed again")
-        # The first is told: a black picture stands still because it is black.
-        faults = [*filter(None, [name]), *(["camera frozen"] if still > freshness else [])]
-        return [Finding.fault(fault) for fault in faults]
+        return [Finding.fault(name)] if name else []
 
     def _with_age(self, seen: Assessment, now: float, faults: list[Finding]) -> Assessment:
         """Set the age to that after judging. Add these faults, and one when the age is greater than T.

@@ -646,7 +646,7 @@ def test_where_it_is_is_told_some_five_times_a_second(stage: Stage) -> None:
     stage.child.live(CameraStatus(), None)
     stage.turn()
     told = [one for one in stage.child.requests if isinstance(one, Situation)]
-    assert told[0] == Situation(Place(1.0, 2.0), moving=True, rate=10.0)
+    assert told[0] == Situation(Place(1.0, 2.0), rate=10.0)
     assert 9 <= len(told) <= 11
 
 

@@ -376,6 +376,7 @@ def test_over_tcp_what_was_not_sent_is_taken_back_with_the_connection() -> None:
     with _unread() as (tcp, connected):
         while not tcp.write(b"\xfd" * 8_000_000):
             pass
+        tcp.note_revocable()
         with pytest.raises(StuckError):
             tcp.recall()
         tcp.close()
@@ -386,9 +387,37 @@ def test_over_tcp_a_frame_that_has_left_is_not_taken_back() -> None:
     with _unread() as (tcp, connected):
         while not tcp.write(b"frame"):
             pass
+        tcp.note_revocable()
         tcp.recall()
         assert tcp.write(b"next")
         assert _read_until(connected, b"next").strip(b"\0") == b"framenext"
+
+
+@pytest.mark.parametrize("cancelled", [True, False], ids=["cancelled", "after its second"])
+def test_nor_is_the_connection_closed_for_what_waits_behind_it(cancelled: bool) -> None:
+    with _unread() as (tcp, connected):
+        connection = Connection(lambda: tcp, 0.0)
+        connection.read(0.0)
+        while not connection.write(b"resume", 0.0, revocable=True):
+            pass
+        assert _read_until(connected, b"resume")
+        assert connection.write(b"\xfd" * 8_000_000, 0.1), "a part of it, and the rest waits"
+        if cancelled:
+            connection.recall()
+        else:
+            connection.read(STUCK_AFTER + 0.1)
+        assert connection.trouble is None
+
+
+def test_but_it_is_for_a_part_of_the_frame_itself() -> None:
+    with _unread() as (tcp, connected):
+        connection = Connection(lambda: tcp, 0.0)
+        connection.read(0.0)
+        while not connection.write(b"\xfd" * 8_000_000, 0.0, revocable=True):
+            pass
+        connection.recall()
+        assert connection.trouble is not None
+        assert len(_drain(connected)) < 8_000_000
 
 
 def _read_until(connected: socket.socket, end: bytes) -> bytes:

@@ -353,17 +353,23 @@ def test_over_tcp_a_cancelled_resume_never_leaves_and_the_connection_is_opened_a
 
         link = Link(LinkSettings("tcp:127.0.0.1:9"), build(["grass"], {}, {}), 0.0, openers={MAIN: opener})
         connected.sendall(HEARTBEAT.pack(AUTOPILOT))
-        while link.vehicle is None:
-            link.poll(0.0)
+        now = 0.0
+        while not link.modes.takes_resume:
+            assert now < DEADLINE, "too late"
+            now += _STEP
+            link.poll(now)
+            link.tick(now)
+            connected.sendall(NO_SCRIPT.pack(AUTOPILOT))
         assert tcp.write(bytes(8_000_000)), "a part of it"
-        link.modes.command(AUTO, 0.1)
+        link.modes.command(AUTO, now)
+        assert link.modes.resume_waits
         for step in range(6):
-            link.poll(0.1 + 0.1 * step)
-            link.tick(0.1 + 0.1 * step)
+            link.poll(now + 0.1 * step)
+            link.tick(now + 0.1 * step)
         link.modes.cancel()
-        for step in range(12):
-            link.poll(0.7 + 0.1 * step)
-            link.tick(0.7 + 0.1 * step)
+        for step in range(6, 18):
+            link.poll(now + 0.1 * step)
+            link.tick(now + 0.1 * step)
         assert "takes nothing" in str(link.trouble) or "refused" in str(link.trouble)
         got = mavlink.MAVLink(None)
         got.robust_parsing = True

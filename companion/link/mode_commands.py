@@ -163,11 +163,12 @@ class ModeCommands:
             self._returns, self._script, self._asked_at = self._tracker.returns, _Script.UNKNOWN, None
         hold = self._hold
         if hold is not None and hold.mode is not None and now - hold.at >= self._patience:
+            mode = hold.mode
             self.cancel()
             for request in self._unanswered:
                 if request.row == "hold" and request.serial:
                     request.mode = None  # the script may answer that the HOLD which it finds is not its own
-            self._set_mode(vehicle, autopilot, hold.mode, hold.hold, now)
+            self._set_mode(vehicle, autopilot, mode, hold.hold, now)
             self.send_hold_now(now)
         period = (MESSAGES["script"].period or 0.0) if self._script is not _Script.UNKNOWN else 1.0
         if autopilot.scripted and (self._asked_at is None or now - self._asked_at >= period):

@@ -16,10 +16,11 @@ class ModeReport:
     """What the autopilot reported.
 
     mode: custom_mode, None before the first heartbeat. travelled: metres driven, None where not known.
-    reported_at: when the mode was last reported; None: what was reported counts no more.
+    reported_at: when the newest HEARTBEAT came, monotonic s; None: what was reported counts no more.
     autopilot: its table, None for a kind that is never commanded.
     round_trip: seconds from a command to its acknowledgement.
     compares: its script compares the mode before it sets one, and so overrides no human.
+    takes_resume: a resume would be sent to it now.
     reboots: how often it rebooted, as far as its clock shows it.
     mission: its newest report, None before the first. stands: the vehicle is known to stand.
     """
@@ -31,6 +32,7 @@ class ModeReport:
     autopilot: Autopilot | None = None
     round_trip: float = 0.0
     compares: bool = False
+    takes_resume: bool = False
     reboots: int = 0
     mission: Mission | None = None
     stands: bool = False
@@ -113,7 +115,7 @@ class ModeMonitor:
     def reported(self, report: ModeReport) -> ModeReport | None:
         """Take in a report. Returns the report before it, None where this one tells nothing new of the mode.
 
-        One with the `reported_at` of the report before has a new position, and no new mode.
+        One with the mode, arming and `reported_at` of the report before has a new position at most.
         """
         self._take_heartbeat(report.reported_at)
         # Sent before the companion hung, and read only after it: the mode may have changed since.

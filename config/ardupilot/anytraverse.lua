@@ -10,8 +10,9 @@ failsafe's. A fault in spite of which a human drives on (the companion says so) 
 The companion asks for HOLD, AUTO and GUIDED by MAV_CMD_USER_5 (31014): id of its hold, expected mode, mode to set,
 serial number. HOLD is set where the expected mode stands, AUTO and GUIDED only out of the HOLD that was set for that
 id, or for the companion's silence or fault, where its mode reason still stands and nobody has commanded HOLD since.
-A HOLD that a switch of the transmitter sets within ours changes nothing that a script could see. Answers: ACCEPTED; TEMPORARILY_REJECTED, another mode
-stands; DENIED, the HOLD is a human's now; FAILED. A serial number counts once, and a request for one second.
+A HOLD that a switch of the transmitter sets within ours changes nothing that a script could see. Answers: ACCEPTED;
+TEMPORARILY_REJECTED, another mode stands, or, where HOLD is asked for, a human's HOLD; DENIED, the HOLD is a human's
+now; FAILED. A serial number counts once, and a request for one second.
 
 It acts only where the companion may: when the last policy that its heartbeat told is "hold". One that was heard in
 policy hold and falls silent is a loss; in report, shadow or off its silence and its faults stop nobody, nor does

@@ -43,7 +43,7 @@ def test_frames_that_are_slow_for_five_seconds_hold_a_rover_that_drives(
     assert rig.texts.count(REMINDER) == 1, "the hold does not say what to do"
     assert rig.texts.count(TO_ARM) == 1
     assert "hold cannot be given: a frame takes 0.47 s" in caplog.text
-    assert rig.daemon.status()["hold_refused"] == "HOLD refused: 0.5 s a frame is too slow"
+    assert rig.daemon.status()["hold_refused"] == "HOLD refused: 0.5 s a frame: make it faster"
 
 
 def test_frames_that_are_quick_for_ten_seconds_end_it(rig: Rig) -> None:
@@ -92,7 +92,7 @@ def test_a_request_for_hold_in_it_is_refused_and_the_policy_stays(rig: Rig) -> N
     rig.see(6.5)
     rig.set("AT_POLICY", float(Policy.HOLD))
     rig.see(1.0)
-    assert "HOLD refused: 0.5 s a frame is too slow" in rig.texts
+    assert "HOLD refused: 0.5 s a frame: make it faster" in rig.texts
     assert rig.told_policy is Policy.HOLD
     assert rig.echoes("AT_POLICY")[-1] == float(Policy.HOLD)
 

@@ -140,7 +140,63 @@ def test_one_that_the_script_refuses_does_not(result: int) -> None:
     answer(stage, MODE_REQUEST_COMMAND, result, int(requests(stage)[-1].param4))
     stage.run(1.0)
     assert not sent(stage, SET_MODE)
-    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=False, by_hand=result == DENIED)]
+    by_hand = result in (CHANGED, DENIED)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=False, by_hand=by_hand)]
+
+
+@pytest.mark.parametrize("result", [CHANGED, DENIED, FAILED])
+def test_a_resume_that_finds_another_mode_says_not_whose_that_is(result: int) -> None:
+    stage = started()
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    answer(stage, MODE_REQUEST_COMMAND, result, int(requests(stage)[-1].param4))
+    assert stage.reported(ModeAnswer) == [ModeAnswer(AUTO, accepted=False, by_hand=result == DENIED)]
+
+
+def test_a_hold_that_goes_past_the_script_is_not_taken_over_by_itself() -> None:
+    stage = started()
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(HOLD_UNANSWERED + 0.05)
+    answer(stage, MODE_REQUEST_COMMAND, CHANGED, int(requests(stage)[-1].param4))
+    assert stage.reported(ModeAnswer) == []
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+
+
+def test_a_late_answer_to_the_resume_does_not_keep_its_hold_from_going_past_the_script() -> None:
+    stage = started()
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, int(requests(stage)[0].param4))
+    stage.run(HOLD_UNANSWERED)
+    assert [message.param2 for message in sent(stage, SET_MODE)] == [HOLD]
+
+
+def test_an_answer_about_an_earlier_hold_says_nothing_of_this_one() -> None:
+    stage = started()
+    for number in (7, 8):
+        stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=number)
+        stage.run(0.05)
+    first, second = (int(request.param4) for request in requests(stage))
+    answer(stage, MODE_REQUEST_COMMAND, CHANGED, first)
+    assert stage.reported(ModeAnswer) == []
+    answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, second)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+
+
+def test_a_resume_that_was_dropped_as_another_component_took_our_ids_is_not_answered() -> None:
+    stage = started(UNSUPPORTED)
+    stage.near.full = True
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 77, 4, 3), (1, 191))
+    stage.run(0.05)
+    stage.near.full = False
+    stage.run(0.05)
+    assert not sent(stage, SET_MODE)
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == []
 
 
 def test_a_resume_never_goes_past_a_script_that_was_heard() -> None:
@@ -155,10 +211,26 @@ def test_a_resume_never_goes_past_a_script_that_was_heard() -> None:
 
 def test_nor_before_it_is_known_whether_there_is_one() -> None:
     stage = started(None)
+    assert not stage.link.modes.takes_resume
     stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
     stage.run(2.0)
     assert not sent(stage, SET_MODE)
     assert not requests(stage)
+
+
+def test_nor_while_another_component_uses_our_ids_but_a_hold_is() -> None:
+    stage = started()
+    stage.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 77, 4, 3), (1, 191))
+    stage.run(0.02)
+    assert not stage.link.modes.takes_resume
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    assert not requests(stage)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    assert [message.param3 for message in requests(stage)] == [HOLD]
+    stage.run(11.0)
+    assert stage.link.modes.takes_resume
 
 
 def test_a_hold_does_not_wait_for_that() -> None:

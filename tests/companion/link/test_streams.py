@@ -61,6 +61,7 @@ def test_a_device_is_stuck_one_second_after_it_took_its_last_byte() -> None:
 
 def test_a_device_is_idle_and_settled_only_once_its_kernel_holds_nothing(hold: Hold) -> None:
     device = Device()
+    device.note_revocable()
     assert device.idle()
     assert not device.settled(), "its kernel never told that anything waits, so it may never tell"
     hold(1)

@@ -109,9 +109,9 @@ def test_nothing_is_streamed_before_it_was_listened_for_others() -> None:
 def test_it_may_begin_three_seconds_after_the_first_heartbeat() -> None:
     stage = Stage()
     stage.live(LISTENS_FIRST, step=0.125)
-    assert stage.state is DeadManState.READY
+    before = stage.state
     stage.run(0.125, step=0.125)
-    assert stage.state is DeadManState.ON
+    assert (before, stage.state) == (DeadManState.READY, DeadManState.ON)
 
 
 def test_it_ends_when_it_is_not_wanted_any_more_and_begins_again(stage: Stage) -> None:

@@ -28,4 +28,12 @@ ROWS = (
         "nothing is held where it stands; no resume begins the mission anew; the rover stays where it is",
         repeated(10, *SCENES["mission_complete"]),
     ),
+    Row(
+        "serial device stuck",
+        "the autopilot's port takes no byte; a go is given, a human sets MANUAL; then it takes all again",
+        "told; no command to drive on leaves late; the rover stays in MANUAL; well again",
+        repeated(5, *SCENES["serial_stuck"]),
+        None,
+        BACK_WITHIN,
+    ),
 )

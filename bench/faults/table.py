@@ -11,7 +11,6 @@ from bench.faults import (
     inputs,
     proven,
     recorder,
-    serial_port,
     starting,
     vision,
 )
@@ -22,7 +21,6 @@ ROWS: tuple[Row, ...] = (
     *vision.ROWS,
     *driving.ROWS,
     *by_hand.ROWS,
-    *serial_port.ROWS,
     *inputs.ROWS,
     *disk.ROWS,
     *recorder.ROWS,

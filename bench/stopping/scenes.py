@@ -15,6 +15,7 @@ from typing import NamedTuple
 from bench.stopping.humans import READ, SOON, watch
 from bench.stopping.jobs import FAST, SLOW, Job
 from bench.stopping.stage import Disturbed, Plan, Stage
+from companion.link.streams import STUCK
 from companion.sim.field.rover import STANDSTILL
 from companion.wire.parameters import THR_SCENE
 
@@ -29,6 +30,8 @@ _LATE_S, _LATE_M = 1.5, 3.0
 _AROUND = 0.06
 """s after the command to resume within which the human sets the mode."""
 _SETTLES = 3.0
+_FULL_AFTER = 0.1
+"""s after which a stuck device takes nothing. The go follows at once: 1 s later the port is opened anew."""
 _WATCHED = 5.0
 """s after the go in which the rover must stay where it is."""
 _COMPLETE_WITHIN = 60.0
@@ -191,8 +194,39 @@ def _complete(stage: Stage, random: Random) -> Seen:
         return Seen(wrong, saw=saw)
 
 
+def _stuck(stage: Stage, random: Random) -> Seen:
+    """Lets the serial device take nothing while a go is carried out; a human takes over before it is well."""
+    assert stage.serial is not None
+    drives(stage, random)
+    stage.freeze_camera(on=True)
+    with follows():
+        wait_for_mode(stage, "HOLD")
+        stage.freeze_camera(on=False)
+        stage.wait_until_well()
+        watch(stage, READ)
+        stage.serial.stuck, asked = True, len(stage.wire.commands)
+        watch(stage, _FULL_AFTER)
+        stage.ground.go(int(stage.read_status()["current_id"]))
+        stage.wait("the device's trouble", lambda: STUCK in stage.log, SOON)
+        stage.control.mode("MANUAL")
+        stage.wait("the taking over", lambda: "taken over" in stage.log, SOON)
+        watch(stage, 1.0)
+        stage.serial.stuck, free = False, time.monotonic()
+        stage.wait_until_well()
+        returned = time.monotonic() - free
+        watch(stage, _SETTLES)
+        late, mode = stage.wire.commands[asked:], stage.status()["mode"]
+        wrong = f"commanded {late} when it took bytes again, then {mode}" if late or mode != "MANUAL" else ""
+        return Seen(wrong, None, returned, f'log: "{STUCK}"; the way back that was under way never left')
+
+
+def _on_serial(job: Job, random: Random) -> Plan:
+    return replace(with_and_without_script(job, random), serial=True)
+
+
 SCENES: Mapping[str, Scene] = {
     "driven_on": Scene(Job.plan, _driven_on),
     "mode_at_resume": Scene(with_and_without_script, _in_the_moment),
     "mission_complete": Scene(_ends, _complete),
+    "serial_stuck": Scene(_on_serial, _stuck),
 }

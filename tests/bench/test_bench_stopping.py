@@ -5,10 +5,13 @@ How quickly is judged by `make bench-stopping`, on a machine that does nothing e
 
 from __future__ import annotations
 
+import os
+import socket
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -24,11 +27,13 @@ from bench.stopping.jobs import FAST, LATE, Job, Run
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
 from bench.stopping.runs import GROUPS, untested
 from bench.stopping.scenes import SCENES, Scene, Seen, follows
+from bench.stopping.serial_device import SerialDevice
 from bench.stopping.stage import Disturbed, Plan, Stage
 from bench.stopping.stops import Stop, stopped
 from companion.config import load_config
 from companion.config.stopping import Stopping, judge_stopping
 from companion.sim.demo.config import write_config
+from companion.sim.demo.rehearsal import free_port
 from companion.wire.ids import Policy, State
 
 pytest.importorskip("lupa.lua53", reason="the script on the autopilot runs in Lua 5.3")
@@ -211,6 +216,7 @@ def test_a_scene_that_is_disturbed_is_begun_anew_and_what_does_not_follow_is_wro
     assert played == ["well", "well", "missing"]
 
 
+DEADLINE = 20.0
 DRIVES_ON = "COMMAND_LONG 176 1 10"
 
 
@@ -247,6 +253,9 @@ def stage_with(then: str, metres: float, sends: str, *, script: bool) -> Any:
         ("mission_complete", "", 0.0, "", ""),
         ("mission_complete", "", 0.0, DRIVES_ON, DRIVES_ON),
         ("mission_complete", "", 1.0, "", "it drove off: 1.0 m"),
+        ("serial_stuck", "MANUAL", 0.0, "", ""),
+        ("serial_stuck", "MANUAL", 0.0, DRIVES_ON, DRIVES_ON),
+        ("serial_stuck", "AUTO", 0.0, "", "then AUTO"),
     ],
 )
 def test_a_scene_is_wrong_where_a_human_is_overruled_or_it_drives_on_by_itself(
@@ -259,5 +268,38 @@ def test_a_scene_is_wrong_where_a_human_is_overruled_or_it_drives_on_by_itself(
     assert (bool(seen.wrong), wrong in seen.wrong) == (bool(wrong), True), seen
 
 
-def test_every_scene_is_a_row_of_the_fault_table() -> None:
+def test_every_scene_is_a_row_of_the_fault_table_and_only_the_serial_one_has_such_a_device(
+    tmp_path: Path,
+) -> None:
     assert len(by_hand.ROWS) == len(SCENES)
+    plans = {
+        kind: scene.plan(Job(2, tmp_path, threading.Event()), Random(1)) for kind, scene in SCENES.items()
+    }
+    assert [kind for kind, plan in plans.items() if plan.serial] == ["serial_stuck"]
+
+
+def test_a_serial_device_that_is_stuck_takes_nothing_and_then_all_again() -> None:
+    port = free_port()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot,
+        closing(SerialDevice(port)) as device,
+        open(device.url.split(":")[1], "r+b", buffering=0, opener=non_blocking) as companion,
+    ):
+        autopilot.settimeout(DEADLINE)
+        autopilot.sendto(b"heard", ("127.0.0.1", port))
+        until = time.monotonic() + DEADLINE
+        while companion.read(8) != b"heard":
+            assert time.monotonic() < until
+        companion.write(b"taken")
+        assert autopilot.recv(64) == b"taken"
+        device.stuck = True
+        while companion.write(b"kept") is not None:
+            assert time.monotonic() < until, "it takes bytes"
+        device.stuck = False
+        while b"again" not in autopilot.recv(8192):
+            companion.write(b"again")
+            assert time.monotonic() < until
+
+
+def non_blocking(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOCTTY | os.O_NONBLOCK)

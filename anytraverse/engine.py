@@ -23,7 +23,7 @@ from anytraverse.frame import Frame, is_black, is_image
 from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
-from anytraverse.perception import Features, Perceiver, Prompt
+from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint
 from anytraverse.roi import RoiFigures
 from anytraverse.scene_watch import CarriedPlace, SceneWatch
 from anytraverse.synonyms import refuse_contradictions
@@ -128,7 +128,7 @@ class AnyTraverse:
         roi = self.figures_of(observation, maps)
         if isinstance(roi, Finding):
             return seen((*findings, roi, *find_scene(judged, self.settings)), maps=maps)
-        return seen((*findings, *find(maps, roi, judged, self.settings)), maps=maps, roi=roi)
+        return seen((*findings, *find(roi, len(words), judged, self.settings)), maps=maps, roi=roi)
 
     def maps_of(self, observation: Observation) -> Maps | Finding:
         """Make a frame's maps with the words in force, or say which fault prevents it.
@@ -137,7 +137,8 @@ class AnyTraverse:
         """
         try:
             attention, alone = self._attend(observation)
-            return make_maps(attention, list(self.memory.preferences.values()), self.settings, alone)
+            weights = list(self.memory.preferences.values())
+            return make_maps(attention, weights, self.settings, alone, joint=is_joint(self.perceiver))
         except PerceiverError as error:
             return Finding.fault(str(error))
 
@@ -235,22 +236,23 @@ class AnyTraverse:
         """The call's frame judged as if it were fresh: its age is no fault of the words."""
         return self.judge(call, call.frame.captured_at)
 
-    def _attend(self, observation: Observation) -> tuple[Map, Map]:
+    def _attend(self, observation: Observation) -> tuple[Map, Map | None]:
         """Attention maps of the words in force, and those of the drivable ones when only they are asked for.
 
-        A change of weights that turns no sign asks for nothing. Nor is a perceiver asked twice that says of
-        itself that it is `independent`: there a word's map does not depend on the other words asked for.
+        None: these are the same, of a perceiver that says of itself that it is `independent`: there a word's
+        map does not depend on the other words asked for.
+
+        A change of weights that turns no sign asks for nothing.
         """
         memory, kept = self.memory, observation.attended
-        positive = [weight > 0 for weight in memory.preferences.values()]
-        if getattr(self.perceiver, "independent", False):
+        if is_independent(self.perceiver):
             prompts = tuple(Prompt(word, memory.examples.get(word, ())) for word in memory.preferences)
             whole = kept[prompts] if prompts in kept else self.perceiver.attend(observation.features, prompts)
             observation.attended = {prompts: whole}
-            return whole, whole[np.array(positive, dtype=np.bool_)] if len(whole) == len(positive) else whole
+            return whole, None
         prompts = tuple(
-            Prompt(word, memory.examples.get(word, ()), drivable)
-            for word, drivable in zip(memory.preferences, positive, strict=True)
+            Prompt(word, memory.examples.get(word, ()), weight > 0)
+            for word, weight in memory.preferences.items()
         )
         alone = tuple(prompt for prompt in prompts if prompt.drivable)
         observation.attended = {asked: kept[asked] for asked in (prompts, alone) if asked in kept}

@@ -48,13 +48,20 @@ def check_age(age: float, freshness: float) -> list[Finding]:
 
 
 def make_maps(
-    attention: Map, weights: list[float], settings: Settings, evidence: Map | None = None
+    attention: Map,
+    weights: list[float],
+    settings: Settings,
+    evidence: Map | None = None,
+    *,
+    joint: bool = False,
 ) -> Maps | Finding:
     """Pool attention maps, or return the fault that makes them useless.
 
     attention: (n, h, w) of any floating dtype, one map for each weight. evidence: the attention of the words
     of positive weight when only these are asked for, (p, h, w); None: the same as in `attention`, which holds
-    for a perceiver whose words do not compete for a pixel.
+    for a perceiver whose words do not compete for a pixel. Where they do, words that are not drivable may
+    share what they explain, and a further one must not make it less: it is summed. joint: that cannot happen,
+    see `is_joint`.
     """
     signs = np.sign(np.asarray(weights, dtype=np.float32))
     whole = _checked_attention(attention, len(weights))
@@ -73,9 +80,14 @@ def make_maps(
         return Finding.fault("pooled maps are not finite")
     # A pixel is drivable only where a word of positive weight explains it both alone and beside all others,
     # and no other word does: a thing's name must not make the ground below it drivable.
-    against = whole[signs <= 0].max(axis=0, initial=0.0)
+    others, wins = whole[signs <= 0], signed > 0
+    adds_up = evidence is not None and not joint
+    against = others.sum(axis=0) if adds_up else others.max(axis=0, initial=0.0)
+    if adds_up:
+        weighted = whole * np.asarray(weights, dtype=np.float32)[:, np.newaxis, np.newaxis]
+        wins &= weighted.max(axis=0, initial=0.0) > -np.minimum(weighted, 0.0).sum(axis=0)
     explained_alone = np.minimum(alone.max(axis=0, initial=0.0), whole.max(axis=0, initial=0.0)) >= KNOWN
-    drivable = explained_alone & (against < KNOWN) & (signed > 0)
+    drivable = explained_alone & (against < KNOWN) & wins
     return Maps(whole, signed, uncertainty, strangeness, drivable, signs <= 0)
 
 
@@ -145,15 +157,15 @@ def is_open(drivable: Mask, aspect: float, settings: Settings, corridor: Corrido
     return corridor_open(drivable, settings.region, corridor, gap)
 
 
-def find(maps: Maps, roi: RoiFigures, similarity: float | None, settings: Settings) -> list[Finding]:
-    """Compare every figure with its threshold.
+def find(roi: RoiFigures, words: int, similarity: float | None, settings: Settings) -> list[Finding]:
+    """Compare every figure with its threshold. words: how many are in force.
 
     Naming a thing with a word of no positive weight turns `unknown_object` into `blocked`, never into OK.
     """
     limits = settings.thresholds
     mean = Finding.above(Reason.UNKNOWN_OBJECT, "roi_uncertainty", roi.uncertainty, limits.roi, limits.margin)
     findings = [mean]
-    if len(maps.attention) == 0:
+    if words == 0:
         findings.append(Finding(Reason.UNKNOWN_OBJECT, "no words", bad=True, clear=False))
     if limits.tile is not None:
         worst = roi.worst_tile.uncertainty

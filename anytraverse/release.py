@@ -1,15 +1,37 @@
-"""Looks up which release is installed."""
+"""Looks up which program is installed."""
 
 from __future__ import annotations
 
+import hashlib
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 DISTRIBUTION = "anytraverse-companion"
+_LIBRARIES = ("numpy", "onnxruntime", "opencv-python-headless")
+"""Whose arithmetic decides what a perceiver makes of a picture."""
 
 
 def own_version() -> str:
     """Return the version of the installed distribution; "0" where none is installed."""
+    return _version(DISTRIBUTION)
+
+
+@lru_cache(1)
+def program_identity() -> str:
+    """Return a digest of all that decides what is made of a picture: this package's code, and libraries.
+
+    Nothing that was stored under another one may be taken for what this program would make.
+    """
+    digest = hashlib.sha256(" ".join(map(_version, _LIBRARIES)).encode())
+    root = Path(__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(f"\n{path.relative_to(root)}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _version(distribution: str) -> str:
     try:
-        return version(DISTRIBUTION)
+        return version(distribution)
     except PackageNotFoundError:
         return "0"

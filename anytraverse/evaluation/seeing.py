@@ -17,8 +17,9 @@ from anytraverse.errors import PerceiverError, PreferencesError
 from anytraverse.evaluation.datasets import LabelledFrame
 from anytraverse.findings import make_maps
 from anytraverse.judging import Settings
-from anytraverse.perception import Features, Perceiver, Prompt
+from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint
 from anytraverse.preferences import Preferences
+from anytraverse.release import program_identity
 from anytraverse.synonyms import refuse_contradictions
 
 
@@ -31,12 +32,12 @@ class Seen:
 
 
 def maps_identity(name: str, perceiver: Perceiver) -> str:
-    """Name all that a perceiver's maps depend on besides frame and words.
+    """Name all that a perceiver's maps depend on besides frame and words, the program included.
 
     name: that it was made by. Of a bundle its variant in use counts, and its manifest with the calibration,
     which `model_id` does not name.
     """
-    parts = [perceiver.model_id, str(getattr(perceiver, "precision", ""))]
+    parts = [perceiver.model_id, str(getattr(perceiver, "precision", "")), f"program {program_identity()}"]
     manifest = Path(name.partition(":")[2]) / MANIFEST
     if manifest.is_file():
         parts.append(hashlib.sha256(manifest.read_bytes()).hexdigest()[:16])
@@ -68,10 +69,12 @@ class PerceiverRun:
         begin = time.perf_counter()
         if features is None:
             features = self.perceiver.encode(frame.image)
-        attention, alone = (
-            self.perceiver.attend(features, asked) for asked in (self._prompts, self._drivable)
-        )
-        maps = make_maps(attention, list(self.words.values()), self._settings, alone)
+        attention = self.perceiver.attend(features, self._prompts)
+        alone = None
+        if not is_independent(self.perceiver):
+            alone = self.perceiver.attend(features, self._drivable)
+        weights = list(self.words.values())
+        maps = make_maps(attention, weights, self._settings, alone, joint=is_joint(self.perceiver))
         milliseconds = (time.perf_counter() - begin) * 1e3
         if isinstance(maps, Finding):
             raise PerceiverError(f"{frame.name}: {maps.figure}: the perceiver is broken, or its files are")

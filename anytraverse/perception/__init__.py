@@ -138,6 +138,23 @@ def handles_infrared(perceiver: Perceiver) -> bool:
     return getattr(perceiver, "infrared", False) is True
 
 
+def is_independent(perceiver: Perceiver) -> bool:
+    """Return whether a word's map does not depend on the other words that are asked for.
+
+    `independent`, a bool, is optional in a perceiver.
+    """
+    return getattr(perceiver, "independent", False) is True
+
+
+def is_joint(perceiver: Perceiver) -> bool:
+    """Return whether of the words of one side the strongest has all that they explain together.
+
+    Then a further word takes nothing from the others of its side, and what they explain does not add up.
+    `joint`, a bool, is optional in a perceiver.
+    """
+    return getattr(perceiver, "joint", False) is True
+
+
 KINDS: dict[str, tuple[str, str]] = {
     "builtin": ("anytraverse.perception.builtin", "make_builtin"),
     "clipseg": ("anytraverse.perception.clipseg.perceiver", "ClipSeg"),

@@ -17,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
-from anytraverse.perception import DefaultThresholds, Example, Features, Perceiver, Prompt
+from anytraverse.perception import (
+    DefaultThresholds,
+    Example,
+    Features,
+    Perceiver,
+    Prompt,
+    is_independent,
+    is_joint,
+)
 from anytraverse.regions import Box
 
 MOST_BYTES = 4_000_000_000
@@ -194,7 +202,7 @@ class StoredPerceiver:
         self._store = store
         self._newest: StoredFeatures | None = None
         self._image: Image | None = None
-        self.independent: bool = getattr(perceiver, "independent", False)
+        self.independent, self.joint = is_independent(perceiver), is_joint(perceiver)
 
     @property
     def model_id(self) -> str:

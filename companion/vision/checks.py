@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor, NamedTile, Passage, RoiFigures, Tile
 from companion.cameras.newest import CameraState, CameraStatus
+from companion.vision.evidence import contradiction
+from companion.vision.freeze_detector import CELLS
 from companion.vision.messages import (
     LARGEST_JPEG,
     LONGEST_TEXT,
@@ -41,6 +43,8 @@ _AHEAD = 0.001
 """Seconds by which a time stamp of the vision process may lie in the future, because of rounding."""
 _ROUNDING = 1e-6
 _U32 = 0xFFFFFFFF
+_MOST_TUNINGS = 256
+"""Settings that may be on their way to the vision process while it judges one frame."""
 _LARGEST_WHOLE = 1 << 53
 
 
@@ -50,9 +54,26 @@ class BadReportError(Exception):
 
 @dataclass
 class Expected:
-    """Holds what the next report is compared with. last_frame: id of the newest frame reported so far."""
+    """Holds what the next report is compared with.
+
+    last_frame: id of the newest frame reported so far. settings: those by which frames may have been judged,
+    by the number of their `Tune`, the oldest first.
+    """
 
     last_frame: int
+    settings: dict[int, Settings] = field(default_factory=lambda: {0: Settings()})
+
+    def tuned(self, number: int, settings: Settings) -> None:
+        """Expect frames that are judged by these settings, too. Of many that wait the oldest is dropped."""
+        self.settings[number] = settings
+        if len(self.settings) > _MOST_TUNINGS:
+            del self.settings[next(iter(self.settings))]
+
+    def settings_of(self, tuning: Any) -> Settings:
+        """Return the settings of a `Tune`; earlier ones do not come any more. Raises BadReportError."""
+        _need(_whole(tuning) and tuning in self.settings, "by which settings it was judged")
+        self.settings = {number: one for number, one in self.settings.items() if number >= tuning}
+        return self.settings[tuning]
 
 
 def check_report(message: Any, expected: Expected, now: float) -> Report:
@@ -71,11 +92,11 @@ def _check(message: Any, expected: Expected, now: float) -> None:
     match message:
         case FrameJudged():
             _check_frame_judged(message, expected, now)
-        case Done(number, outcome, error, update):
+        case Done(number, outcome, error, update, tuning):
             _need(_whole(number) and _text(error), "a number and a text")
             _need((outcome is None) == bool(error), "an outcome or an error")
             if outcome is not None:
-                _check_outcome(outcome, now)
+                _check_outcome(outcome, expected.settings_of(tuning), now)
             if update is not None:
                 _check_update(update)
         case Ready(model, settings, update, notices, step):
@@ -133,29 +154,33 @@ def _check_settings(settings: Any) -> None:
 
 def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> None:
     seen = judged.assessment
-    _check_assessment(seen, now)
+    _check_assessment(seen, expected.settings_of(judged.tuning), now)
+    _need(seen.similarity is not None or not seen.ok, "OK without a similarity")
     _need(seen.frame.id > expected.last_frame, f"frame {seen.frame.id} after {expected.last_frame}")
     _need(_past(judged.at, now) and judged.at >= seen.frame.captured_at, "when a frame was judged")
     _need(_seconds(judged.duration), "seconds of judging")
     _need(_whole(judged.revision), "a revision")
     _need(isinstance(judged.sectors, tuple) and len(judged.sectors) <= 16, "sectors")
     _need(all(share is None or _fraction(share) for share in judged.sectors), "a sector's share")
+    still = judged.luma
+    right = isinstance(still, np.ndarray) and still.dtype == np.float32 and still.shape == CELLS[::-1]
+    _need(right and bool(np.isfinite(still).all()), "a picture's luma")
     _need(judged.infrared is None or isinstance(judged.infrared, bool), "whether the camera shows infrared")
     if judged.update is not None:
         _check_update(judged.update)
     expected.last_frame = seen.frame.id
 
 
-def _check_outcome(outcome: Any, now: float) -> None:
+def _check_outcome(outcome: Any, settings: Settings, now: float) -> None:
     _need(isinstance(outcome, AnswerOutcome), "an outcome")
     _need(all(map(_text, outcome.dropped)) and isinstance(outcome.remembered, bool), "what an answer changed")
     _need(all(map(_text, outcome.undone)) and all(map(_whole, outcome.forgotten)), "what a refusal changed")
     for seen in (outcome.call, outcome.newest):
         if seen is not None:
-            _check_assessment(seen, now)
+            _check_assessment(seen, settings, now)
 
 
-def _check_assessment(seen: Any, now: float) -> None:
+def _check_assessment(seen: Any, settings: Settings, now: float) -> None:
     _need(isinstance(seen, Assessment), "an assessment")
     _need(_whole(seen.frame.id) and seen.frame.id <= _U32, "a frame's id")
     _need(_past(seen.frame.captured_at, now), "when a frame was taken")
@@ -182,6 +207,8 @@ def _check_assessment(seen: Any, now: float) -> None:
     for entry in (seen.adopted, seen.match.entry if seen.match is not None else None):
         if entry is not None:
             _check_entry(entry)
+    wrong = contradiction(seen, settings)
+    _need(not wrong, wrong)
 
 
 def _check_finding(finding: Any) -> None:

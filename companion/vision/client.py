@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from anytraverse.answers import AnswerOutcome, Changes
-from anytraverse.assessment import Assessment
+from anytraverse.assessment import Assessment, Finding
 from anytraverse.errors import AnyTraverseError
 from anytraverse.history import Place
 from anytraverse.judging import Settings
@@ -26,6 +26,7 @@ from companion.system.watchdog import Failure, Restarts, Watchdog
 from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
+from companion.vision.freeze_detector import FreezeDetector
 from companion.vision.judging_rate import JudgingRate
 from companion.vision.measured_pace import MeasuredPace
 from companion.vision.memory_copy import MemoryCopy
@@ -145,6 +146,7 @@ class VisionClient:
         processes in a row died is dropped: it may be what kills them."""
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._situation_at = float("-inf")
+        self._freeze_detector, self._moving = FreezeDetector(), False
         self._overflowed = False
         self.ready: Ready | None = None
         self.failed = ""
@@ -241,10 +243,7 @@ class VisionClient:
 
         False when the process hangs or is not ready.
         """
-        if not self.watchdog.responsive or not self._send(Tune(settings)):
-            return False
-        self._settings = settings
-        return True
+        return self.watchdog.responsive and self._tune(settings)
 
     def draw(
         self,
@@ -286,12 +285,16 @@ class VisionClient:
         return True
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
-        """Send where the vehicle is, whether it moves, and the rate, at most five times a second."""
+        """Send where the vehicle is, and the rate, at most five times a second.
+
+        moving: whether it moves, so that two pictures in a row must differ.
+        """
+        self._moving = moving
         child = self.watchdog.child
         idle = self.watchdog.running and child is not None and child.idle
         if idle and now - self._situation_at >= _SITUATION_EVERY:
             self._situation_at = now
-            self._send(Situation(place, moving, self.rate.value))
+            self._send(Situation(place, self.rate.value))
 
     def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""
@@ -343,7 +346,7 @@ class VisionClient:
                     raise BadReportError(f"a frame under revision {report.revision}, not {known}")
                 # A new process does not know it yet: the camera is the same.
                 self.infrared = self.infrared if report.infrared is None else report.infrared
-                seen, at, duration = report.assessment, report.at, report.duration
+                seen, at, duration = self._unless_frozen(report), report.at, report.duration
                 self.rate.judged(duration)
                 self.pace.judged(duration, at)
                 return [Judged(seen, self.memory, at, duration, report.sectors, changed)]
@@ -371,6 +374,13 @@ class VisionClient:
                 return [report]
         return []
 
+    def _unless_frozen(self, report: FrameJudged) -> Assessment:
+        """Return the frame's assessment, with a fault where the picture has stood still for longer than T."""
+        seen, limits = report.assessment, self._expected.settings_of(report.tuning)
+        if self._freeze_detector.seconds(report.luma, report.at, moving=self._moving) <= limits.freshness:
+            return seen
+        return replace(seen, findings=(*seen.findings, Finding.fault("camera frozen")))
+
     def _apply_update(self, update: MemoryUpdate) -> None:
         self._copy.apply(update)
         self.weak = update.weak
@@ -381,6 +391,7 @@ class VisionClient:
             self.failed = f"it is {ready.model.id} now, not {first.model.id}: restart the companion"
             return
         self._apply_update(ready.update)
+        self._expected.settings = {0: ready.settings}
         self.watchdog.ready((first or ready).step, now)
         self.pace.started(ready.step, now)
         self.trouble = ""
@@ -390,11 +401,19 @@ class VisionClient:
             return
         log.info("the vision process is back")
         assert self._settings is not None
-        self._send(Tune(self._settings))
+        self._tune(self._settings)
         for frame_id, png in self._frames.items():
             self._numbers += 1
             self._unanswered[self._numbers] = _Asked(None, frame_id, now)
             self._send(Restore(self._numbers, frame_id, png))
+
+    def _tune(self, settings: Settings) -> bool:
+        self._numbers += 1
+        if not self._send(Tune(self._numbers, settings)):
+            return False
+        self._settings = settings
+        self._expected.tuned(self._numbers, settings)
+        return True
 
     def _restart(self, failure: Failure, now: float) -> list[Result]:
         """Have the process killed and restarted. Return the errors of the answers that waited.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,14 +12,18 @@ from anytraverse.frame import Image
 CHANGED_REGIONS = 6
 """Regions, of 48, that must differ for a picture to count as changed: a drawn-in clock is in at most 4."""
 
-_CELLS, _REGION = (80, 60), 10
+REMEMBERED = 16
+"""Pictures with which the newest one is compared: a driver may deliver its old buffers in turn."""
+CELLS = (80, 60)
+"""Columns and rows of `luma`."""
+_REGION = 10
 _REGION_SHARE = 0.04
 """Share of a region's cells that must differ for the region to count as changed."""
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _LEAST, _MOST = 2.0, 3.0
 """Bounds of the brightness difference, of 255, above which a cell counts as changed."""
 
-_Luma = NDArray[np.float32]
+Luma = NDArray[np.float32]
 
 
 class FreezeDetector:
@@ -28,51 +34,47 @@ class FreezeDetector:
     """
 
     def __init__(self) -> None:
-        self._shape: tuple[int, ...] = ()
-        self._reference: _Luma | None = None
+        self._different: deque[Luma] = deque(maxlen=REMEMBERED)
+        """The newest pictures that differ from each other."""
         self._looked_at = 0.0
         self._seconds = 0.0
 
-    def seconds(self, picture: Image, now: float, *, moving: bool) -> float:
+    def seconds(self, seen: Luma, now: float, *, moving: bool) -> float:
         """Return the seconds for which the vehicle has moved while the picture stayed the same.
 
-        0 for a picture that has changed; a drawn-in clock or compression noise does not count as a change.
-        picture: the newest, RGB, (height, width, 3) uint8. now: monotonic seconds.
+        0 for a picture that has changed; a drawn-in clock or compression noise does not count as a change,
+        nor does one of the last `REMEMBERED` pictures that comes again.
+        seen: `luma` of the newest picture. now: monotonic seconds.
         """
-        seen = luma(picture)
-        same = (
-            self._reference is not None
-            and picture.shape == self._shape
-            and changed_regions(self._reference, seen) < CHANGED_REGIONS
-        )
-        if not same:
-            self._reference, self._shape, self._seconds = seen, picture.shape, 0.0
+        if not any(changed_regions(one, seen) < CHANGED_REGIONS for one in reversed(self._different)):
+            self._different.append(seen)
+            self._seconds = 0.0
         elif moving:
             self._seconds += now - self._looked_at
         self._looked_at = now
         return self._seconds
 
 
-def changed_regions(reference: _Luma, seen: _Luma) -> int:
+def changed_regions(reference: Luma, seen: Luma) -> int:
     """Count the regions, of 8 x 6, that differ by more than compression and noise explain.
 
     The threshold is lower for a picture of low contrast, since motion changes little in fog or in the dark.
     reference, seen: results of `luma`.
     """
     noise = min(max(_contrast(reference), _LEAST), _MOST)
-    columns, rows = (cells // _REGION for cells in _CELLS)
+    columns, rows = (cells // _REGION for cells in CELLS)
     changed = (np.abs(seen - reference) > noise).reshape(rows, _REGION, columns, _REGION)
     return int(np.count_nonzero(changed.mean(axis=(1, 3)) >= _REGION_SHARE))
 
 
-def _contrast(luma: _Luma) -> float:
+def _contrast(luma: Luma) -> float:
     """Return the mean difference between neighbouring cells, of 255."""
     return float(np.abs(np.diff(luma, axis=0)).mean() + np.abs(np.diff(luma, axis=1)).mean()) / 2
 
 
-def luma(picture: Image) -> _Luma:
+def luma(picture: Image) -> Luma:
     """Return the mean brightness of 60 x 80 cells, 0 to 255: averaging removes most of the pixel noise."""
     import cv2
 
-    small = cv2.resize(picture, _CELLS, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(picture, CELLS, interpolation=cv2.INTER_AREA)
     return np.asarray(small.astype(np.float32) @ _LUMA, np.float32)

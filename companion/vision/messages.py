@@ -15,6 +15,7 @@ from anytraverse.regions import Box
 from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
+from companion.vision.freeze_detector import Luma
 from companion.wire.ids import State
 
 
@@ -87,17 +88,15 @@ class Scenes:
 class Tune:
     """Judge frames by these settings from now on. No frame is judged before the first `Tune`."""
 
+    number: int
     settings: Settings
 
 
 @dataclass(frozen=True)
 class Situation:
-    """Says where the vehicle is, whether it moves, so that two pictures in a row must differ, and how much to
-    judge. rate: frames/s, None: as configured.
-    """
+    """Says where the vehicle is, and how much to judge. rate: frames/s, None: as configured."""
 
     place: Place
-    moving: bool
     rate: float | None = None
 
 
@@ -230,8 +229,9 @@ class FrameJudged:
 
     revision: of the memory by which it was judged. at: monotonic seconds when judging ended. duration:
     seconds of judging. sectors: drivable share of each image column over the ROI's rows, None where nothing
-    is known. update: the change of the memory by the frame itself, as the first reference or by a match.
-    infrared: whether the camera shows infrared, None: not known yet.
+    is known. luma: the picture's, by which a frozen camera is found. update: the change of the memory by the
+    frame itself, as the first reference or by a match. infrared: whether the camera shows infrared, None: not
+    known yet. tuning: number of the `Tune` by whose settings it was judged, 0 before the first one.
     """
 
     assessment: Assessment
@@ -239,18 +239,24 @@ class FrameJudged:
     at: float
     duration: float
     sectors: tuple[float | None, ...]
+    luma: Luma
     update: MemoryUpdate | None = None
     infrared: bool | None = None
+    tuning: int = 0
 
 
 @dataclass(frozen=True)
 class Done:
-    """Reports the outcome of an `Apply` or a `Restore`, or an error; then nothing has changed."""
+    """Reports the outcome of an `Apply` or a `Restore`, or an error; then nothing has changed.
+
+    tuning: as for `FrameJudged`.
+    """
 
     number: int
     outcome: AnswerOutcome | None
     error: str
     update: MemoryUpdate | None
+    tuning: int = 0
 
 
 @dataclass(frozen=True)

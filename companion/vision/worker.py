@@ -19,7 +19,7 @@ from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
 from companion.vision import pictures
 from companion.vision.exposure import ADVICE, ExposureDetector
-from companion.vision.freeze_detector import FreezeDetector
+from companion.vision.freeze_detector import luma
 from companion.vision.infrared import InfraredDetector
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
@@ -55,8 +55,9 @@ class Worker:
         self._engine = engine
         self._reported = engine.memory
         self.revision = revision
-        self._situation = Situation(Place(), moving=False)
-        self._freeze_detector = FreezeDetector()
+        self._tuning = 0
+        """Number of the `Tune` in force."""
+        self._situation = Situation(Place())
         self._exposure_detector = ExposureDetector()
         self._badly_exposed = ""
         self._infrared_detector = InfraredDetector()
@@ -69,8 +70,8 @@ class Worker:
     def handle(self, request: Request) -> list[Report]:
         """Handle a request, and return the reports that answer it."""
         match request:
-            case Tune(settings):
-                self._engine.settings = settings
+            case Tune(number, settings):
+                self._tuning, self._engine.settings = number, settings
             case Situation():
                 self._situation = request
             case Apply():
@@ -103,20 +104,19 @@ class Worker:
         maps, region = seen.maps, self._engine.settings.region
         shares = sectors(maps.known, maps.drivable, region) if maps is not None else ()
         update, infrared = self._update(), self._infrared_detector.check(frame.image, started)
-        return FrameJudged(seen, self.revision, now, now - started, shares, update, infrared)
+        duration = now - started
+        still = luma(frame.image)
+        return FrameJudged(seen, self.revision, now, duration, shares, still, update, infrared, self._tuning)
 
     def _camera_faults(self, frame: Frame, now: float) -> list[Finding]:
-        """Return what has been wrong with the pictures for longer than T: frozen, or badly exposed."""
+        """Return what has been wrong with the pictures for longer than T: badly exposed."""
         freshness, region = self._engine.settings.freshness, self._engine.settings.region
-        still = self._freeze_detector.seconds(frame.image, now, moving=self._situation.moving)
         name, seconds = self._exposure_detector.check(frame.image, region, now)
         name = name if seconds > freshness else ""
         if name != self._badly_exposed:
             self._badly_exposed = name
             log.warning("%s", f"{name}: {ADVICE[name]}" if name else "the picture is well exposed again")
-        # The first is told: a black picture stands still because it is black.
-        faults = [*filter(None, [name]), *(["camera frozen"] if still > freshness else [])]
-        return [Finding.fault(fault) for fault in faults]
+        return [Finding.fault(name)] if name else []
 
     def _with_age(self, seen: Assessment, now: float, faults: list[Finding]) -> Assessment:
         """Set the age to that after judging. Add these faults, and one when the age is greater than T.
@@ -167,7 +167,7 @@ class Worker:
                 if again is not None and again.frame.id in frames:
                     self._earlier[again.frame.id] = before[again.frame.id]
                     frames[again.frame.id] = again
-        return Done(number, outcome, "", self._update())
+        return Done(number, outcome, "", self._update(), self._tuning)
 
     def _draw(self, request: Draw) -> Drawn:
         seen = self.recent(request.frame_id)

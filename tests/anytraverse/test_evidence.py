@@ -40,7 +40,7 @@ def judged(attention: Map, weights: list[float], judging: Settings) -> tuple[Map
     height, width = attention.shape[1:]
     roi = roi_figures(maps, width / height, judging)
     assert not isinstance(roi, Finding)
-    return maps, find(maps, roi, None, judging)
+    return maps, find(roi, len(maps.attention), None, judging)
 
 
 def reasons(findings: list[Finding]) -> frozenset[Reason]:
@@ -181,7 +181,50 @@ def test_a_word_that_explains_a_thing_for_the_trails_word_does_not_open_the_way(
     judging = Settings(region=WHOLE, thresholds=Thresholds(roi=0.4, tile=0.65))
     roi = roi_figures(maps, 4 / 3, judging)
     assert not isinstance(roi, Finding)
-    assert reasons(find(maps, roi, None, judging)) == {Reason.BLOCKED}
+    assert reasons(find(roi, len(maps.attention), None, judging)) == {Reason.BLOCKED}
+
+
+def attend(strengths: Map, groups: list[int], asked: list[int]) -> Map:
+    """Attention of words that compete: those of one group share out what the strongest of them explains."""
+    found = np.zeros((len(asked), *strengths.shape[1:]), dtype=np.float64)
+    for group in set(groups):
+        rivals = [place for place, word in enumerate(asked) if groups[word] == group]
+        if rivals:
+            strong = strengths[[asked[place] for place in rivals]].astype(np.float64)
+            found[rivals] = strong.max(axis=0) * strong / np.maximum(strong.sum(axis=0), 1e-9)
+    return found.astype(np.float32)
+
+
+@st.composite
+def rivalries(draw: st.DrawFn) -> tuple[Map, list[int], list[float], float]:
+    """Strengths of words, the groups in which they compete, the weights of all but the last, and the last's.
+
+    The last word is the least drivable one.
+    """
+    count = draw(st.integers(2, 4))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    levels = np.array([0, 0.1, 0.36, 0.49, 0.5, 0.55, 0.9, 1], dtype=np.float32)
+    strengths = rng.choice(levels, (count, 6, 8))
+    weights: list[float] = draw(st.lists(st.sampled_from(WEIGHTS), min_size=count - 1, max_size=count - 1))
+    groups = draw(st.lists(st.integers(0, 1), min_size=count, max_size=count))
+    return strengths, groups, weights, draw(st.sampled_from([w for w in WEIGHTS if w <= min(0.0, *weights)]))
+
+
+@given(rivalries())
+@settings(max_examples=400)
+def test_a_further_word_that_is_not_drivable_makes_no_ground_drivable_where_words_compete(
+    rivals: tuple[Map, list[int], list[float], float],
+) -> None:
+    strengths, groups, weights, last = rivals
+    drivable = []
+    for words in (weights, [*weights, last]):
+        asked = list(range(len(words)))
+        alone = attend(strengths, groups, [word for word in asked if words[word] > 0])
+        maps = make_maps(attend(strengths, groups, asked), words, Settings(), alone)
+        assert isinstance(maps, Maps)
+        drivable.append(maps.drivable)
+    before, after = drivable
+    assert not (after & ~before).any()
 
 
 @cache

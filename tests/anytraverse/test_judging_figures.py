@@ -41,7 +41,7 @@ def findings(maps: Maps, settings: Settings, similarity: float | None = None) ->
     """Findings by their figure; the corridor's for want of evidence is "evidence"."""
     roi = roi_figures(maps, 1.0, settings)
     assert not isinstance(roi, Finding)
-    found = find(maps, roi, similarity, settings)
+    found = find(roi, len(maps.attention), similarity, settings)
     for one in found:
         if (one.figure, one.reason) == (CORRIDOR, Reason.UNKNOWN_OBJECT):
             found[found.index(one)] = replace(one, figure="evidence")

@@ -72,6 +72,7 @@ class GroundNetwork:
     """Implements `Perceiver` with a trained network, the package's own or one of the user's."""
 
     vocabulary = words_for(GROUND_WORDS)
+    joint = True  # see `attention`
     infrared = True  # its training shows frames as a camera without infrared filter sees them
     DEFAULTS = DefaultThresholds(
         roi=0.4,

@@ -14,14 +14,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+import anytraverse
 from anytraverse.cli import main
 from anytraverse.errors import AnyTraverseError, PerceiverError
-from anytraverse.evaluation import evaluating
+from anytraverse.evaluation import evaluating, seeing
 from anytraverse.evaluation.evaluating import Share, judged_share
 from anytraverse.evaluation.seeing import maps_identity
 from anytraverse.evaluation.spreading import SpreadError, spread
 from anytraverse.evaluation.weights import read_weights, small_shape
 from anytraverse.perception import make_perceiver
+from anytraverse.release import program_identity
 
 MakeDrive = Callable[..., Path]
 Out = pytest.CaptureFixture[str]
@@ -84,6 +86,29 @@ def test_small_maps_are_close_to_a_full_run_for_each_choice(drive: Path, tmp_pat
     full = run(capsys, command("sweep", drive, tmp_path / "full", *asked))["rows"]
     for row in full:
         assert small[row["prompts"]] == pytest.approx(row["iou_mean"], abs=0.05)
+
+
+def test_what_another_program_saw_is_perceived_again(
+    drive: Path, tmp_path: Path, capsys: Out, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folders = []
+    for program in ("one", "one", "another"):
+        monkeypatch.setattr(seeing, "program_identity", lambda program=program: program)
+        run(capsys, command("sweep", drive, tmp_path / f"out-{len(folders)}", "--weights", WEIGHTS))
+        folders.append(len(list((tmp_path / "cache" / "anytraverse").iterdir())))
+    assert folders == [1, 1, 2]
+
+
+def test_the_identity_of_the_program_is_that_of_its_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = program_identity()
+    program_identity.cache_clear()
+    assert program_identity() == before
+    changed = next(Path(anytraverse.__file__).parent.glob("pooling.py"))
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b" " * (path == changed))
+    program_identity.cache_clear()
+    assert program_identity() != before
+    program_identity.cache_clear()
 
 
 def test_choices_are_read_as_they_are_written() -> None:

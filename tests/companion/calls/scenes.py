@@ -106,7 +106,7 @@ class View:
             return replace(seen, findings=(found,))
         maps, roi = found
         similarity = math.cos(angle - math.radians(reference))
-        findings = tuple(find(maps, roi, similarity, judging))
+        findings = tuple(find(roi, len(words), similarity, judging))
         seen = replace(seen, findings=findings, maps=maps, roi=roi, similarity=similarity)
         return replace(seen, undecided=self.pending and Reason.UNKNOWN_SCENE in seen.reasons)
 

@@ -367,4 +367,4 @@ def enlarged(seen: Assessment, scale: int, judging: Settings) -> Assessment:
     assert isinstance(maps, Maps)
     roi = roi_figures(maps, 1.5, judging)
     assert isinstance(roi, RoiFigures)
-    return replace(seen, maps=maps, roi=roi, findings=tuple(find(maps, roi, 1.0, judging)))
+    return replace(seen, maps=maps, roi=roi, findings=tuple(find(roi, len(maps.attention), 1.0, judging)))

@@ -11,22 +11,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from anytraverse.assessment import Reason
-from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
-from anytraverse.history import Place
-from anytraverse.judging import Settings
-from anytraverse.memory import first_memory
-from anytraverse.preferences import Preferences
 from companion.calls.mode_monitor import ModeReport
 from companion.sim.field.render import Camera
 from companion.sim.field.things import World
 from companion.vehicle.state import MOVES, is_moving
 from companion.vehicle.state import Vehicle as Told
-from companion.vision.freeze_detector import CHANGED_REGIONS, FreezeDetector, changed_regions, luma
-from companion.vision.messages import FrameJudged, Situation
-from companion.vision.worker import Worker
-from tests.anytraverse.conftest import Painted
+from companion.vision.freeze_detector import (
+    CHANGED_REGIONS,
+    REMEMBERED,
+    FreezeDetector,
+    changed_regions,
+    luma,
+)
 from tests.companion.daemon.rig import AUTO, MANUAL, PERIOD, MakeRig, Rig, picture
 
 Picture = NDArray[np.uint8]
@@ -73,18 +70,23 @@ def dimmed(picture: Picture, contrast: float, haze: float) -> Picture:
 
 def test_only_time_in_motion_without_any_change_counts() -> None:
     frozen = FreezeDetector()
-    assert frozen.seconds(a_picture(), 1.0, moving=True) == 0.0
-    assert frozen.seconds(a_picture(), 1.5, moving=True) == 0.5
-    assert frozen.seconds(a_picture(), 5.0, moving=False) == 0.5
-    assert frozen.seconds(a_picture(), 5.25, moving=True) == 0.75
-    assert frozen.seconds(a_picture(9), 6.0, moving=True) == 0.0
-    assert frozen.seconds(a_picture(9), 6.5, moving=True) == 0.5
+    assert frozen.seconds(luma(a_picture()), 1.0, moving=True) == 0.0
+    assert frozen.seconds(luma(a_picture()), 1.5, moving=True) == 0.5
+    assert frozen.seconds(luma(a_picture()), 5.0, moving=False) == 0.5
+    assert frozen.seconds(luma(a_picture()), 5.25, moving=True) == 0.75
+    assert frozen.seconds(luma(a_picture(9)), 6.0, moving=True) == 0.0
+    assert frozen.seconds(luma(a_picture(9)), 6.5, moving=True) == 0.5
 
 
-def test_another_size_is_another_picture() -> None:
+@pytest.mark.parametrize("buffers", [2, 3, REMEMBERED])
+def test_old_pictures_that_come_in_turn_are_no_change(
+    drive: Callable[[float], Picture], buffers: int
+) -> None:
     frozen = FreezeDetector()
-    frozen.seconds(a_picture(), 1.0, moving=True)
-    assert frozen.seconds(np.zeros((4, 8, 3), np.uint8), 9.0, moving=True) == 0.0
+    old = [luma(drive(metres)) for metres in range(buffers)]
+    counted = [frozen.seconds(old[number % buffers], 0.1 * number, moving=True) for number in range(60)]
+    assert counted[buffers - 1] == 0.0
+    assert counted[-1] == pytest.approx(0.1 * (60 - buffers))
 
 
 @pytest.mark.parametrize("quality", [95, 80, 60, 40])
@@ -95,7 +97,8 @@ def test_a_still_picture_with_a_clock_compressed_each_time_anew_is_the_same(
     for number in range(20):
         other = quality - 10 * (number % 2)
         now = 0.1 * number
-        counted = frozen.seconds(compressed(with_a_clock(still, 7.3 * number), other), now, moving=True)
+        seen = luma(compressed(with_a_clock(still, 7.3 * number), other))
+        counted = frozen.seconds(seen, now, moving=True)
         assert counted == pytest.approx(now)
 
 
@@ -103,7 +106,7 @@ def test_noise_on_a_still_picture_is_the_same_picture(drive: Callable[[float], P
     frozen, still = FreezeDetector(), drive(0.0)
     for number in range(10):
         now = 0.1 * number
-        assert frozen.seconds(with_noise(still, number), now, moving=True) == pytest.approx(now)
+        assert frozen.seconds(luma(with_noise(still, number)), now, moving=True) == pytest.approx(now)
 
 
 @pytest.mark.parametrize(("contrast", "haze"), [(1.0, 0.0), (0.15, 0.0), (0.2, 160.0)], ids=str)
@@ -128,10 +131,10 @@ def test_what_moves_in_a_corner_of_a_still_picture_is_no_motion_of_the_rover() -
     frozen, still = FreezeDetector(), np.full((480, 640, 3), 90, np.uint8)
     waving = still.copy()
     waving[:80, :400] = 200
-    frozen.seconds(still, 1.0, moving=True)
-    assert frozen.seconds(waving, 2.0, moving=True) == 1.0
+    frozen.seconds(luma(still), 1.0, moving=True)
+    assert frozen.seconds(luma(waving), 2.0, moving=True) == 1.0
     waving[:80, :480] = 200
-    assert frozen.seconds(waving, 3.0, moving=True) == 0.0
+    assert frozen.seconds(luma(waving), 3.0, moving=True) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -159,40 +162,6 @@ def test_without_a_vehicle_nothing_moves() -> None:
     assert not is_moving(None, drives_itself=ModeReport().drives_itself)
 
 
-class Clock:
-    """Monotonic time that passes when told to."""
-
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-def test_the_worker_says_so_after_t_and_until_the_picture_changes(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = Clock()
-    monkeypatch.setattr("companion.vision.worker.time.monotonic", clock)
-    perceiver = Painted()
-    memory = first_memory(perceiver.model_id, Preferences.parse("grass: 1; rock: -1"))
-    engine = AnyTraverse(perceiver, Settings(freshness=1.0), memory)
-    worker = Worker(engine, 1)
-    worker.handle(Situation(Place(), moving=True))
-
-    def look(seconds: float, scene: int = 0) -> FrameJudged:
-        clock.now += seconds
-        return worker.judge(Frame(1, clock.now, picture(scene=scene)))
-
-    def frozen(looked: FrameJudged) -> bool:
-        finding = looked.assessment.finding(Reason.FAULT)
-        return finding is not None and finding.figure == "camera frozen"
-
-    assert not any(frozen(look(0.25)) for _ in range(5))
-    assert frozen(look(0.25))
-    worker.handle(Situation(Place(), moving=False))
-    assert frozen(look(10.0)), "stopped for it, it is no better"
-    worker.handle(Situation(Place(), moving=True))
-    assert not frozen(look(0.25, scene=90))
-
-
 def freeze(rig: Rig, image: NDArray[np.uint8], seconds: float) -> None:
     """A camera that delivers `image` ten times a second, each as if just taken."""
     for _ in range(round(seconds / PERIOD)):
@@ -214,3 +183,17 @@ def test_a_vehicle_that_may_be_held_is_held_for_a_frozen_camera(make_rig: MakeRi
     assert rig.state == ("FAULT", 1)
     rig.see(1.0, scene=90)
     assert rig.state[0] != "FAULT"
+
+
+def test_a_vision_process_that_starts_anew_does_not_make_an_old_picture_new(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    same = picture()
+    freeze(rig, same, 2.0)
+    assert rig.state == ("FAULT", 1)
+    first = rig.child
+    first.death = "SIGSEGV"
+    freeze(rig, same, 8.0)
+    assert rig.child is not first
+    newest = rig.calls.reason_filter.newest
+    assert newest is not None
+    assert [one.figure for one in newest.bad] == ["camera frozen"]

@@ -119,19 +119,16 @@ def test_badly_exposed_pictures_are_a_fault_after_t_and_said_once(
     ]
 
 
-def test_a_covered_lens_is_told_as_that_and_not_as_a_frozen_camera(
-    stage: Stage, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_covered_lens_is_told_as_that(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr("companion.vision.worker.time", SimpleNamespace(monotonic=lambda: now))
     stage.engine.settings = replace(Settings(), freshness=1.0)
-    stage.worker.handle(Situation(Place(), moving=True))
     stage.worker.judge(Frame(1, now, picture()))
     for number in range(2, 16):
         now += 0.1
         looked = stage.worker.judge(Frame(number, now, np.zeros((120, 160, 3), np.uint8)))
     faults = [one.figure for one in looked.assessment.findings if one.reason is Reason.FAULT]
-    assert faults == ["picture black", "camera frozen"]
+    assert faults == ["picture black"]
 
 
 def test_an_answer_in_words_tells_the_change_of_the_memory(stage: Stage) -> None:
@@ -206,7 +203,7 @@ def test_it_judges_by_the_settings_that_it_was_told_last(stage: Stage) -> None:
     assert before is not None
     assert before.threshold == Settings().thresholds.roi
     calm = Thresholds(roi=1.0, tile=None)
-    stage.worker.handle(Tune(Settings(thresholds=calm)))
+    stage.worker.handle(Tune(1, Settings(thresholds=calm)))
     figures = [finding.figure for finding in stage.look("drum").assessment.bad]
     assert before.figure not in figures
 
@@ -231,7 +228,7 @@ def test_a_call_is_answered_with_its_frame_from_when_it_was_kept(stage: Stage) -
 def test_without_a_place_of_the_call_it_is_the_vehicles(stage: Stage) -> None:
     asked = stage.look("drum").assessment.frame.id
     stage.draw(asked, store=True)
-    stage.worker.handle(Situation(Place(1.0, 2.0), moving=False))
+    stage.worker.handle(Situation(Place(1.0, 2.0)))
     stage.ask(Changes({"drum": 1.0}), asked, call_id=3, go=True)
     entry = next(entry for entry in stage.engine.memory.history if entry.call_id == 3)
     assert entry.place == Place(1.0, 2.0)

@@ -37,8 +37,8 @@ from companion.vision.codec import (
     frame_of_size,
     made,
 )
-from companion.vision.memory_copy import update_from, updated
 from companion.vision.freeze_detector import luma
+from companion.vision.memory_copy import update_from, updated
 from companion.vision.messages import (
     Alive,
     Apply,

@@ -23,7 +23,7 @@ A hold of this script's that outlasts its cause is said every 10 s, until somebo
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
 
 Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 98304 or more;
-SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5500; reboot. The parameters ATS_* are
+SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5800; reboot. The parameters ATS_* are
 there when it runs, "Policy hold: loss of companion will be held" (or the like) is its first text, said again when
 the policy changes; without a companion it stays silent and harmless, unless ATS_NEED asks for one.
 Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The wheels stop.

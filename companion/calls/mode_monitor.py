@@ -107,6 +107,7 @@ class ModeMonitor:
         self._unknown_until = self._back_at = -math.inf
         self._rebooted = False
         self._heartbeat_at: float | None = None
+        self._heartbeat_mode: int | None = None
 
     def restore(self, mode: int | None) -> None:
         """Take the mode from before a restart. It counts only once the autopilot reports its mode again."""
@@ -123,6 +124,8 @@ class ModeMonitor:
             report = replace(report, reported_at=None)
         before, self.newest = self.newest, report
         self._watch_for_a_reboot(before)
+        if report.reported_at is None or report.reported_at != before.reported_at:
+            self._heartbeat_mode = report.mode
         same = (report.reported_at, report.mode, report.armed) == (
             before.reported_at,
             before.mode,
@@ -203,7 +206,8 @@ class ModeMonitor:
         if booted or (reset and heard):
             self._rebooted = True
             return
-        changed = report.mode != before.mode and not before.booting
+        # PX4 tells a new mode sooner than the heartbeat that tells whether the vehicle is armed.
+        changed = report.mode != self._heartbeat_mode and not before.booting
         if report.armed and (changed or not report.drives_itself):
             self._rebooted = False
 

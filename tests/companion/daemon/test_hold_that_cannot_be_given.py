@@ -104,10 +104,11 @@ def test_who_asked_for_hold_in_vain_is_told_once_when_it_fits(make_rig: MakeRig)
     assert rig.state == ("OK", 0), "in policy report that is no fault"
     rig.set("AT_POLICY", float(Policy.HOLD))
     rig.see(1.0)
-    told = [rig.told_policy]
+    told, fits = [rig.told_policy], "HOLD fits again: set AT_POLICY 2"
+    assert fits not in rig.texts
     rig.child.frame_s = 0.02
     rig.see(20.0)
-    assert rig.texts.count("HOLD fits again: set AT_POLICY 2") == 1
+    assert rig.texts.count(fits) == 1
     rig.set("AT_POLICY", float(Policy.HOLD))
     rig.see(1.0)
     assert [*told, rig.told_policy] == [Policy.REPORT, Policy.HOLD]

@@ -11,9 +11,11 @@ from random import Random
 from bench.cameras.__main__ import T as PICTURE_OLD
 from bench.cameras.__main__ import losses
 from bench.faults.row import CAMERA_BACK_WITHIN, HOLD_WITHIN, Outcome, Row, Work
-from bench.faults.stages import Produce, Seen, changed_by, follows, repeated, stops, wait_for_mode, watch
+from bench.faults.stages import Produce, repeated, stops
 from bench.stopping.faults import BLACK, CAMERA, SLOW, UNPLUGGED
-from bench.stopping.runs import Job
+from bench.stopping.humans import watch
+from bench.stopping.jobs import Job
+from bench.stopping.scenes import Seen, changed_by, follows, wait_for_mode
 from bench.stopping.stage import READY_WITHIN, Plan, Stage
 
 _NOTICED_WITHIN = PICTURE_OLD + 0.1

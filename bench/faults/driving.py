@@ -12,30 +12,27 @@ from random import Random
 from typing import Any
 
 from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Row
-from bench.faults.stages import (
-    SCRIPT_WITHIN,
-    SOON,
+from bench.faults.stages import SCRIPT_WITHIN, repeated, stops
+from bench.stopping.faults import SILENCE, UNHEARD
+from bench.stopping.humans import READ, SOON, watch
+from bench.stopping.jobs import Job
+from bench.stopping.runs import reversing
+from bench.stopping.scenes import (
+    ALWAYS_NEW,
+    NEVER_NEW,
     Seen,
     changed_by,
     drives,
     follows,
-    repeated,
-    stops,
     wait_for_mode,
-    watch,
     with_and_without_script,
 )
-from bench.stopping.faults import SILENCE, UNHEARD
-from bench.stopping.humans import READ
-from bench.stopping.runs import Job, reversing
 from bench.stopping.stage import READY_WITHIN, RETURN_WITHIN, Plan, Stage
 from companion.sim.demo.child import Child
 from companion.sim.field.rover import STANDSTILL
 from companion.wire.ids import State
 from companion.wire.parameters import THR_SCENE
 
-_ALWAYS_NEW, _NEVER_NEW = 1.0, -1.0
-"""Thresholds of the scene: every place is new, or none is."""
 _GAP = 4.0
 """s from a cut of the wire until the operator answers, and from then until it is whole again."""
 _WATCHED = 10.0
@@ -78,9 +75,9 @@ def _call_open(stage: Stage, random: Random) -> Seen:
     events = _Events(operator)
     drives(stage, random)
     stage.wire.deaf = True
-    stage.ground.set_parameter(THR_SCENE, _ALWAYS_NEW)
+    stage.ground.set_parameter(THR_SCENE, ALWAYS_NEW)
     _, call = events.wait(stage, "a call", lambda one: one["event"] == "call")
-    stage.ground.set_parameter(THR_SCENE, _NEVER_NEW)
+    stage.ground.set_parameter(THR_SCENE, NEVER_NEW)
     watch(stage, 0.3)  # until that has arrived
     with follows():
         stage.wire.mute = stage.wire.unheard = True

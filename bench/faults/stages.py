@@ -4,34 +4,22 @@ from __future__ import annotations
 
 import re
 import threading
-import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from random import Random
-from typing import NamedTuple
 
 from bench.faults.row import Outcome, Work
 from bench.stopping.faults import Fault
-from bench.stopping.runs import FAST, LATE, SLOW, TRIES, Job, faults
+from bench.stopping.jobs import LATE, TRIES, Job
+from bench.stopping.runs import faults
+from bench.stopping.scenes import Scene, Seen
 from bench.stopping.stage import Disturbed, Plan, Stage
 
 SCRIPT_WITHIN = 1.5 + 0.5
 """s from the last heartbeat that the script believed to its order: ATS_TIMEOUT and half a second."""
-SOON = 10.0
 
 Produce = Callable[[Work], Outcome]
-
-
-class Seen(NamedTuple):
-    """What one run showed, as in `Outcome`. wrong: "" for nothing."""
-
-    wrong: str = ""
-    hold_s: float | None = None
-    return_s: float | None = None
-    saw: str = ""
 
 
 def stops(named: Fault | Mapping[str, Fault], times: int, *, breakable: bool = False) -> Produce:
@@ -71,7 +59,7 @@ def repeated(
 
     def produce(work: Work) -> Outcome:
         jobs = (Job(seed, work.folder, threading.Event()) for seed in work.seeds(times))
-        return outcome([_played(job, plan, play) for job in jobs])
+        return outcome([_played(job, Scene(plan, play)) for job in jobs])
 
     return produce
 
@@ -89,58 +77,13 @@ def outcome(seen: Sequence[Seen], saw: str = "") -> Outcome:
     )
 
 
-class _Missing(Exception):  # noqa: N818 - it is caught here
-    """Raised when what must follow a fault did not."""
-
-
-def with_and_without_script(job: Job, random: Random) -> Plan:
-    """Plans a stage whose autopilot runs the script by turns."""
-    return replace(job.plan(random), script=job.seed % 2 == 0)
-
-
-def drives(stage: Stage, random: Random) -> None:
-    """Brings the rover to drive at a speed by chance, and lets it drive for up to a second."""
-    stage.set_speed(random.uniform(SLOW, FAST))
-    stage.wait_until_well()
-    stage.drive(random.uniform(0.0, 1.0))
-
-
-@contextmanager
-def follows() -> Iterator[None]:
-    """Makes a run wrong, not void, where something does not happen that is awaited in this block."""
+def _played(job: Job, scene: Scene, attempt: int = 0) -> Seen:
     try:
-        yield
-    except Disturbed as missing:
-        raise _Missing(str(missing)) from missing
-
-
-def wait_for_mode(stage: Stage, mode: str) -> None:
-    """Waits until the autopilot is in this mode."""
-    stage.wait(f"mode {mode}", lambda: bool(stage.status()["mode"] == mode), SOON)
-
-
-def changed_by(stage: Stage) -> str:
-    """Returns who changed the mode last."""
-    return str(stage.status()["mode_log"][-1]["by"])
-
-
-def watch(stage: Stage, seconds: float) -> None:
-    """Lets time pass while companion and field run."""
-    until = time.monotonic() + seconds
-    stage.wait("time", lambda: time.monotonic() >= until, seconds + SOON)
-
-
-def _played(job: Job, plan: Callable[[Job, Random], Plan], play: Callable[[Stage, Random], Seen]) -> Seen:
-    for attempt in range(TRIES):
-        random = job.random(attempt)
-        try:
-            with job.stage(plan(job, random)) as stage:
-                return play(stage, random)
-        except Disturbed as why:
-            said = str(why)
-        except _Missing as missing:
-            return Seen(str(missing))
-    return Seen(said)
+        return scene.seen(job, job.random(attempt))
+    except Disturbed as why:
+        if attempt + 1 == TRIES:
+            return Seen(str(why))
+    return _played(job, scene, attempt + 1)
 
 
 def _faults_told(folder: Path) -> list[str]:

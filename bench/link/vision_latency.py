@@ -63,6 +63,9 @@ class Stamped:
     def idle(self) -> bool:
         return self._udp.idle()
 
+    def note_revocable(self) -> None:
+        self._udp.note_revocable()
+
     def settled(self) -> bool:
         return self._udp.settled()
 

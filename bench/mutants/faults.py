@@ -15,8 +15,11 @@ ROOT = Path(__file__).resolve().parents[2]
 _ALGORITHM = ("tests/anytraverse",)
 _CALLS = ("tests/companion/calls",)
 _DAEMON = ("tests/companion/daemon",)
+_HOLD_GIVEN = ("tests/companion/daemon/test_hold_that_cannot_be_given.py", *_DAEMON)
 _VISION = ("tests/companion/vision",)
 _LINK = ("tests/companion/link",)
+_STREAMS = tuple(f"tests/companion/link/test_{name}.py" for name in ("streams", "stuck_devices"))
+_MODES = tuple(f"tests/companion/link/test_{name}.py" for name in ("mode_commands", "vehicle"))
 SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "anytraverse/findings.py": _ALGORITHM,
     "anytraverse/judging.py": _ALGORITHM,
@@ -25,6 +28,8 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/calls/acceptance.py": _CALLS,
     "companion/calls/answer_rules.py": _CALLS,
     "companion/calls/call_rules.py": _CALLS,
+    "companion/calls/faults.py": ("tests/companion/calls/test_a_fault_is_driven_over.py",),
+    "companion/calls/held_mission.py": ("tests/companion/calls/test_a_completed_mission.py",),
     "companion/calls/hold.py": _CALLS,
     "companion/calls/hold_rules.py": _CALLS,
     "companion/calls/machine.py": _CALLS,
@@ -33,10 +38,11 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/calls/reason_filter.py": _CALLS,
     "companion/calls/snapshot.py": (*_CALLS, *_DAEMON),
     "companion/calls/tracking.py": _CALLS,
-    "companion/policy/service.py": _DAEMON,
-    "companion/policy/hold_gate.py": _DAEMON,
+    "companion/policy/service.py": _HOLD_GIVEN,
+    "companion/policy/hold_gate.py": _HOLD_GIVEN,
     "companion/config/stopping.py": ("tests/companion/preflight", *_DAEMON),
     "companion/vehicle/brakes.py": ("tests/companion/preflight", *_DAEMON),
+    "companion/vehicle/course.py": ("tests/companion/vehicle",),
     "companion/daemon/executor.py": _DAEMON,
     "companion/daemon/health.py": _DAEMON,
     "companion/daemon/persistence.py": _DAEMON,
@@ -46,11 +52,15 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/answers/outcome.py": (*_CALLS, *_DAEMON),
     "companion/vision/checks.py": _VISION,
     "companion/vision/client.py": _VISION,
+    "companion/vision/measured_pace.py": ("tests/companion/vision/test_measured_pace.py",),
     "companion/system/watchdog.py": _VISION,
     "companion/vision/freeze_detector.py": (*_DAEMON, *_VISION),
     "companion/link/vehicle.py": _LINK,
     "companion/link/vehicle_commands.py": _LINK,
     "companion/link/access_control.py": _LINK,
+    "companion/link/mode_commands.py": _MODES,
+    "companion/link/dead_man.py": ("tests/companion/link/test_dead_man.py",),
+    "companion/link/streams.py": _STREAMS,
 }
 """File -> the tests that must notice a fault in it, the likeliest first."""
 
@@ -87,9 +97,9 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Mutant:
-    """One fault. function: qualified name. nth: of the places of this kind in it, from 0.
+    """One fault. function: qualified name. line: the source there, or a part of it.
 
-    line: the source there when it was chosen, for people. It holds while that function keeps its shape.
+    nth: of the places of this kind in such lines of the function, from 0.
     """
 
     file: str
@@ -104,11 +114,13 @@ class Mutant:
 
     def source(self) -> str:
         """The file with the fault. Raises LookupError where the function or the place is gone."""
-        tree = ast.parse((ROOT / self.file).read_text())
+        source = (ROOT / self.file).read_text()
+        lines, tree = source.splitlines(), ast.parse(source)
         functions = dict(_functions(tree))
         if self.function not in functions:
             raise LookupError(f"{self.file} has no function {self.function} any more")
-        places = [node for node in _own_nodes(functions[self.function]) if _fits(node, self.kind)]
+        found = _places(functions[self.function], self.kind)
+        places = [node for node in found if self.line in lines[node.lineno - 1]]
         if self.nth >= len(places):
             raise LookupError(f"{self.file}: {self.function} has no {self.kind} {self.nth} any more")
         _break(places[self.nth], self.kind)
@@ -132,9 +144,11 @@ def _mutants(file: str) -> Iterator[Mutant]:
     lines = source.splitlines()
     for name, function in _functions(ast.parse(source)):
         for kind in KINDS:
-            places = [node for node in _own_nodes(function) if _fits(node, kind)]
-            for nth, node in enumerate(places):
-                yield Mutant(file, name, kind, nth, lines[node.lineno - 1].strip())  # type: ignore[attr-defined]
+            earlier: list[str] = []
+            for node in _places(function, kind):
+                line = lines[node.lineno - 1].strip()
+                yield Mutant(file, name, kind, sum(line in one for one in earlier), line)
+                earlier.append(line)
 
 
 def _functions(tree: ast.AST, before: str = "") -> Iterator[tuple[str, ast.FunctionDef]]:
@@ -143,6 +157,12 @@ def _functions(tree: ast.AST, before: str = "") -> Iterator[tuple[str, ast.Funct
             yield before + node.name, node
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             yield from _functions(node, f"{before}{node.name}.")
+
+
+def _places(function: ast.FunctionDef, kind: str) -> list[ast.stmt | ast.expr]:
+    """Where a fault of this kind can be made in it."""
+    nodes = (node for node in _own_nodes(function) if isinstance(node, ast.stmt | ast.expr))
+    return [node for node in nodes if _fits(node, kind)]
 
 
 def _own_nodes(function: ast.FunctionDef) -> Iterator[ast.AST]:

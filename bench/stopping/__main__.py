@@ -18,7 +18,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from bench.stopping.figures import figures, good, line
-from bench.stopping.runs import GROUPS, Job, Run
+from bench.stopping.jobs import Job, Run
+from bench.stopping.runs import GROUPS
 
 
 def main() -> int:

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from bench.bounds import told as told_bound
-from bench.stopping.runs import Run
+from bench.stopping.jobs import Run
+from bench.stopping.scenes import SCENES
 
-NEVER_STOPS = ("report",)
+NEVER_STOPS = ("report", *SCENES)
+"""Kinds without a stop to be measured."""
 SILENCED = ("sigstop", "kill_9")
 """Kinds in which the companion itself is stopped, so that its heartbeat says nothing."""
 
@@ -25,6 +27,7 @@ def line(run: Run) -> str:
         )
         told += f"  ordered after {stop.hold:.2f} s" if stop.hold is not None else ""
         told += f"  well after {stop.returned:.2f} s" if stop.returned is not None else ""
+    told += f"  {run.saw}" if run.saw else ""
     if run.disturbed:
         told += f"  (begun anew {run.disturbed} x)"
     return told + (f"  WRONG: {run.wrong}" if run.wrong else "")
@@ -58,6 +61,8 @@ def _of_kind(runs: Sequence[Run], kind: str) -> dict[str, Any]:
     counted = {"runs": len(own), "wrong": wrong, "fails_in": told_bound(len(own), wrong)}
     disturbed = sum(run.disturbed for run in own)
     told = {**counted, "begun_anew": disturbed} if disturbed else counted
+    saw = Counter(run.saw for run in own if run.saw)
+    told |= {"saw": dict(saw)} if saw else {}
     stops = [run.stop for run in own if run.stop is not None]
     returns = [stop.returned for stop in stops if stop.returned is not None]
     back = {"returns": len(returns), "worst_return": _most(returns)} if returns else {}

@@ -28,7 +28,7 @@ def _requested(stage: Stage, random: Random) -> str:
     stage.wire.deaf = True
     stage.freeze_camera(on=True)
     stage.wait("a hold that is asked for", lambda: bool(stage.wire.commands), SOON)
-    _pass(stage, random.uniform(0.0, 4.0))
+    watch(stage, random.uniform(0.0, 4.0))
     return random.choice(["MANUAL", "RTL"])
 
 
@@ -36,7 +36,7 @@ def _standing(stage: Stage, random: Random) -> str:
     """Brings the companion to hold: it sees again, but no go was given."""
     stage.freeze_camera(on=True)
     stage.wait("a hold", lambda: _mode(stage) == "HOLD", SOON)
-    _pass(stage, random.uniform(0.0, 2.0))
+    watch(stage, random.uniform(0.0, 2.0))
     stage.freeze_camera(on=False)
     stage.wait_until_well()
     return random.choice(["MANUAL", "AUTO", "GUIDED", "RTL"])
@@ -45,19 +45,19 @@ def _standing(stage: Stage, random: Random) -> str:
 def _resuming(stage: Stage, random: Random) -> str:
     """Brings the companion, after a go, to command AUTO, which the autopilot does not receive."""
     _standing(stage, random)
-    _pass(stage, READ)
+    watch(stage, READ)
     stage.wire.deaf = True
     asked = len(stage.wire.commands)
     stage.ground.go(int(stage.read_status()["current_id"]))
     stage.wait("the way back", lambda: len(stage.wire.commands) > asked, SOON)
-    _pass(stage, random.uniform(0.0, 1.5))
+    watch(stage, random.uniform(0.0, 1.5))
     return random.choice(["MANUAL", "RTL"])
 
 
 def _asleep(stage: Stage, random: Random) -> str:
     """Stops the companion's process; when it wakes, the first frames that it reads are old."""
     stage.daemon.process.send_signal(signal.SIGSTOP)
-    _pass(stage, random.uniform(1.5, 4.0))
+    watch(stage, random.uniform(1.5, 4.0))
     return random.choice(["MANUAL", "RTL"])
 
 
@@ -76,20 +76,21 @@ def take_over(stage: Stage, state: str, random: Random) -> str:
         raise Disturbed("it did not stand")
     stage.control.mode(mode)
     if state == "asleep":
-        _pass(stage, random.uniform(0.5, 1.5))
+        watch(stage, random.uniform(0.5, 1.5))
         asked = len(stage.wire.commands)
         stage.daemon.process.send_signal(signal.SIGCONT)
     else:
-        _pass(stage, IN_FLIGHT)
+        watch(stage, IN_FLIGHT)
         asked = len(stage.wire.commands)
     stage.wire.deaf = False
-    _pass(stage, WATCHED)
+    watch(stage, WATCHED)
     wrong = stage.wire.commands[asked:]
     if wrong or _mode(stage) != mode:
         return f"{state}, {mode} by hand: {', '.join(wrong) or _mode(stage)}"
     return ""
 
 
-def _pass(stage: Stage, seconds: float) -> None:
+def watch(stage: Stage, seconds: float) -> None:
+    """Lets time pass while companion and field run."""
     until = time.monotonic() + seconds
     stage.wait("time", lambda: time.monotonic() >= until, seconds + SOON)

@@ -2,76 +2,28 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from random import Random
 
 from bench.stopping.disturbances import PRESSURES, Pressure
 from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, Fault
 from bench.stopping.humans import STATES, take_over
+from bench.stopping.jobs import FAST, SLOW, TRIES, Job, Run, retried, verdict
 from bench.stopping.limits import Limit, script_timeout
+from bench.stopping.scenes import SCENES, Scene
 from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage
 from bench.stopping.stops import Stop, stopped
-from companion.sim.demo.main import SPEED
 from companion.sim.field.rover import STANDSTILL
-from companion.sim.field.trail import Trail
 from companion.wire.ids import Policy, State
 
-SLOW, FAST = 0.6, SPEED
 RUSH = 5.0
 """m/s of the rover in policy report, in which nothing may hold it."""
 LAP_WITHIN = 60.0
 HEALTHY = 4.0
 """Seconds of a disturbance in which nobody may hold the rover."""
-TRIES = 3
-LATE = "too late"
-"""The rover stands, but took longer or went farther than its limit."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """One run. wrong: what went wrong, "" for nothing, LATE if that is all. stop: if one was due.
-
-    commanded: orders in report policy. disturbed: how often the run was started again because the rover was
-    not driving when it should have been.
-    """
-
-    kind: str
-    seed: int
-    wrong: str = ""
-    stop: Stop | None = None
-    commanded: int = 0
-    disturbed: int = 0
-
-
-@dataclass
-class Job:
-    """A seed, the folder for its files, and how to cancel."""
-
-    seed: int
-    out: Path
-    cancelled: threading.Event
-
-    def __post_init__(self) -> None:
-        self.trail = Trail(self.seed)
-        self._stages = 0
-
-    def random(self, *what: object) -> Random:
-        """Makes a random generator: the same for the same seed and purpose."""
-        return Random(f"{self.seed} {what}")
-
-    def plan(self, random: Random) -> Plan:
-        """Makes a plan: a place on the trail, and a speed below the fastest."""
-        return Plan(self.seed, random.uniform(0.0, self.trail.length), FAST)
-
-    def stage(self, plan: Plan, out: Path | None = None) -> Stage:
-        """Makes a new stage, in a folder of its own."""
-        self._stages += 1
-        return Stage(out or self.out / f"{self.seed}-{self._stages}", plan, self.cancelled)
 
 
 def blind(job: Job) -> Iterator[Run]:
@@ -101,7 +53,7 @@ def faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: b
                 while kinds:
                     stop = one_fault(stage, named[kinds[0]], random)
                     kind = kinds.pop(0)
-                    yield Run(kind, job.seed, _verdict(stop), stop, 0, disturbed)
+                    yield Run(kind, job.seed, verdict(stop), stop, 0, disturbed)
                     disturbed = 0
                     if named[kind].alone or (kinds and named[kinds[0]].alone):
                         break
@@ -132,9 +84,9 @@ def backwards(job: Job) -> Iterator[Run]:
     def run(random: Random) -> Run:
         with job.stage(job.plan(random)) as stage:
             stop = reversing(stage, random)
-            return Run("reversing", job.seed, _verdict(stop), stop)
+            return Run("reversing", job.seed, verdict(stop), stop)
 
-    yield _retried(job, "reversing", run)
+    yield retried(job, "reversing", run)
 
 
 def reversing(stage: Stage, random: Random) -> Stop:
@@ -148,7 +100,7 @@ def reversing(stage: Stage, random: Random) -> Stop:
 def pressed(job: Job) -> Iterator[Run]:
     """Disturbs a healthy companion, which must drive on until its camera fails."""
     for kind, pressure in PRESSURES.items():
-        yield _retried(job, kind, partial(_pressed, job, kind, pressure))
+        yield retried(job, kind, partial(_pressed, job, kind, pressure))
 
 
 def _pressed(job: Job, kind: str, pressure: Pressure, random: Random) -> Run:
@@ -168,7 +120,7 @@ def _pressed(job: Job, kind: str, pressure: Pressure, random: Random) -> Run:
                 return Run(kind, job.seed, f"held for {reasons or 'nothing said'}: {change}")
             stop = stage.measure(lambda: stage.freeze_camera(on=True))
             stop = replace(stop, gap=stage.wire.longest_gap(begun, time.monotonic()))
-        return Run(kind, job.seed, _verdict(stop), stop)
+        return Run(kind, job.seed, verdict(stop), stop)
 
 
 def human(job: Job) -> Iterator[Run]:
@@ -187,9 +139,20 @@ def human(job: Job) -> Iterator[Run]:
             stage.wait_until_well()
             stage.drive()
             stop = stage.measure(lambda: stage.freeze_camera(on=True))
-            return Run("human", job.seed, _verdict(stop), stop)
+            return Run("human", job.seed, verdict(stop), stop)
 
-    yield _retried(job, "human", run)
+    yield retried(job, "human", run)
+
+
+def by_hand(job: Job) -> Iterator[Run]:
+    """Plays the scenes in which a human acts round a hold, each on a stage of its own."""
+    for kind, scene in SCENES.items():
+        yield retried(job, kind, partial(_played, job, kind, scene))
+
+
+def _played(job: Job, kind: str, scene: Scene, random: Random) -> Run:
+    seen = scene.seen(job, random)
+    return Run(kind, job.seed, seen.wrong, saw=seen.saw)
 
 
 def alien(job: Job) -> Iterator[Run]:
@@ -207,7 +170,7 @@ def alien(job: Job) -> Iterator[Run]:
             stage.wait("a companion that sees", lambda: stage.read_status().get("frames", {}) != {}, 60.0)
             return _asks(job, stage)
 
-    yield _retried(job, "alien_place", run)
+    yield retried(job, "alien_place", run)
 
 
 def _asks(job: Job, stage: Stage) -> Run:
@@ -222,7 +185,7 @@ def _asks(job: Job, stage: Stage) -> Run:
             break
         time.sleep(LOOK)
     stop = stopped(before, after, limit)
-    return Run("alien_place", job.seed, _verdict(stop) if asks else f"no call in the {after['zone']}", stop)
+    return Run("alien_place", job.seed, verdict(stop) if asks else f"no call in the {after['zone']}", stop)
 
 
 def report(job: Job) -> Iterator[Run]:
@@ -250,7 +213,7 @@ def report(job: Job) -> Iterator[Run]:
             wrong = wrong or untested(stage.wire.reported)
             return Run("report", job.seed, wrong, None, commanded)
 
-    yield _retried(job, "report", run)
+    yield retried(job, "report", run)
 
 
 def untested(told: set[tuple[State, Policy]]) -> str:
@@ -265,19 +228,6 @@ def _drive_to(stage: Stage, distance: float) -> None:
     stage.wait(f"{distance:.0f} m driven", lambda: stage.status()["distance"] >= distance, LAP_WITHIN)
 
 
-def _retried(job: Job, kind: str, run: Callable[[Random], Run], disturbed: int = 0) -> Run:
-    try:
-        return replace(run(job.random(kind, disturbed)), disturbed=disturbed)
-    except Disturbed as why:
-        if disturbed + 1 == TRIES:
-            return Run(kind, job.seed, str(why), disturbed=TRIES)
-    return _retried(job, kind, run, disturbed + 1)
-
-
-def _verdict(stop: Stop) -> str:
-    return "not stopped" if not stop.stands else "" if stop.stopped else LATE
-
-
 GROUPS: Mapping[str, Callable[[Job], Iterator[Run]]] = {
     "blind": blind,
     "dead": dead,
@@ -285,6 +235,7 @@ GROUPS: Mapping[str, Callable[[Job], Iterator[Run]]] = {
     "backwards": backwards,
     "pressed": pressed,
     "human": human,
+    "by_hand": by_hand,
     "alien": alien,
     "report": report,
 }

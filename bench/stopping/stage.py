@@ -19,6 +19,7 @@ from bench.stopping import perceivers
 from bench.stopping.camera_relay import CameraRelay
 from bench.stopping.ground import Ground
 from bench.stopping.limits import Limit, script_timeout
+from bench.stopping.serial_device import SerialDevice
 from bench.stopping.slow_disk import SlowDisk
 from bench.stopping.stops import Stop, stopped
 from bench.stopping.wire import Wire
@@ -73,7 +74,7 @@ class Plan:
     whether the camera is there when the companion starts. autopilot: ardupilot or px4, which has no script.
     mission: m of the trail after which the mission is complete; None: it goes round.
     deadman: the companion streams sticks, the autopilot holds when they end, and no transmitter is on.
-    delay: s that the wire takes, each way.
+    delay: s that the wire takes, each way. serial: the companion's end of it is a serial device.
     """
 
     seed: int
@@ -91,6 +92,7 @@ class Plan:
     mission: float | None = None
     deadman: bool = False
     delay: float = 0.0
+    serial: bool = False
 
 
 class Stage:
@@ -128,13 +130,18 @@ class Stage:
         self.hand = self._closing.enter_context(FieldControl(host, int(port)))
         port = ports["companion"].rpartition(":")[2]
         self.wire = self._closing.enter_context(
-            closing(Wire(int(port), calls=plan.listens, delay=plan.delay))
+            closing(Wire(int(port), calls=plan.listens or plan.serial, delay=plan.delay))
         )
+        url, self.serial = self.wire.url, None
+        if plan.serial:
+            port = url.rpartition(":")[2]
+            self.serial = self._closing.enter_context(closing(SerialDevice(int(port))))
+            url = self.serial.url
         self.disk = SlowDisk(self.out) if plan.slow_disk else None
         self.camera = self._closing.enter_context(closing(CameraRelay(ports["frames"], plugged=plan.plugged)))
         self.gcs = ports["gcs"]
         self.ground = self._closing.enter_context(closing(Ground(self.gcs)))
-        self.config = self._write_config(self.camera.source, self.wire.url)
+        self.config = self._write_config(self.camera.source, url)
         if plan.deadman:
             self.control.ask("transmitter", on=False)
             for name, value in GUARDED.items():
@@ -189,11 +196,14 @@ class Stage:
             return dict(json.loads((self.out / "state" / "status.json").read_text(encoding="utf-8")))
         return {}
 
+    @property
+    def log(self) -> str:
+        """What the companions of this stage logged."""
+        return (self.out / "daemon.log").read_text(encoding="utf-8", errors="replace")
+
     def held_for(self) -> str:
         """The reasons of the companion's first hold, as its log says them; "" where it held nothing."""
-        found = re.search(
-            r"hold \d+: ([a-z_, ]+)$", (self.out / "daemon.log").read_text(encoding="utf-8"), re.M
-        )
+        found = re.search(r"hold \d+: ([a-z_, ]+)$", self.log, re.M)
         return found[1] if found else ""
 
     def wait(self, what: str, fits: Callable[[], bool], limit: float) -> None:
@@ -279,7 +289,7 @@ class Stage:
         stop = self.measure(lambda: None)
         if not stop.stands:
             return stop
-        if "fault: drives backwards" not in (self.out / "daemon.log").read_text(encoding="utf-8"):
+        if "fault: drives backwards" not in self.log:
             raise Disturbed("it was held for something else")
         self.wait("the id of its hold", lambda: bool(self.read_status().get("current_id")), READY_WITHIN)
         self.ground.reverse(on=False)

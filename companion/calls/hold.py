@@ -56,6 +56,7 @@ class Hold:
     resumed_at: when the resume was commanded that may still be under way, None without one.
     resume_taken: the autopilot has acknowledged that resume.
     held_at: when the autopilot acknowledged the newest command to hold, None before.
+    by_hand: its script has set nothing, since a human has set the mode that stands: this hold's, or another.
     rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
     seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
     confirmed_at: when the autopilot first confirmed it, None before.
@@ -75,6 +76,7 @@ class Hold:
     resumed_at: float | None = None
     resume_taken: bool = False
     held_at: float | None = None
+    by_hand: bool = False
     rebooted: bool = False
     seen: Assessment | None = None
     confirmed_at: float | None = None
@@ -110,12 +112,12 @@ class Hold:
     def cancel_resume(self) -> None:
         """Hold again while a resume is under way: the autopilot may already have changed back."""
         self.enter(HoldState.REQUESTED)
-        self.held_at = None
+        self.held_at, self.by_hand = None, False
 
     def request_again(self) -> None:
         """Request the hold again after the autopilot rebooted. From now on it needs a go to end."""
         self.enter(HoldState.REQUESTED)
-        self.rebooted, self.only_fault = True, False
+        self.rebooted, self.only_fault, self.by_hand = True, False, False
         self.interrupted = self.interrupted.rebooted()
         self.resumed_at = self.held_at = self.confirmed_at = None
 
@@ -167,8 +169,9 @@ class Hold:
 
     def answered(self, answer: ModeAnswer, now: float) -> HoldEvent | None:
         """Take in the answer to a mode command, and return what that means for the hold."""
-        if answer.by_hand and self.state is HoldState.RESUMING:
+        if answer.by_hand and self.standing:
             return HoldEvent.TAKEN_OVER
+        self.by_hand = answer.by_hand  # which mode that is, the next report shows
         if answer.accepted and answer.mode == self.mode and self.state is HoldState.REQUESTED:
             # Commands are carried out in order, so no resume is under way behind this one.
             self.held_at, self.resumed_at = now, None
@@ -185,6 +188,8 @@ class Hold:
         if report.mode == self.mode:
             if self.state is HoldState.REQUESTED and self._from_before_cancel(report):
                 return None
+            if self.by_hand:
+                return HoldEvent.TAKEN_OVER
             self.confirmed_at = now if self.confirmed_at is None else self.confirmed_at
             if self.state is not HoldState.REQUESTED:
                 return None

@@ -289,6 +289,8 @@ class HoldController:
         report = self._monitor.newest
         if not report.armed or not self._monitor.known(now) or self._monitor.heartbeat_lost(now):
             return False
+        if not report.takes_resume:
+            return False
         if self._reason_filter.ok_run < self._numbers.ok_frames:
             return False
         if report.mode not in (hold.mode, hold.mode_before):
@@ -311,7 +313,9 @@ class HoldController:
     def _go_expired(self, go_at: float, now: float) -> bool:
         """Whether a go has expired.
 
-        It waits `go_lasts` for a clear view, and does not wait for arming or for a lost autopilot.
+        It waits `go_lasts` for a clear view, and does not wait for arming or for a lost autopilot, nor for a
+        link that sends no resume.
         """
         too_old = self._reason_filter.not_ok_at - go_at > self._numbers.go_lasts
-        return too_old or not self._monitor.newest.armed or not self._monitor.known(now)
+        report = self._monitor.newest
+        return too_old or not (report.armed and report.takes_resume and self._monitor.known(now))

@@ -16,10 +16,11 @@ class ModeReport:
     """What the autopilot reported.
 
     mode: custom_mode, None before the first heartbeat. travelled: metres driven, None where not known.
-    reported_at: when the mode was last reported; None: what was reported counts no more.
+    reported_at: when the newest HEARTBEAT came, monotonic s; None: what was reported counts no more.
     autopilot: its table, None for a kind that is never commanded.
     round_trip: seconds from a command to its acknowledgement.
     compares: its script compares the mode before it sets one, and so overrides no human.
+    takes_resume: a resume would be sent to it now.
     reboots: how often it rebooted, as far as its clock shows it.
     mission: its newest report, None before the first. stands: the vehicle is known to stand.
     """
@@ -31,6 +32,7 @@ class ModeReport:
     autopilot: Autopilot | None = None
     round_trip: float = 0.0
     compares: bool = False
+    takes_resume: bool = False
     reboots: int = 0
     mission: Mission | None = None
     stands: bool = False
@@ -105,6 +107,7 @@ class ModeMonitor:
         self._unknown_until = self._back_at = -math.inf
         self._rebooted = False
         self._heartbeat_at: float | None = None
+        self._heartbeat_mode: int | None = None
 
     def restore(self, mode: int | None) -> None:
         """Take the mode from before a restart. It counts only once the autopilot reports its mode again."""
@@ -113,7 +116,7 @@ class ModeMonitor:
     def reported(self, report: ModeReport) -> ModeReport | None:
         """Take in a report. Returns the report before it, None where this one tells nothing new of the mode.
 
-        One with the `reported_at` of the report before has a new position, and no new mode.
+        One with the mode, arming and `reported_at` of the report before has a new position at most.
         """
         self._take_heartbeat(report.reported_at)
         # Sent before the companion hung, and read only after it: the mode may have changed since.
@@ -121,6 +124,8 @@ class ModeMonitor:
             report = replace(report, reported_at=None)
         before, self.newest = self.newest, report
         self._watch_for_a_reboot(before)
+        if report.reported_at is None or report.reported_at != before.reported_at:
+            self._heartbeat_mode = report.mode
         same = (report.reported_at, report.mode, report.armed) == (
             before.reported_at,
             before.mode,
@@ -201,7 +206,8 @@ class ModeMonitor:
         if booted or (reset and heard):
             self._rebooted = True
             return
-        changed = report.mode != before.mode and not before.booting
+        # PX4 tells a new mode sooner than the heartbeat that tells whether the vehicle is armed.
+        changed = report.mode != self._heartbeat_mode and not before.booting
         if report.armed and (changed or not report.drives_itself):
             self._rebooted = False
 

@@ -291,6 +291,7 @@ class Daemon:
             autopilot,
             modes.round_trip,
             modes.compares,
+            modes.takes_resume,
             vehicle.reboots,
             vehicle.mission,
             stands(vehicle, now),

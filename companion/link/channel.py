@@ -168,6 +168,10 @@ class Channel:
         self.sender.drop_all_but(STOPPING)
         return new
 
+    def takes(self, name: str) -> bool:
+        """Whether messages of row `name` are sent: in an id conflict only those that stop the vehicle."""
+        return not self.id_conflict or name in STOPPING
+
     def push(
         self,
         name: str,
@@ -178,8 +182,8 @@ class Channel:
         lifetime: float = LIFETIME,
         to: tuple[int, int] | None = None,
     ) -> None:
-        """Queue a message; while another component uses our ids, only one that stops the vehicle."""
-        if not self.id_conflict or name in STOPPING:
+        """Queue a message of a row that it `takes`."""
+        if self.takes(name):
             self.sender.push(name, message, now, key=key, lifetime=lifetime, to=to)
 
     def send_now(self, name: str, now: float) -> None:

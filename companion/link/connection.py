@@ -92,8 +92,10 @@ class Connection:
         except OSError as error:
             self._handle_error(error, now)
             return False
+        if taken and revocable:
+            self._transport.note_revocable()
+            self._revocable_at = now
         if taken:
-            self._revocable_at = now if revocable else self._revocable_at
             self._line_free_at = max(self._line_free_at, now) + len(frame) / self._transport.rate
         # A device takes some bytes even when nobody reads them: a write alone counts only after a while.
         if taken and now - self._opened_at >= (2 * STUCK_AFTER if self._stuck else LAST_RETRY):
@@ -109,7 +111,7 @@ class Connection:
         return now + ROOM >= self._line_free_at and self._asked(lambda transport: transport.has_room(), now)
 
     def recall(self) -> None:
-        """Drop a revocable frame that has not left yet, with all that waits before and behind it."""
+        """Drop a revocable frame that may not have left yet, with all that waits before and behind it."""
         if self._transport is None or self._revocable_at is None:
             return
         self._revocable_at = None

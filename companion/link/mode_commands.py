@@ -7,7 +7,6 @@ the mode whatever it was.
 from __future__ import annotations
 
 import logging
-import math
 import random
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -42,6 +41,7 @@ _MAX_UNANSWERED = 8
 _SERIALS = 1 << 24
 """Serial numbers of requests: a parameter of a command is a float, which holds whole numbers up to here."""
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
+_CHANGED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 
@@ -56,10 +56,10 @@ class _Script(Enum):
 
 @dataclass
 class _Sent:
-    """A command that waits for its answer. mode: None for the question whether the script is there.
+    """A command that waits for its answer. mode: None where that tells nothing but that the script is there.
 
     serial: of a request to the script, 0 for DO_SET_MODE, whose answer names none. hold: id of the hold.
-    row: of the message table. left: it was sent, and waits for its answer since `at`.
+    row, message: of the message table. left: it was sent, and waits for its answer since `at`.
     """
 
     mode: int | None
@@ -67,6 +67,7 @@ class _Sent:
     at: float
     hold: int = 0
     row: str = ""
+    message: Any = None
     left: bool = False
 
 
@@ -88,7 +89,8 @@ class ModeCommands:
         self._returns = 0
         self._asked_at: float | None = None
         self._unanswered: list[_Sent] = []
-        self._ticked_at = -math.inf
+        self._newest_hold = 0
+        """The id of the hold that was commanded or ended last."""
         self._hold: _Sent | None = None
         """The hold that goes as DO_SET_MODE unless the script answers it. at: of its first request."""
         self._script_takes = 0.0
@@ -102,6 +104,17 @@ class ModeCommands:
         return self._script is _Script.HEARD
 
     @property
+    def takes_resume(self) -> bool:
+        """Whether a resume is sent.
+
+        Not before it is known whether the script is there, nor while another component uses our ids.
+        """
+        vehicle, autopilot = self._known()
+        if vehicle is None or autopilot is None or (autopilot.scripted and self._script is _Script.UNKNOWN):
+            return False
+        return self._outbox.takes("resume", (vehicle.system_id, AUTOPILOT_COMPONENT_ID))
+
+    @property
     def resume_waits(self) -> bool:
         """Whether a resume waits to be sent."""
         return self._outbox.waits("resume")
@@ -110,22 +123,23 @@ class ModeCommands:
         """Command a mode, before all other messages; it is dropped when it cannot be sent within 1 s.
 
         expected: the mode that this was decided on, None to set `mode` whatever stands. hold: id of the hold.
-        While another component uses our ids, only modes that hold the vehicle are sent. A resume is not sent
-        before it is known whether the script is there. Without a known autopilot the command is counted as
-        rejected.
+        A resume is only sent where `takes_resume` says so, and never past a script that was heard. Without a
+        known autopilot the command is counted as rejected.
         """
         vehicle, autopilot = self._known()
         if vehicle is None or autopilot is None:
             self._access.rejected["no autopilot for modes"] += 1
             return
-        before = self._hold
+        before, self._newest_hold = self._hold, hold
         self.cancel()
         resumes = mode in autopilot.holdable
+        if resumes and not self.takes_resume:
+            return
         if self.compares and expected is not None:
             sent = self._request(vehicle, "resume" if resumes else "hold", mode, expected, hold, now)
             again = before is not None and (before.mode, before.hold) == (mode, hold)
             self._hold = None if resumes else replace(sent, at=before.at) if before and again else sent
-        elif not resumes or self._script is _Script.ABSENT or not autopilot.scripted:
+        elif not (resumes and self.compares):
             self._set_mode(vehicle, autopilot, mode, hold, now)
 
     def send_hold_now(self, now: float) -> None:
@@ -135,14 +149,13 @@ class ModeCommands:
     def cancel(self) -> None:
         """Drop a mode command that waits, and expect no answer to it."""
         self._hold = None
-        self._note_sent(self._ticked_at)
-        self._unanswered = [sent for sent in self._unanswered if sent.left or sent.row == "script"]
         self._outbox.forget("hold")
         self._outbox.forget("resume")
+        self._note_sent()
 
     def tick(self, now: float) -> None:
         """Ask whether the script is there, and send a hold that it has not answered as DO_SET_MODE."""
-        self._note_sent(now)
+        self._note_sent()
         vehicle, autopilot = self._known()
         if vehicle is None or autopilot is None:
             return
@@ -150,8 +163,12 @@ class ModeCommands:
             self._returns, self._script, self._asked_at = self._tracker.returns, _Script.UNKNOWN, None
         hold = self._hold
         if hold is not None and hold.mode is not None and now - hold.at >= self._patience:
+            mode = hold.mode
             self.cancel()
-            self._set_mode(vehicle, autopilot, hold.mode, hold.hold, now)
+            for request in self._unanswered:
+                if request.row == "hold" and request.serial:
+                    request.mode = None  # the script may answer that the HOLD which it finds is not its own
+            self._set_mode(vehicle, autopilot, mode, hold.hold, now)
             self.send_hold_now(now)
         period = (MESSAGES["script"].period or 0.0) if self._script is not _Script.UNKNOWN else 1.0
         if autopilot.scripted and (self._asked_at is None or now - self._asked_at >= period):
@@ -162,17 +179,18 @@ class ModeCommands:
         """Take a COMMAND_ACK of our autopilot to us; return what it answers, None where that is no mode."""
         if message.command not in (mavlink.MAV_CMD_DO_SET_MODE, MODE_REQUEST_COMMAND):
             return None
-        self._note_sent(now)
+        self._note_sent()
         by_script = message.command == MODE_REQUEST_COMMAND
         serial = message.result_param2 if by_script else 0
-        sent = self._take_sent(serial, by_script=by_script)
+        sent = self._take_sent(serial, now, by_script=by_script)
         if by_script and sent is not None:
             # Our script names the serial number, where MAVLink 1 does not cut it off.
             ours = message.result != _UNSUPPORTED and (serial or _is_mavlink_1(message))
             self._script = _Script.HEARD if ours or self.compares else _Script.ABSENT
         if sent is None:
             return None
-        if self._hold is not None and by_script and sent.hold == self._hold.hold:
+        before = self._hold
+        if before is not None and by_script and (sent.hold, sent.mode) == (before.hold, before.mode):
             self._hold = None
         measured = min(max(now - sent.at, _SHORTEST), _LONGEST)
         if by_script:
@@ -180,12 +198,13 @@ class ModeCommands:
         self.round_trip = max(measured, (self.round_trip + measured) / 2)
         autopilot = self._known()[1]
         doubtful = not by_script and autopilot is not None and autopilot.contradicts_itself
-        if sent.mode is None or doubtful:
+        if sent.mode is None or doubtful or sent.hold != self._newest_hold:
             return None
         accepted = message.result == _ACCEPTED
         if not accepted:
             log.info("the autopilot says no to mode %d: MAV_RESULT %d", sent.mode, message.result)
-        return ModeAnswer(sent.mode, accepted, by_hand=by_script and message.result == _DENIED)
+        refusals = {_DENIED, _CHANGED} if sent.row == "hold" else {_DENIED}
+        return ModeAnswer(sent.mode, accepted, by_hand=by_script and message.result in refusals)
 
     @property
     def _patience(self) -> float:
@@ -214,29 +233,28 @@ class ModeCommands:
         return sent
 
     def _push(self, row: str, message: Any, sent: _Sent, vehicle: Vehicle) -> None:
-        sent.row = row
+        sent.row, sent.message = row, message
         self._unanswered = [*self._unanswered, sent][-_MAX_UNANSWERED:]
         to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
         self._outbox.push(row, message, sent.at, lifetime=LIFETIME, to=to)
 
-    def _note_sent(self, now: float) -> None:
-        """Note which commands have left since the last tick. Those that were dropped get no answer."""
-        for sent in [one for one in self._unanswered if not one.left and not self._outbox.waits(one.row)]:
-            if now - sent.at <= LIFETIME:
-                sent.left, sent.at = True, max(sent.at, self._ticked_at)
-            else:
+    def _note_sent(self) -> None:
+        """Note which commands have left. Those that were dropped get no answer."""
+        for sent in [one for one in self._unanswered if not one.left]:
+            left_at = self._outbox.sent_at(sent.row, sent.message)
+            if left_at is not None:
+                sent.left, sent.at = True, left_at
+            elif not self._outbox.waits(sent.row):
                 self._unanswered.remove(sent)
-        self._unanswered = [one for one in self._unanswered if now - one.at <= _ANSWERED_WITHIN]
-        self._ticked_at = max(self._ticked_at, now)
 
-    def _take_sent(self, serial: int, *, by_script: bool) -> _Sent | None:
+    def _take_sent(self, serial: int, now: float, *, by_script: bool) -> _Sent | None:
         """Return the command that is answered: by its serial number, or the oldest of its kind without one.
 
         DO_SET_MODE is answered without one, as is all over MAVLink 1. Where commands of several modes wait
         for such an answer, it is not known which of them it answers, as one may have been lost.
         """
-        waiting = [one for one in self._unanswered if one.left and bool(one.serial) is by_script]
-        fitting = [one for one in waiting if serial in (0, one.serial)]
+        left = [one for one in self._unanswered if one.left and now - one.at <= _ANSWERED_WITHIN]
+        fitting = [one for one in left if bool(one.serial) is by_script and serial in (0, one.serial)]
         if not fitting:
             return None
         self._unanswered.remove(fitting[0])

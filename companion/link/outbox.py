@@ -93,6 +93,10 @@ class Outbox:
         for channel in self._channels_to(to):
             channel.push(name, message, now, key=key, lifetime=lifetime, to=share)
 
+    def takes(self, name: str, to: SenderId) -> bool:
+        """Whether a message of row `name` to `to` is queued: not while another component uses our ids."""
+        return any(channel.takes(name) for channel in self._channels_to(to))
+
     def send_now(self, name: str, now: float) -> None:
         """Send the queued messages of row `name` now, if the device takes them."""
         for channel in self._channels:
@@ -106,6 +110,11 @@ class Outbox:
     def waits(self, name: str) -> bool:
         """Whether a frame of row `name` waits on any connection."""
         return any(channel.sender.waiting(name) for channel in self._channels)
+
+    def sent_at(self, name: str, message: Any) -> float | None:
+        """When `message`, the newest of row `name`, first left by any connection; None before."""
+        times = (channel.sender.sent_at(name, message) for channel in self._channels)
+        return min((at for at in times if at is not None), default=None)
 
     def is_own(self, message: Any) -> bool:
         """Whether `message` is one of our own newest frames, which came back on any connection."""

@@ -227,7 +227,10 @@ class MessageRouter:
     ) -> InboundEvent | None:
         if not self._tracker.claims(system_id, message, now):
             return None
-        if not self._outbox.note_autopilot(channel, now):
+        moves, counts = self._outbox.moves, self._outbox.note_autopilot(channel, now)
+        if self._outbox.moves != moves:
+            self._tracker.home_moved()
+        if not counts:
             return None
         self._tracker.heartbeat(system_id, message, now)
         self._outbox.system_id = system_id

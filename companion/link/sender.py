@@ -91,6 +91,8 @@ class Sender:
         self._next_at = now
         self._last_was_reply = self._last_was_shared = False
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT_FRAMES)
+        self._newest_sent: dict[str, tuple[Any, float]] = {}
+        """Of each row the newest message that was written to the device, and when."""
         self.sent = dict.fromkeys(BUDGETS, 0)
         self.lost = 0
         self.left_out = 0
@@ -154,6 +156,11 @@ class Sender:
     def waiting(self, name: str, to: tuple[int, int] | None = None) -> int:
         """How many frames of row `name` wait; with `to`, only those for that receiver."""
         return sum(frame.name == name and to in (None, frame.to) for frame in self._queue)
+
+    def sent_at(self, name: str, message: Any) -> float | None:
+        """When `message`, the newest of row `name`, was written to the device; None before."""
+        newest, at = self._newest_sent.get(name, (None, 0.0))
+        return at if newest is message else None
 
     def has_room(self, name: str, now: float, *, reserve: int = 0) -> bool:
         """Whether the row's budget affords one more frame, besides the waiting ones and `reserve` bytes."""
@@ -226,6 +233,7 @@ class Sender:
             self._next_at = now + max(self._pace, _RETRY_AFTER)
             return
         self._queue.remove(frame)
+        self._newest_sent[frame.name] = frame.message, now
         self._last_was_reply = frame.bucket == "asked"
         if self._last_was_reply:
             self._turns[frame.priority] = frame.turn

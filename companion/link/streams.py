@@ -45,6 +45,8 @@ class Stream:
         """Whether the kernel ever said that something waits, so that its 0 means nothing."""
         self._taken = self._left = 0
         """Bytes that the device took, and of these what has left this computer."""
+        self._revocable_to = 0
+        """Bytes that the device has taken when it has taken the newest revocable frame."""
         self._moved_at: float | None = None
 
     def _send(self, data: bytes) -> int:
@@ -86,8 +88,11 @@ class Stream:
     def idle(self) -> bool:
         return self._finish() and not self._refused and self._unconfirmed() == 0
 
+    def note_revocable(self) -> None:
+        self._revocable_to = self._taken + len(self._rest)
+
     def settled(self) -> bool:
-        return not self._rest and self._unconfirmed() == 0 and self._tells
+        return self._taken - self._unconfirmed() >= self._revocable_to and self._tells
 
     def recall(self) -> None:
         if self.settled():
@@ -162,10 +167,13 @@ class Tcp(Stream):
     def write(self, frame: bytes) -> bool:
         return self._connected() and super().write(frame)
 
+    def settled(self) -> bool:
+        # What was sent once and is not confirmed is on its way.
+        return self._taken - unsent_bytes(self.fileno()) >= self._revocable_to
+
     def recall(self) -> None:
-        # What was sent once and is not confirmed is on its way. The rest can only go with the socket.
-        if self._rest or unsent_bytes(self.fileno()):
-            self._drop()
+        if not self.settled():
+            self._drop()  # what waits in the kernel can only go with the socket
             raise StuckError(errno.EIO, STUCK)
 
     def has_room(self) -> bool:

@@ -68,14 +68,17 @@ class Transport(Protocol):
     def idle(self) -> bool:
         """Whether nothing that was written waits in this computer, as far as that is known."""
 
+    def note_revocable(self) -> None:
+        """Let `settled` and `recall` be about what was written so far: its end may not leave late."""
+
     def settled(self) -> bool:
-        """Whether all that was written has left for certain: the device would tell what waits in it."""
+        """Whether that has left for certain: the device would tell what waits in it."""
 
     def has_room(self) -> bool:
         """Whether a frame may be written that an urgent one behind it would have to wait for."""
 
     def recall(self) -> None:
-        """Drop all that was written and has not left yet. Raises OSError where only closing does that."""
+        """Drop what waits, unless `settled`. Raises OSError where only closing does that."""
 
     def note_accepted(self, now: float, *, autopilot: bool) -> None:
         """Report that a frame of the last read was accepted; autopilot: our autopilot sent it."""
@@ -94,10 +97,13 @@ class Datagrams:
     rate = math.inf
 
     def check(self, now: float) -> None:
-        """Do nothing: a datagram leaves at once or is lost, and so in the four methods below."""
+        """Do nothing: a datagram leaves at once or is lost, and so in the five methods below."""
 
     def idle(self) -> bool:
         return True
+
+    def note_revocable(self) -> None:
+        pass
 
     def settled(self) -> bool:
         return True

@@ -92,6 +92,10 @@ class VehicleTracker:
         """Whether this is the adopted autopilot's system."""
         return self.vehicle is not None and self.vehicle.system_id == system_id
 
+    def home_moved(self) -> None:
+        """Forget the time since boot: another connection may deliver it seconds later than the one before."""
+        self._uptime = 0
+
     def claims(self, system_id: int, message: Any, now: float) -> bool:
         """Whether this heartbeat of a component 1 is from our vehicle, or from one to adopt."""
         if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:

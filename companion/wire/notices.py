@@ -117,7 +117,7 @@ def switch_heard(switch: str, *, off: bool) -> str:
 
 def hold_refused(seconds: float | None) -> str:
     """Refuses policy hold, because the perceiver is too slow. seconds: its time for a frame."""
-    return fit(f"HOLD refused: {_seconds(seconds)} a frame is too slow")
+    return fit(f"HOLD refused: {_seconds(seconds)} a frame: make it faster")
 
 
 def fault_slow(seconds: float | None) -> str:
@@ -132,7 +132,7 @@ def outruns(speed: float | None, fits: float | None) -> str:
 
 def hold_outruns(speed: float | None, fits: float | None) -> str:
     """Refuses policy hold, because the vehicle is too fast."""
-    return fit(f"HOLD refused: {outruns(speed, fits)}")
+    return fit(f"HOLD refused: {_fast(speed)} m/s outruns eyes: at most {_fast(fits)}")
 
 
 def fault_outruns(speed: float | None, fits: float | None) -> str:
@@ -152,7 +152,7 @@ def fault_unchecked() -> str:
 
 def hold_infrared() -> str:
     """Refuses policy hold, because the camera shows infrared and the perceiver is not trained for that."""
-    return "HOLD refused: camera shows infrared (NoIR)"
+    return "HOLD refused: NoIR camera: change it"
 
 
 def fault_infrared() -> str:
@@ -167,7 +167,7 @@ def manual_may_need() -> str:
 
 def infrared(*, handled: bool) -> str:
     """Reports that the camera shows infrared. handled: whether the vehicle may be held all the same."""
-    return f"Camera shows infrared (NoIR): {'handled' if handled else 'HOLD is refused'}"
+    return f"Camera shows infrared (NoIR): {'handled' if handled else 'change it for HOLD'}"
 
 
 def infrared_over() -> str:

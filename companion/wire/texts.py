@@ -215,7 +215,7 @@ def frame_lost(call: int) -> str:
 
 def go_lapsed(kind: Kind, number: int) -> str:
     """Reports that a go expired while it waited for OK frames."""
-    return fit(f"{name(kind, number)} go is too old: send it again")
+    return fit(f"{name(kind, number)} go has lapsed: send it again")
 
 
 def go_taken_back(kind: Kind, number: int) -> str:

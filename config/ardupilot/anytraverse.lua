@@ -10,8 +10,9 @@ failsafe's. A fault in spite of which a human drives on (the companion says so) 
 The companion asks for HOLD, AUTO and GUIDED by MAV_CMD_USER_5 (31014): id of its hold, expected mode, mode to set,
 serial number. HOLD is set where the expected mode stands, AUTO and GUIDED only out of the HOLD that was set for that
 id, or for the companion's silence or fault, where its mode reason still stands and nobody has commanded HOLD since.
-A HOLD that a switch of the transmitter sets within ours changes nothing that a script could see. Answers: ACCEPTED; TEMPORARILY_REJECTED, another mode
-stands; DENIED, the HOLD is a human's now; FAILED. A serial number counts once, and a request for one second.
+A HOLD that a switch of the transmitter sets within ours changes nothing that a script could see. Answers: ACCEPTED;
+TEMPORARILY_REJECTED, another mode stands, or, where HOLD is asked for, a human's HOLD; DENIED, the HOLD is a human's
+now; FAILED. A serial number counts once, and a request for one second.
 
 It acts only where the companion may: when the last policy that its heartbeat told is "hold". One that was heard in
 policy hold and falls silent is a loss; in report, shadow or off its silence and its faults stop nobody, nor does
@@ -23,7 +24,7 @@ A hold of this script's that outlasts its cause is said every 10 s, until somebo
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
 
 Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 98304 or more;
-SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5500; reboot. The parameters ATS_* are
+SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5800; reboot. The parameters ATS_* are
 there when it runs, "Policy hold: loss of companion will be held" (or the like) is its first text, said again when
 the policy changes; without a companion it stays silent and harmless, unless ATS_NEED asks for one.
 Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The wheels stop.
@@ -62,8 +63,8 @@ local PARAMETERS = {
   { "FAULT", 1 }, { "PRX", 0.5 }, { "ECHO", 1 }, { "RC", 0 }, { "POLICY", 0 }, -- places are stored: append
 }
 local CYCLE_MS, LONGEST_MS = 100, 100000
-local QUEUE, IDS = 20, 4 -- where no other script was first
-local HEARTBEAT, SET_MODE, COMMAND_LONG, STATUSTEXT = 0, 11, 76, 253
+local QUEUE, IDS = 20, 25 -- no script can ask for more ids, and so none writes past their end
+local HEARTBEAT, SET_MODE, COMMAND_INT, COMMAND_LONG, STATUSTEXT = 0, 11, 75, 76, 253
 local MODE_REQUEST = 31014
 local STARTING, FAULT, OFF = 0, 5, 6 -- states, in the low byte of the heartbeat's custom_mode
 local POLICIES = { [0] = "report", "shadow", "hold", "off" } -- in its bits 24 and 25
@@ -99,11 +100,13 @@ local function later(ms, dt) return math.min(ms + dt, LONGEST_MS) end
 
 -- Listening --------------------------------------------------------------------------------------------------------
 
-local listen, set_hold
+local register, listen, set_hold
 do
   local MAX_CHECKED = 4 -- checksums a cycle: they cost most of SCR_VM_I_COUNT
   local COMPANION, ONBOARD_CONTROLLER, COMMAND_ACK, DO_SET_MODE = 191, 18, 77, 176
-  local CRC_EXTRA = { [HEARTBEAT] = 50, [SET_MODE] = 89, [COMMAND_LONG] = 152, [STATUSTEXT] = 83 }
+  local CRC_EXTRA =
+    { [HEARTBEAT] = 50, [SET_MODE] = 89, [COMMAND_INT] = 158, [COMMAND_LONG] = 152, [STATUSTEXT] = 83 }
+  local OTHERS = { COMMAND_LONG, SET_MODE, COMMAND_INT, STATUSTEXT }
   local ACCEPTED, CHANGED, DENIED, FAILED = 0, 1, 2, 4
   local REQUEST_MS, REMEMBERED = 1000, 8
   local RESUMABLE = { [10] = true, [15] = true }
@@ -226,13 +229,22 @@ do
       local mode, target = string.unpack("<I4B", raw, start)
       return mode == HOLD and (target == own_system or target == 0) and "hold command"
     end
-    local command, target = string.unpack("<HB", raw, start + 28)
+    local command, target = string.unpack("<HB", raw, start + 28) -- both commands have these at one place
     if target ~= own_system and target ~= 0 then return nil end
     if command == MODE_REQUEST then return ours and "request" end
     return command == DO_SET_MODE and string.unpack("<f", raw, start + 4) == HOLD and "hold command"
   end
 
+  -- Another script's mavlink:init() wipes all registrations in ArduPilot 4.6; one that stands is left as it is.
+  function register()
+    mavlink:register_rx_msgid(HEARTBEAT)
+    for _, id in ipairs(OTHERS) do
+      pcall(mavlink.register_rx_msgid, mavlink, id)
+    end
+  end
+
   function listen()
+    register()
     local echoes, patience, checked = is_on("ECHO") and is_on("ENABLE"), patience_ms(), 0
     for _ = 1, QUEUE do
       if checked == MAX_CHECKED then return end
@@ -472,11 +484,9 @@ local function set_up()
   end
   own_system = assert(param:get("MAV_SYSID") or param:get("SYSID_THISMAV"), "no system id")
   avoid, path_planner = optional("AVOID_ENABLE"), optional("OA_TYPE")
-  mavlink:init(QUEUE, IDS)
-  mavlink:register_rx_msgid(HEARTBEAT)
-  for _, id in ipairs({ STATUSTEXT, COMMAND_LONG, SET_MODE }) do
-    pcall(function() mavlink:register_rx_msgid(id) end)
-  end
+  -- Where another script was first, ArduPilot 4.6 would wipe its registrations, and could write past their end.
+  if not pcall(mavlink.receive_chan, mavlink) then mavlink:init(QUEUE, IDS) end
+  register()
   mavlink:block_command(MODE_REQUEST) -- or the autopilot would answer it, too
 end
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+from dataclasses import replace
 from functools import cache
 
 import pytest
@@ -39,6 +40,13 @@ def test_what_is_gone_is_said() -> None:
         Mutant("anytraverse/roi.py", "gone", "condition", 0, "").source()
     with pytest.raises(LookupError, match="no condition 99"):
         Mutant(some()[0].file, some()[0].function, "condition", 99, "").source()
+
+
+def test_a_fault_whose_line_was_changed_is_gone_and_is_put_into_no_other_line() -> None:
+    known = Mutant("companion/calls/faults.py", "Faults.refuses", "boundary", 0, "< WITHIN")
+    assert "<= WITHIN" in known.source()
+    with pytest.raises(LookupError, match="no boundary 0"):
+        replace(known, line="< WITHIN_LONG_AGO").source()
 
 
 def test_two_hundred_and_three_of_a_review_are_fixed_in_a_file() -> None:

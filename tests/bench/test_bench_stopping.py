@@ -5,27 +5,42 @@ How quickly is judged by `make bench-stopping`, on a machine that does nothing e
 
 from __future__ import annotations
 
+import os
+import socket
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, nullcontext
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from random import Random
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
+from bench.faults import by_hand
 from bench.stopping.figures import figures, good
+from bench.stopping.jobs import FAST, LATE, Job, Run
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
-from bench.stopping.runs import FAST, GROUPS, LATE, Job, Run, untested
+from bench.stopping.runs import GROUPS, untested
+from bench.stopping.scenes import SCENES, Scene, Seen, follows
+from bench.stopping.serial_device import SerialDevice
+from bench.stopping.stage import Disturbed, Plan, Stage
 from bench.stopping.stops import Stop, stopped
 from companion.config import load_config
 from companion.config.stopping import Stopping, judge_stopping
 from companion.sim.demo.config import write_config
+from companion.sim.demo.rehearsal import free_port
 from companion.wire.ids import Policy, State
 
 pytest.importorskip("lupa.lua53", reason="the script on the autopilot runs in Lua 5.3")
 
 SEEDS = (1,)
+LONG = ("by_hand",)
+"""Groups that the tests leave out, since a scene takes up to a minute."""
 AT_ONCE = 3
 """More would starve each other on two cores: rovers are then held before their fault, and begin anew."""
 KINDS = {
@@ -58,7 +73,12 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Run]]:
     out, cancelled = tmp_path_factory.mktemp("stopping"), threading.Event()
     with pytest.MonkeyPatch.context() as patched, ThreadPoolExecutor(AT_ONCE) as pool:
         patched.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-        jobs = [(group, Job(seed, out / name, cancelled)) for seed in SEEDS for name, group in GROUPS.items()]
+        jobs = [
+            (group, Job(seed, out / name, cancelled))
+            for seed in SEEDS
+            for name, group in GROUPS.items()
+            if name not in LONG
+        ]
         try:
             yield [run for found in pool.map(lambda job: list(job[0](job[1])), jobs) for run in found]
         finally:
@@ -161,3 +181,125 @@ def test_a_lap_without_orders_proves_nothing_where_nothing_went_wrong_or_holding
     assert untested(told - {(State.FAULT, Policy.REPORT)}) == "it never told fault"
     assert untested(set())
     assert "policy report" in untested(told | {(State.OK, Policy.HOLD)})
+
+
+def test_a_lap_and_a_scene_have_no_stop_and_count_as_they_went() -> None:
+    found = figures([Run("mode_at_resume", 1, saw="MANUAL"), Run("mode_at_resume", 2, "then AUTO")])
+    assert (found["runs"], found["stopped"]) == (0, 0)
+    assert found["kinds"]["mode_at_resume"]["wrong"] == 1
+    assert found["kinds"]["mode_at_resume"]["saw"] == {"MANUAL": 1}
+
+
+def test_a_scene_that_is_disturbed_is_begun_anew_and_what_does_not_follow_is_wrong_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played: list[str] = []
+
+    def scene(name: str, *ends: str) -> Scene:
+        def play(_stage: Stage, _random: Random) -> Seen:
+            played.append(name)
+            end = ends[min(played.count(name), len(ends)) - 1]
+            with follows() if end == "missing" else nullcontext():
+                if end != "well":
+                    raise Disturbed(end)
+            return Seen(saw=end)
+
+        return Scene(Job.plan, play)
+
+    monkeypatch.setattr(Job, "stage", lambda *_: nullcontext())
+    scenes = {"well": scene("well", "held", "well"), "missing": scene("missing", "missing")}
+    monkeypatch.setattr("bench.stopping.runs.SCENES", scenes)
+    assert list(GROUPS["by_hand"](Job(1, tmp_path, threading.Event()))) == [
+        Run("well", 1, disturbed=1, saw="well"),
+        Run("missing", 1, "missing"),
+    ]
+    assert played == ["well", "well", "missing"]
+
+
+DEADLINE = 20.0
+DRIVES_ON = "COMMAND_LONG 176 1 10"
+
+
+def stage_with(then: str, metres: float, sends: str, *, script: bool) -> Any:
+    """A stage on which nothing takes time. then: the mode after a human's. sends: what a go makes it send.
+
+    metres: from one look to the next.
+    """
+    stage, looks = MagicMock(), count()
+    stage.plan, stage.wire.commands = Plan(1, 0.0, script=script), []
+    stage.read_status.return_value = {"current_id": 7}
+    stage.ground.go.side_effect = lambda _: stage.wire.commands.extend([sends] * bool(sends))
+    modes = ["HOLD"]
+    stage.control.mode.side_effect = lambda _: modes.append(then)
+    stage.status.side_effect = lambda: {
+        "mode": modes[-1],
+        "speed": 0.0,
+        "distance": metres * next(looks),
+        "mode_log": [{"by": "script"}],
+    }
+    return stage
+
+
+@pytest.mark.parametrize("script", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "then", "metres", "sends", "wrong"),
+    [
+        ("driven_on", "AUTO", 1.0, "", ""),
+        ("driven_on", "HOLD", 0.0, "", "held again at once by script"),
+        ("driven_on", "AUTO", 5.0, "", "and 15.0 m"),
+        ("mode_at_resume", "MANUAL", 0.0, DRIVES_ON, ""),
+        ("mode_at_resume", "AUTO", 0.0, DRIVES_ON, "MANUAL by hand, then AUTO"),
+        ("mode_at_resume", "HOLD", 0.0, DRIVES_ON, "with the script: MANUAL by hand, then HOLD"),
+        ("mission_complete", "", 0.0, "", ""),
+        ("mission_complete", "", 0.0, DRIVES_ON, DRIVES_ON),
+        ("mission_complete", "", 1.0, "", "it drove off: 1.0 m"),
+        ("serial_stuck", "MANUAL", 0.0, "", ""),
+        ("serial_stuck", "MANUAL", 0.0, DRIVES_ON, DRIVES_ON),
+        ("serial_stuck", "AUTO", 0.0, "", "then AUTO"),
+    ],
+)
+def test_a_scene_is_wrong_where_a_human_is_overruled_or_it_drives_on_by_itself(
+    kind: str, then: str, metres: float, sends: str, wrong: str, script: bool
+) -> None:
+    stage = stage_with(then, metres, sends, script=script)
+    seen = SCENES[kind].play(stage, Random(1))
+    if wrong.startswith("with the script") and not script:
+        wrong = ""
+    assert (bool(seen.wrong), wrong in seen.wrong) == (bool(wrong), True), seen
+
+
+def test_every_scene_is_a_row_of_the_fault_table_and_only_the_serial_one_has_such_a_device(
+    tmp_path: Path,
+) -> None:
+    assert len(by_hand.ROWS) == len(SCENES)
+    plans = {
+        kind: scene.plan(Job(2, tmp_path, threading.Event()), Random(1)) for kind, scene in SCENES.items()
+    }
+    assert [kind for kind, plan in plans.items() if plan.serial] == ["serial_stuck"]
+
+
+def test_a_serial_device_that_is_stuck_takes_nothing_and_then_all_again() -> None:
+    port = free_port()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot,
+        closing(SerialDevice(port)) as device,
+        open(device.url.split(":")[1], "r+b", buffering=0, opener=non_blocking) as companion,
+    ):
+        autopilot.settimeout(DEADLINE)
+        autopilot.sendto(b"heard", ("127.0.0.1", port))
+        until = time.monotonic() + DEADLINE
+        while companion.read(8) != b"heard":
+            assert time.monotonic() < until
+        companion.write(b"taken")
+        assert autopilot.recv(64) == b"taken"
+        device.stuck = True
+        while companion.write(b"kept") is not None:
+            assert time.monotonic() < until, "it takes bytes"
+        device.stuck = False
+        while b"again" not in autopilot.recv(8192):
+            companion.write(b"again")
+            assert time.monotonic() < until
+
+
+def non_blocking(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOCTTY | os.O_NONBLOCK)

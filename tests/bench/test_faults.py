@@ -18,10 +18,11 @@ import pytest
 from bench.faults.produce import produce
 from bench.faults.report import RESULTS, document, judged, keep, read, summed
 from bench.faults.row import HOLD_WITHIN, Outcome, Row, Work
-from bench.faults.stages import SCRIPT_WITHIN, Seen, follows, repeated
+from bench.faults.stages import SCRIPT_WITHIN, repeated
 from bench.faults.table import ROWS, chosen
+from bench.stopping.jobs import TRIES, Job
 from bench.stopping.limits import script_timeout
-from bench.stopping.runs import TRIES, Job
+from bench.stopping.scenes import Seen, follows
 from bench.stopping.stage import Disturbed
 from bench.stopping.wire import Beat, Wire
 from companion.config import load_config

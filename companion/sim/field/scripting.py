@@ -65,7 +65,7 @@ class Scripting:
         """Starts the script as the autopilot does when it boots."""
         self._authorisers: list[str | None] = []
         self._crowded = False
-        self._depth = self._places = 0
+        self._depth = self._room = self._places = 0
         self._ids: set[int] = set()
         self.blocked: set[int] = set()
         self._queue: deque[tuple[bytes, int, int]] = deque()
@@ -89,6 +89,28 @@ class Scripting:
             raise ValueError(f"this is no Lua: {chunk[1].decode(errors='replace')}")
         self._next: Any = chunk
         self._due = self._host.millis()
+
+    def open_queue(self, depth: int, places: int) -> None:
+        """Opens the queue that all scripts share: `depth` frames, `places` message ids, each 1 to 25.
+
+        Opened again, it keeps its depth, and all registrations are lost, as in ArduPilot 4.6. Raises
+        RuntimeError where it then shall have more places than at first: 4.6 writes past their end.
+        """
+        if not self._depth:
+            self._depth, self._room = depth, places
+        if places > self._room:
+            raise RuntimeError("memory is overwritten: more registrations than the first init had")
+        self._places = places
+        self._ids.clear()
+
+    def register(self, number: int) -> bool:
+        """Registers a message id, as any script may: False where it is already. Raises where none fits."""
+        if number in self._ids:
+            return False
+        if len(self._ids) >= self._places:
+            raise RuntimeError("no registrations free")
+        self._ids.add(number)
+        return True
 
     def forbids_arming(self) -> str:
         """Returns why the script forbids arming; "" when it does not."""
@@ -134,26 +156,19 @@ class Scripting:
             b"parameter": lambda name: host.parameter(name.decode()),
             b"add_table": self._add_table,
             b"add_parameter": self._add_parameter,
-            b"open_queue": self._open_queue,
-            b"register": self._register,
+            b"open_queue": self.open_queue,
+            b"register": self.register,
             b"block": self._block,
             b"send": host.send_message,
-            b"receive": lambda: self._queue.popleft() if self._queue else None,
+            b"receive": self._receive,
             b"get_auth": self._get_auth,
             b"set_auth": self._set_auth,
         }
 
-    def _open_queue(self, depth: int, places: int) -> None:
+    def _receive(self) -> tuple[bytes, int, int] | None:
         if not self._depth:
-            self._depth, self._places = depth, places
-
-    def _register(self, number: int) -> bool:
-        if number in self._ids:
-            return False
-        if len(self._ids) >= self._places:
-            raise RuntimeError("no registrations free")
-        self._ids.add(number)
-        return True
+            raise RuntimeError("RX not initialized")
+        return self._queue.popleft() if self._queue else None
 
     def _block(self, command: int) -> bool:
         self.blocked.add(command)

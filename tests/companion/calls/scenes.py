@@ -163,6 +163,7 @@ class Autopilot:
     armed: bool = True
     delay: float = 0.1
     compares: bool = False
+    takes_resume: bool = True
     deaf: bool = False
     silent: bool = False
     travelled: float | None = None
@@ -282,6 +283,7 @@ class Scene:
             pilot.kind,
             pilot.delay,
             pilot.compares,
+            pilot.takes_resume,
             pilot.reboots,
             pilot.mission,
             pilot.stands,

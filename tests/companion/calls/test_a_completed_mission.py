@@ -174,6 +174,7 @@ def test_it_does_not_wait_for_what_is_not_reported_any_more() -> None:
     [
         (replace(DRIVEN, item=4), True, False),
         (replace(DRIVEN, total=7), False, True),
+        (replace(DRIVEN, total=7, item=1), False, True),
         (replace(DRIVEN, id=9), False, True),
         (replace(DRIVEN, state=MissionState.NOT_STARTED), False, False),
     ],
@@ -188,6 +189,17 @@ def test_what_changed_in_the_hold_is_known_as_it_resumes(now: Mission, moved: bo
     held.run(2.0, CLEAR)
     assert held.modes() == [HOLD, AUTO]
     assert (hold.interrupted.moved, hold.interrupted.replaced) == (moved, replaced)
+
+
+@pytest.mark.parametrize("stale", [replace(DRIVEN, item=4, fresh=False), replace(COMPLETE, fresh=False)])
+def test_an_old_report_in_the_hold_changes_nothing(stale: Mission) -> None:
+    held = scene(DRIVEN, stands=False)
+    held.run(1.0, DRUM)
+    report(held, DRIVEN)
+    report(held, stale)
+    assert not held.hold.interrupted.moved
+    assert not held.hold.interrupted.ended
+    assert held.hold.interrupted.now == DRIVEN
 
 
 def test_an_item_that_was_reached_on_the_way_into_the_hold_was_not_set_by_anybody() -> None:

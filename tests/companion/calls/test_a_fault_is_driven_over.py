@@ -6,7 +6,8 @@ import pytest
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import FaultAcceptanceEnds, FaultAccepted, WouldHold
-from companion.calls.faults import ACCEPTANCES, WITHIN, Fault
+from companion.calls.faults import ACCEPTANCES, FLICKERS, LAST_SECONDS, TOLD_FOR, WITHIN, Fault, Faults
+from companion.calls.numbers import Numbers
 from companion.wire.ids import Policy, State
 from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, MANUAL, Scene
 
@@ -172,3 +173,39 @@ def test_the_acceptance_does_not_outlive_a_change_of_policy(blind: Scene) -> Non
     blind.policy(Policy.HOLD)
     blind.run(0.5)
     assert blind.autopilot.mode == HOLD
+
+
+@pytest.mark.parametrize(("told_for", "accepted"), [(TOLD_FOR - 0.125, False), (TOLD_FOR, True)])
+def test_a_fault_counts_as_told_from_its_first_second_on(told_for: float, accepted: bool) -> None:
+    faults = Faults(Numbers())
+    faults.report(Fault.COURSE, 100.0, stands=True)
+    assert (faults.accept(100.0 + told_for, None) is not None) == accepted
+
+
+@pytest.mark.parametrize(("gone_for", "told"), [(FLICKERS, True), (FLICKERS + 0.125, False)])
+def test_a_fault_that_was_gone_for_two_seconds_is_the_one_that_was_told(gone_for: float, told: bool) -> None:
+    faults = Faults(Numbers())
+    faults.report(Fault.COURSE, 100.0, stands=True)
+    faults.report(Fault.COURSE, 110.0, stands=False)
+    faults.report(Fault.COURSE, 110.0 + gone_for, stands=True)
+    assert (faults.accept(110.0 + gone_for, None) is not None) == told
+
+
+def test_faults_are_accepted_again_ten_minutes_after_the_first_of_three() -> None:
+    faults = Faults(Numbers())
+    faults.report(Fault.COURSE, 0.0, stands=True)
+    for number in range(ACCEPTANCES):
+        assert faults.accept(100.0 + number, None) is not None
+    assert faults.refuses(100.0 + WITHIN - 0.125)
+    assert not faults.refuses(100.0 + WITHIN)
+
+
+def test_its_end_is_not_told_in_a_standstill_in_which_no_fault_stands() -> None:
+    faults = Faults(Numbers())
+    faults.report(Fault.COURSE, 0.0, stands=True)
+    assert faults.accept(100.0, None) is not None
+    soon = 100.0 + Numbers().accepted_for - LAST_SECONDS
+    faults.report(Fault.COURSE, soon, stands=False)
+    assert faults.tick(soon, None, sees=True) is None
+    faults.report(Fault.COURSE, soon + 1.0, stands=True)
+    assert faults.tick(soon + 1.0, None, sees=False) is faults.acceptance is not None

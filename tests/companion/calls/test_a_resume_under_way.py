@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.calls.decisions import HoldMoved, HoldStarted, ResumeCancelled, SetMode, Unasked
+from companion.calls.decisions import GoLapsed, HoldMoved, HoldStarted, ResumeCancelled, SetMode, Unasked
 from companion.calls.hold import HoldEvent, HoldState
 from companion.calls.mode_monitor import ModeAnswer
 from companion.vehicle.ardupilot import INITIALISING
@@ -181,6 +181,42 @@ def test_where_a_script_compares_the_resume_does_not_wait(held: Scene) -> None:
     assert held.modes() == [HOLD, AUTO]
 
 
+def test_where_the_link_sends_no_resume_a_go_lapses_and_a_human_s_mode_is_the_human_s(held: Scene) -> None:
+    held.autopilot.takes_resume = False
+    held.hear()
+    held.go()
+    held.run(5.0, DRUM)
+    assert held.modes() == [HOLD]
+    assert len(held.all(GoLapsed)) == 1
+    assert held.hold.state is HoldState.STANDING
+    assert held.hold.resumed_at is None
+    held.human(AUTO)
+    assert held.events()[-1] is HoldEvent.TAKEN_OVER
+
+
+def test_once_it_does_a_go_resumes(held: Scene) -> None:
+    held.autopilot.takes_resume = False
+    held.hear()
+    held.go()
+    held.autopilot.takes_resume = True
+    held.run(1.0, DRUM)
+    held.go()
+    held.run(3.0, DRUM)
+    assert held.autopilot.mode == AUTO
+
+
+def test_a_resume_that_the_link_would_not_repeat_is_cancelled() -> None:
+    scene = resuming()
+    lose_resume(scene)
+    scene.autopilot.takes_resume = False
+    scene.hear()
+    assert scene.all(ResumeCancelled)
+    scene.run(2.0, CLEAR)
+    assert scene.modes()[-1] == HOLD
+    assert scene.hold.state is HoldState.STANDING
+    assert HoldEvent.FAILED not in scene.events()
+
+
 def test_a_hold_that_a_human_pressed_inside_ours_is_the_human_s(held: Scene) -> None:
     held.autopilot.compares, held.autopilot.deaf = True, True
     held.hear()
@@ -191,6 +227,47 @@ def test_a_hold_that_a_human_pressed_inside_ours_is_the_human_s(held: Scene) -> 
     assert held.calls.hold is None
     held.run(5.0, DRUM)
     assert held.autopilot.mode == HOLD
+
+
+NOT_SET = ModeAnswer(HOLD, accepted=False, by_hand=True)
+"""The script's answer to a hold where another mode stands than it expected, or a human's HOLD."""
+
+
+def requested() -> Scene:
+    """A hold has been commanded, and nothing of it is shown yet."""
+    scene = Scene(Policy.HOLD)
+    scene.run(1.0)
+    scene.autopilot.deaf = True
+    while not scene.modes():
+        scene.run(0.05, LOG)
+    return scene
+
+
+@pytest.mark.parametrize("answer_first", [True, False], ids=["answered", "shown"])
+def test_a_hold_that_a_human_has_set_in_the_same_moment_is_the_human_s(answer_first: bool) -> None:
+    scene = requested()
+    if answer_first:
+        scene.keep(scene.calls.mode_answered(NOT_SET, scene.now))
+        assert scene.events() == []
+    scene.human(HOLD)
+    if not answer_first:
+        assert scene.events() == [HoldEvent.CONFIRMED]
+        scene.keep(scene.calls.mode_answered(NOT_SET, scene.now))
+    assert scene.events()[-1] is HoldEvent.TAKEN_OVER
+    scene.run(5.0, CLEAR)
+    scene.go()
+    scene.run(5.0, CLEAR)
+    assert set(scene.modes()) == {HOLD}
+
+
+def test_a_hold_that_was_not_set_is_requested_again_and_then_is_ours() -> None:
+    scene = requested()
+    scene.keep(scene.calls.mode_answered(NOT_SET, scene.now))
+    scene.run(1.0, LOG)
+    assert len(scene.modes()) > 1
+    scene.keep(scene.calls.mode_answered(ModeAnswer(HOLD, accepted=True), scene.now))
+    scene.human(HOLD)
+    assert scene.events() == [HoldEvent.CONFIRMED]
 
 
 def test_each_command_names_the_hold_and_the_mode_that_it_was_decided_on(held: Scene) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from companion.calls.decisions import HoldStarted, Unasked
@@ -253,6 +255,18 @@ def test_who_arms_one_that_rebooted_and_sets_auto_then_has_set_it(
     hold.human(AUTO)
     hold.run(20.0, CLEAR)
     assert (hold.modes(), hold.autopilot.mode) == ([], AUTO)
+
+
+def test_a_mode_that_a_px4_tells_before_it_tells_that_it_is_armed_is_somebody_s_too() -> None:
+    """CURRENT_MODE tells a new mode sooner than the heartbeat, and does not tell whether it is armed."""
+    scene = Scene(Policy.HOLD, mode=px4.MISSION, kind=px4.OFFBOARD_HOLD)
+    scene.run(1.0)
+    reboot(scene, px4.LOITER, told=False, seen=CLEAR)
+    sooner = replace(scene.calls.monitor.newest, mode=px4.MISSION)
+    scene.keep(scene.calls.vehicle_reported(sooner, scene.now))
+    scene.human(px4.MISSION)
+    scene.run(20.0, CLEAR)
+    assert (scene.modes(), scene.autopilot.mode) == ([], px4.MISSION)
 
 
 def test_a_human_s_other_mode_over_such_a_hold_is_a_human_s(hold: Scene) -> None:

@@ -253,7 +253,7 @@ class Calls(RuleBasedStateMachine):
 
     def _hear(self, mode: int, armed: bool) -> None:
         self.mode, self.armed, self.heard_at = mode, armed, self.scene.now
-        report = ModeReport(mode, armed, None, self.scene.now, self.kind)
+        report = ModeReport(mode, armed, None, self.scene.now, self.kind, takes_resume=True)
         decisions = self.scene.calls.vehicle_reported(report, self.scene.now)
         if any(isinstance(one, HoldMoved) and one.event.value == "taken over" for one in decisions):
             self.excused_at = self.scene.now

@@ -230,7 +230,7 @@ def test_a_go_that_the_eyes_kept_for_more_than_a_minute_drives_nothing_on_and_sa
     talk.say(1, GO)
     held.run(held.numbers.go_lasts + 1.0, CLEAR)
     talk.seen()
-    assert talk.last == (Result.APPLIED, "C1 go is too old: send it again")
+    assert talk.last == (Result.APPLIED, "C1 go has lapsed: send it again")
     held.run(2.0, CLEAR)
     assert (held.autopilot.mode, held.calls.go_at) == (HOLD, None)
 

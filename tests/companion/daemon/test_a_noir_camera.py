@@ -63,12 +63,12 @@ def test_hold_is_a_fault_by_name_with_a_perceiver_that_is_not_trained_for_it(
     status = rig.daemon.status()
     assert status["camera"]["infrared"] is True
     assert status["perceiver"]["infrared"] is False
-    assert status["hold_refused"] == "HOLD refused: camera shows infrared (NoIR)"
+    assert status["hold_refused"] == "HOLD refused: NoIR camera: change it"
     rig.see(5.0)
     rig.set("AT_POLICY", 2)
     rig.see(2.0)
     assert rig.told_policy is Policy.HOLD
-    assert rig.texts.count("HOLD refused: camera shows infrared (NoIR)") == 1
+    assert rig.texts.count("HOLD refused: NoIR camera: change it") == 1
 
 
 @pytest.mark.usefixtures("shows")
@@ -161,7 +161,7 @@ def test_a_new_vision_process_does_not_forget_it(make_rig: MakeRig, shows: Shows
     rig.see(10.0)
     assert rig.daemon.status()["vision"]["restarts"] == 1
     assert rig.daemon.status()["camera"]["infrared"] is True
-    assert rig.daemon.status()["hold_refused"] == "HOLD refused: camera shows infrared (NoIR)"
+    assert rig.daemon.status()["hold_refused"] == "HOLD refused: NoIR camera: change it"
 
 
 @pytest.mark.usefixtures("shows")

@@ -243,7 +243,7 @@ CLOSE = Config(
 def test_what_it_runs_on_in_loiter_is_reckoned_with_once_it_is_known_to_be_a_px4(make: MakePx4) -> None:
     rig = make("loiter", CLOSE)
     assert rig.told_policy is Policy.HOLD
-    assert rig.settings.policy.hold_refused == "HOLD refused: 1.0 m/s outruns eyes, 0.0 fits"
+    assert rig.settings.policy.hold_refused == "HOLD refused: 1.0 m/s outruns eyes: at most 0.0"
     assert "FAULT: 1.0 m/s: at most 0.0, or AT_POLICY 0" in rig.texts
     assert not any("ATS_NEED" in text for text in rig.texts), "no script runs there"
     rig.see(5.0)

@@ -239,7 +239,7 @@ def test_a_perceiver_that_cannot_keep_t_lowers_no_policy_and_hold_is_refused_to_
     slow = replace(config, perceiver=replace(config.perceiver, name="painted:0.1"))
     status = run_until_status(slow, lambda status: status["link"]["sent"]["unsolicited"] > 100)
     assert (status["policy"], status["state"]) == ("hold", "fault")
-    assert status["hold_refused"] == "HOLD refused: 0.1 s a frame is too slow"
+    assert status["hold_refused"] == "HOLD refused: 0.1 s a frame: make it faster"
 
 
 def test_a_perceiver_that_keeps_t_may_hold(config: Config, radio: socket.socket) -> None:
@@ -260,7 +260,7 @@ def test_a_vehicle_that_outruns_its_eyes_is_a_fault_in_policy_hold_and_says_whic
     slow = mounted(config, 4.0)
     status = run_until_status(slow, lambda status: status["link"]["sent"]["unsolicited"] > 100)
     assert (status["policy"], status["state"]) == ("hold", "fault")
-    assert status["hold_refused"] == "HOLD refused: 4.0 m/s outruns eyes, 1.3 fits"
+    assert status["hold_refused"] == "HOLD refused: 4.0 m/s outruns eyes: at most 1.3"
     assert b"FAULT: 4.0 m/s: at most 1.3, or AT_POLICY 0" in heard(radio)
     assert "hold cannot be given: at 4 m/s it takes" in caplog.text
 
@@ -369,7 +369,7 @@ def test_the_ground_may_not_set_hold_with_too_slow_a_perceiver(make_rig: MakeRig
     assert rig.daemon.status()["policy"] == "report"
     assert rig.told_policy is Policy.REPORT
     assert rig.echoes("AT_POLICY")[-1] == float(Policy.REPORT)
-    assert "HOLD refused: 0.6 s a frame is too slow" in rig.texts
+    assert "HOLD refused: 0.6 s a frame: make it faster" in rig.texts
     rig.set("AT_POLICY", float(Policy.SHADOW))
     rig.see(0.5)
     assert rig.daemon.status()["policy"] == "shadow"

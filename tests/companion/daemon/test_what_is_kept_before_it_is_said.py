@@ -203,7 +203,7 @@ def test_a_go_asked_again_after_a_restart_that_voided_it_is_not_told_to_be_given
     held.answer(1, GO, *words)
     held.see(3.0)
     assert (held.state[1], held.stage.mode) == (1, HOLD)
-    assert held.acks[-1].text == "C1 go is too old: send it again"
+    assert held.acks[-1].text == "C1 go has lapsed: send it again"
 
 
 def test_what_changes_nothing_writes_nothing(held: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

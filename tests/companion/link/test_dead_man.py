@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import LONGEST_PACE_WITH_STICKS, LinkSettings
 from companion.link.dead_man import LISTENS_FIRST, DeadManState
-from companion.sim.loopback_link import LoopbackLink
+from companion.sim.loopback_link import STEP, LoopbackLink
 from companion.vehicle import px4
 from companion.wire.ids import ERROR, MAX_TEXT, WARNING
 from companion.wire.messages import MESSAGES
@@ -29,10 +29,11 @@ class Stage(LoopbackLink):
         self.link.dead_man.enabled = enabled
         self.link.dead_man.on = True
 
-    def live(self, seconds: float) -> None:
+    def live(self, seconds: float, step: float = STEP, *, armed: bool = True) -> None:
         for _ in range(round(seconds)):
-            self.send(mavlink.MAVLink_heartbeat_message(10, self.kind, 0x81, self.shown, 4, 3), (1, 1))
-            self.run(1.0)
+            base = 0x81 if armed else 0x01
+            self.send(mavlink.MAVLink_heartbeat_message(10, self.kind, base, self.shown, 4, 3), (1, 1))
+            self.run(1.0, step)
 
     def rc(self, count: int = 8) -> None:
         self.send(mavlink.MAVLink_rc_channels_message(0, count, *[1500] * 18, 200), (1, 1))
@@ -105,6 +106,14 @@ def test_nothing_is_streamed_before_it_was_listened_for_others() -> None:
     assert mavlink.MAVLINK_MSG_ID_RC_CHANNELS in asked
 
 
+def test_it_may_begin_three_seconds_after_the_first_heartbeat() -> None:
+    stage = Stage()
+    stage.live(LISTENS_FIRST, step=0.125)
+    before = stage.state
+    stage.run(0.125, step=0.125)
+    assert (before, stage.state) == (DeadManState.READY, DeadManState.ON)
+
+
 def test_it_ends_when_it_is_not_wanted_any_more_and_begins_again(stage: Stage) -> None:
     stage.shown = px4.custom_mode(1)
     stage.live(1.0)
@@ -120,6 +129,13 @@ def test_an_end_that_stops_a_mission_is_told(stage: Stage) -> None:
     stage.link.dead_man.on = False
     stage.live(1.0)
     assert stage.texts == [("Dead man ends: PX4 holds, set MISSION by hand", WARNING)]
+
+
+def test_an_end_by_disarming_is_not(stage: Stage) -> None:
+    stage.live(1.0, armed=False)
+    stage.link.dead_man.on = False
+    stage.live(1.0, armed=False)
+    assert stage.texts == []
 
 
 @pytest.mark.parametrize("kind", [STICKS, "RC_CHANNELS_OVERRIDE"])
@@ -140,6 +156,7 @@ def test_somebody_else_s_sticks_end_it_for_good(kind: str, target: int, early: b
     stage.live(30.0)
     stage.link.dead_man.on = True
     assert not stage.streams()
+    assert len(stage.texts) == 1, "that PX4 holds by itself now is not told: somebody steers"
 
 
 def test_sticks_under_our_own_ids_end_it_too_but_not_our_own_that_come_back(stage: Stage) -> None:

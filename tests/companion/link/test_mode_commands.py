@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.calls.mode_monitor import ModeAnswer
-from companion.link.mode_commands import FIRST_ROUND_TRIP, HOLD_UNANSWERED
+from companion.link.mode_commands import FIRST_ROUND_TRIP, HOLD_UNANSWERED, LIFETIME, LONGEST_UNANSWERED
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import MODE_REQUEST_COMMAND
 
@@ -132,6 +132,26 @@ def test_an_answer_to_the_first_of_two_requests_counts_for_both() -> None:
     assert not sent(stage, SET_MODE)
 
 
+def test_nor_longer_than_two_seconds_over_the_slowest_wire() -> None:
+    stage = started_late(2.5)
+    stage.link.modes.command(HOLD, 8.0, expected=AUTO, hold=7)
+    stage.link.modes.send_hold_now(8.0)
+    for now, past in ((8.0 + LONGEST_UNANSWERED - 0.125, 0), (8.0 + LONGEST_UNANSWERED, 1)):
+        stage.link.modes.tick(now)
+        stage.collect(now)
+        assert len(sent(stage, SET_MODE)) == past
+
+
+def test_an_answer_to_a_request_of_an_earlier_hold_does_not_count_for_a_later_one() -> None:
+    stage = started()
+    for hold in (7, 8):
+        stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=hold)
+        stage.run(0.05)
+    answer(stage, MODE_REQUEST_COMMAND, CHANGED, int(requests(stage)[0].param4))
+    stage.run(HOLD_UNANSWERED)
+    assert [(message.param2, message.param7) for message in sent(stage, SET_MODE)] == [(HOLD, 8)]
+
+
 @pytest.mark.parametrize("result", [CHANGED, DENIED, FAILED])
 def test_one_that_the_script_refuses_does_not(result: int) -> None:
     stage = started()
@@ -140,7 +160,63 @@ def test_one_that_the_script_refuses_does_not(result: int) -> None:
     answer(stage, MODE_REQUEST_COMMAND, result, int(requests(stage)[-1].param4))
     stage.run(1.0)
     assert not sent(stage, SET_MODE)
-    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=False, by_hand=result == DENIED)]
+    by_hand = result in (CHANGED, DENIED)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=False, by_hand=by_hand)]
+
+
+@pytest.mark.parametrize("result", [CHANGED, DENIED, FAILED])
+def test_a_resume_that_finds_another_mode_says_not_whose_that_is(result: int) -> None:
+    stage = started()
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    answer(stage, MODE_REQUEST_COMMAND, result, int(requests(stage)[-1].param4))
+    assert stage.reported(ModeAnswer) == [ModeAnswer(AUTO, accepted=False, by_hand=result == DENIED)]
+
+
+def test_a_hold_that_goes_past_the_script_is_not_taken_over_by_itself() -> None:
+    stage = started()
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(HOLD_UNANSWERED + 0.05)
+    answer(stage, MODE_REQUEST_COMMAND, CHANGED, int(requests(stage)[-1].param4))
+    assert stage.reported(ModeAnswer) == []
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+
+
+def test_a_late_answer_to_the_resume_does_not_keep_its_hold_from_going_past_the_script() -> None:
+    stage = started()
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, int(requests(stage)[0].param4))
+    stage.run(HOLD_UNANSWERED)
+    assert [message.param2 for message in sent(stage, SET_MODE)] == [HOLD]
+
+
+def test_an_answer_about_an_earlier_hold_says_nothing_of_this_one() -> None:
+    stage = started()
+    for number in (7, 8):
+        stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=number)
+        stage.run(0.05)
+    first, second = (int(request.param4) for request in requests(stage))
+    answer(stage, MODE_REQUEST_COMMAND, CHANGED, first)
+    assert stage.reported(ModeAnswer) == []
+    answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, second)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+
+
+def test_a_resume_that_was_dropped_as_another_component_took_our_ids_is_not_answered() -> None:
+    stage = started(UNSUPPORTED)
+    stage.near.full = True
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 77, 4, 3), (1, 191))
+    stage.run(0.05)
+    stage.near.full = False
+    stage.run(0.05)
+    assert not sent(stage, SET_MODE)
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == []
 
 
 def test_a_resume_never_goes_past_a_script_that_was_heard() -> None:
@@ -155,10 +231,26 @@ def test_a_resume_never_goes_past_a_script_that_was_heard() -> None:
 
 def test_nor_before_it_is_known_whether_there_is_one() -> None:
     stage = started(None)
+    assert not stage.link.modes.takes_resume
     stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
     stage.run(2.0)
     assert not sent(stage, SET_MODE)
     assert not requests(stage)
+
+
+def test_nor_while_another_component_uses_our_ids_but_a_hold_is() -> None:
+    stage = started()
+    stage.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 77, 4, 3), (1, 191))
+    stage.run(0.02)
+    assert not stage.link.modes.takes_resume
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.05)
+    assert not requests(stage)
+    stage.link.modes.command(HOLD, stage.now, expected=AUTO, hold=7)
+    stage.run(0.05)
+    assert [message.param3 for message in requests(stage)] == [HOLD]
+    stage.run(11.0)
+    assert stage.link.modes.takes_resume
 
 
 def test_a_hold_does_not_wait_for_that() -> None:
@@ -220,6 +312,38 @@ def test_a_command_that_never_left_is_not_answered() -> None:
     assert [message.param2 for message in sent(stage, SET_MODE)] == [HOLD]
     answer(stage, SET_MODE, ACCEPTED)
     assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+
+
+def test_a_command_that_leaves_at_its_last_moment_is_answered() -> None:
+    stage = started(UNSUPPORTED)
+    stage.now = 8.0
+    stage.link.modes.command(HOLD, stage.now)
+    stage.now += LIFETIME
+    stage.link.modes.send_hold_now(stage.now)
+    stage.link.modes.tick(stage.now)
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
+
+
+def test_a_hold_may_leave_at_once_and_a_resume_waits_for_its_turn() -> None:
+    stage = started(UNSUPPORTED)
+    for mode in (AUTO, HOLD):
+        stage.link.modes.command(mode, stage.now)
+        assert stage.link.modes.resume_waits == (mode == AUTO)
+        stage.link.modes.send_hold_now(stage.now)
+    stage.collect(stage.now)
+    assert [message.param2 for message in sent(stage, SET_MODE)] == [HOLD]
+
+
+def test_a_question_for_the_script_that_waits_while_a_command_is_cancelled_is_answered_all_the_same() -> None:
+    stage = LoopbackLink()
+    stage.near.full = True
+    stage.run(0.2)
+    stage.link.modes.cancel()
+    stage.near.full = False
+    stage.run(0.2)
+    answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, int(sent(stage, MODE_REQUEST_COMMAND)[-1].param4))
+    assert stage.link.modes.compares
 
 
 def test_a_hold_that_is_shown_is_not_commanded_past_the_script_any_more() -> None:

@@ -175,6 +175,27 @@ def test_an_autopilot_that_falls_silent_on_one_connection_is_reached_by_the_othe
     assert (commands(stage, 176), commands(wifi, 176)) == (1, 1)
 
 
+def test_an_autopilot_that_is_heard_seconds_late_on_the_other_connection_has_not_rebooted(
+    stage: LoopbackLink, wifi: Wire
+) -> None:
+    def uptime(wire: Wire, milliseconds: int) -> int:
+        wire.send(mavlink.MAVLink_attitude_message(milliseconds, 0, 0, 0, 0, 0, 0), (1, 1))
+        stage.run(0.1)
+        assert stage.link.vehicle is not None
+        return stage.link.vehicle.reboots
+
+    assert uptime(stage, 60_000) == 0
+    stage.vehicle = None
+    for _ in range(5):
+        wifi.heartbeat(1)
+        stage.run(1)
+    assert uptime(wifi, 55_000) == 0
+    stage.heartbeat(1)
+    stage.run(0.1)
+    assert uptime(stage, 66_000) == 0
+    assert uptime(stage, 900) == 1
+
+
 def test_an_autopilot_adopted_late_on_the_second_connection_is_reached_there() -> None:
     stage = LoopbackLink(BOTH, vehicle=None)
     stage.run(2)

@@ -353,17 +353,23 @@ def test_over_tcp_a_cancelled_resume_never_leaves_and_the_connection_is_opened_a
 
         link = Link(LinkSettings("tcp:127.0.0.1:9"), build(["grass"], {}, {}), 0.0, openers={MAIN: opener})
         connected.sendall(HEARTBEAT.pack(AUTOPILOT))
-        while link.vehicle is None:
-            link.poll(0.0)
+        now = 0.0
+        while not link.modes.takes_resume:
+            assert now < DEADLINE, "too late"
+            now += _STEP
+            link.poll(now)
+            link.tick(now)
+            connected.sendall(NO_SCRIPT.pack(AUTOPILOT))
         assert tcp.write(bytes(8_000_000)), "a part of it"
-        link.modes.command(AUTO, 0.1)
+        link.modes.command(AUTO, now)
+        assert link.modes.resume_waits
         for step in range(6):
-            link.poll(0.1 + 0.1 * step)
-            link.tick(0.1 + 0.1 * step)
+            link.poll(now + 0.1 * step)
+            link.tick(now + 0.1 * step)
         link.modes.cancel()
-        for step in range(12):
-            link.poll(0.7 + 0.1 * step)
-            link.tick(0.7 + 0.1 * step)
+        for step in range(6, 18):
+            link.poll(now + 0.1 * step)
+            link.tick(now + 0.1 * step)
         assert "takes nothing" in str(link.trouble) or "refused" in str(link.trouble)
         got = mavlink.MAVLink(None)
         got.robust_parsing = True
@@ -376,6 +382,7 @@ def test_over_tcp_what_was_not_sent_is_taken_back_with_the_connection() -> None:
     with _unread() as (tcp, connected):
         while not tcp.write(b"\xfd" * 8_000_000):
             pass
+        tcp.note_revocable()
         with pytest.raises(StuckError):
             tcp.recall()
         tcp.close()
@@ -386,9 +393,37 @@ def test_over_tcp_a_frame_that_has_left_is_not_taken_back() -> None:
     with _unread() as (tcp, connected):
         while not tcp.write(b"frame"):
             pass
+        tcp.note_revocable()
         tcp.recall()
         assert tcp.write(b"next")
         assert _read_until(connected, b"next").strip(b"\0") == b"framenext"
+
+
+@pytest.mark.parametrize("cancelled", [True, False], ids=["cancelled", "after its second"])
+def test_nor_is_the_connection_closed_for_what_waits_behind_it(cancelled: bool) -> None:
+    with _unread() as (tcp, connected):
+        connection = Connection(lambda: tcp, 0.0)
+        connection.read(0.0)
+        while not connection.write(b"resume", 0.0, revocable=True):
+            pass
+        assert _read_until(connected, b"resume")
+        assert connection.write(b"\xfd" * 8_000_000, 0.1), "a part of it, and the rest waits"
+        if cancelled:
+            connection.recall()
+        else:
+            connection.read(STUCK_AFTER + 0.1)
+        assert connection.trouble is None
+
+
+def test_but_it_is_for_a_part_of_the_frame_itself() -> None:
+    with _unread() as (tcp, connected):
+        connection = Connection(lambda: tcp, 0.0)
+        connection.read(0.0)
+        while not connection.write(b"\xfd" * 8_000_000, 0.0, revocable=True):
+            pass
+        connection.recall()
+        assert connection.trouble is not None
+        assert len(_drain(connected)) < 8_000_000
 
 
 def _read_until(connected: socket.socket, end: bytes) -> bytes:

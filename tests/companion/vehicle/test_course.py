@@ -139,6 +139,11 @@ def test_slow_reversing_counts_by_the_speed_along_the_axis() -> None:
     assert Drive().on(3.0, 0.4, 160.0) == "drives backwards"
 
 
+def test_neither_limit_of_speed_is_a_fault_itself() -> None:
+    assert Drive().on(3.0, BACKWARDS, 180.0) == ""
+    assert Drive().on(3.0, ASIDE, 90.0) == ""
+
+
 def test_without_a_known_view_only_driving_backwards_is_judged() -> None:
     assert Drive(view=0.0).on(3.0, 0.6, 100.0) == ""
     assert Drive(view=0.0).on(3.0, 2.0, 120.0) == "drives backwards"
@@ -175,6 +180,24 @@ def test_an_old_position_begins_and_ends_nothing() -> None:
     assert drive.on(10.0, 2.0, 180.0, period=STALE + 0.2) == ""
     drive.on(2.0, 2.0, 180.0)
     assert drive.on(10.0, 2.0, 0.0, period=STALE + 0.2) != "", "what is not seen is not over"
+
+
+def test_a_report_is_old_after_a_second_and_a_half_and_not_before() -> None:
+    assert unknown(at(10.0, 1.0, 0.0), 10.0 + STALE) == ""
+    yawed = at(10.0 + STALE, 1.0, 0.0, None, (0.0, 0.0, 0.0), 10.0)
+    assert unknown(yawed, 10.0 + STALE) == ""
+    assert unknown(yawed, 10.125 + STALE) == "heading"
+    judge = CourseJudge(0.0, VIEW)
+    for now in (10.0, 10.0 + STALE):
+        told = judge.judge(at(now, 2.0, 180.0), now, drives=True, held=False)
+    assert told == "drives backwards", "they follow each other"
+
+
+def test_a_hold_that_is_not_carried_out_yet_does_not_end_it_either() -> None:
+    drive = Drive()
+    drive.on(2.0, 2.0, 180.0)
+    assert drive.on(3.0, 0.0, 180.0, held=True) == "drives backwards"
+    assert drive.on(2 * TURN, 0.0, 180.0) == ""
 
 
 def test_a_standstill_in_our_hold_does_not_end_it_and_a_go_does() -> None:

@@ -40,6 +40,24 @@ def test_slow_frames_count_after_five_seconds_and_quick_ones_after_ten(slow: flo
     assert GOOD_FOR - 0.1 <= judging.now - begun <= GOOD_FOR + 0.3
 
 
+def stepped(pace: MeasuredPace, taken: float, since: float, until: float) -> list[float]:
+    """What counts after each frame of those that follow each other without a pause."""
+    found = []
+    while since < until:
+        since += taken
+        pace.judged(taken, since)
+        found.append(pace.step)
+    return found
+
+
+def test_it_counts_at_five_and_ten_seconds_since_the_first_such_frame_began() -> None:
+    pace = MeasuredPace(1)
+    pace.started(1.0, 0.0)
+    assert stepped(pace, 1.0, 0.0, BAD_FOR) == [0.0, 0.0, 0.0, 0.0, 1.0]
+    assert stepped(pace, 0.25, BAD_FOR, BAD_FOR + GOOD_FOR)[-2:] == [1.0, 0.25]
+    assert stepped(pace, 1.0, BAD_FOR + GOOD_FOR, 2 * BAD_FOR + GOOD_FOR)[-2:] == [0.25, 1.0]
+
+
 def test_what_warming_up_took_counts_for_a_request_at_once_and_for_a_fault_with_the_frames() -> None:
     judging = Judging(first=0.6)
     assert (judging.pace.newest, judging.pace.step) == (0.6, 0.0)

@@ -21,7 +21,7 @@ from companion.sim.demo.main import PACES, SPEED, Pace
 from companion.sim.demo.story import Story
 from companion.vision.warm_up import judging_settings
 
-SLOW = "HOLD refused: 0.5 s a frame is too slow"
+SLOW = "HOLD refused: 0.5 s a frame: make it faster"
 
 
 class Daemon:

@@ -196,3 +196,45 @@ def test_a_flood_of_frames_stays_within_the_instructions_that_scripts_are_given(
 def test_what_takes_too_long_is_ended_and_nothing_in_it_can_prevent_that() -> None:
     board = flooded(1000)
     assert "exceeded time limit" in board.scripting.ended
+
+
+class TestAnotherScript:
+    """All scripts share one queue and one list of message ids."""
+
+    def test_that_opens_the_queue_again_makes_it_deaf_for_one_cycle_at_most(self) -> None:
+        board = driving()
+        board.scripting.open_queue(10, 5)
+        board.pass_time(5.0, state=State.OK)
+        board.tell(CALL, 3)
+        board.pass_time(CYCLE)
+        assert board.mode_now == AUTO
+        assert board.said[-1].text == CALL.decode()
+
+    def test_that_leaves_it_no_place_makes_it_hold_and_say_why(self) -> None:
+        board = driving()
+        board.scripting.open_queue(10, 1)
+        board.scripting.register(33)
+        board.pass_time(3.0, state=State.OK)
+        assert board.mode_now == HOLD
+        assert "anytraverse.lua: no registrations free" in board.texts()
+
+    def test_that_opened_the_queue_first_keeps_its_registrations_and_its_memory(self) -> None:
+        board = driving()
+        board.scripting.boot()
+        board.scripting.open_queue(10, 3)
+        board.scripting.register(33)
+        board.pass_time(3.0, state=State.OK)
+        assert board.scripting.register(33) is False
+        board.pass_time(3.0)
+        assert board.mode_now == HOLD
+
+    def test_that_left_no_place_before_makes_it_refuse_arming(self) -> None:
+        board = driving()
+        board.scripting.boot()
+        board.scripting.open_queue(10, 1)
+        board.scripting.register(33)
+        board.pass_time(1.0, state=State.OK)
+        assert "anytraverse.lua failed" in board.scripting.forbids_arming()
+
+    def test_may_have_as_many_ids_as_any_can(self) -> None:
+        driving().scripting.open_queue(10, 25)

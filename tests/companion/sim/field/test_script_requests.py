@@ -58,7 +58,10 @@ class Requests:
 
     def station_sets_hold(self, *, message: str = "COMMAND_LONG", target: int = 1, mav: Any = None) -> None:
         """A ground station commands HOLD; the autopilot obeys at once."""
-        if message == "SET_MODE":
+        if message == "COMMAND_INT":
+            command = mavlink.MAVLink_command_int_message(target, 1, 0, 176, 0, 0, 1, HOLD, 0, 0, 0, 0, 0)
+            self.board.hear(command.pack(mav or STATION))
+        elif message == "SET_MODE":
             self.board.hear(mavlink.MAVLink_set_mode_message(target, 1, HOLD).pack(mav or STATION))
         else:
             self.command(176, 1, HOLD, mav=mav or STATION)
@@ -128,7 +131,7 @@ def test_nor_after_a_human_s_mode_that_lasted_less_than_a_cycle() -> None:
     assert asked.board.mode_now == HOLD
 
 
-@pytest.mark.parametrize("message", ["COMMAND_LONG", "SET_MODE"])
+@pytest.mark.parametrize("message", ["COMMAND_LONG", "COMMAND_INT", "SET_MODE"])
 @pytest.mark.parametrize("station", [(255, 190), (1, 190), (254, 1)])
 def test_nor_out_of_a_hold_that_a_human_pressed_within_ours(message: str, station: tuple[int, int]) -> None:
     asked = Requests().held()

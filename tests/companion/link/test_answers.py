@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.answers.answer import Answer, Via
+from companion.config.link_settings import LinkSettings
 from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import (
@@ -219,6 +220,22 @@ def test_halves_of_many_answers_take_bounded_memory(stage: LoopbackLink) -> None
     for number in range(1, 50):
         heard(stage, tunnel(AnswerMessage(number, 7, Motion.NONE, (), 0, 2).pack()))
     assert len(stage.link.answers._reassembly._open) <= 8
+
+
+@pytest.mark.parametrize(("system", "may"), [(239, False), (240, True), (250, True), (251, False)])
+def test_both_bounds_of_allowed_senders_may_answer_and_nobody_beyond(system: int, may: bool) -> None:
+    stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", allowed_senders=(240, 250)))
+    stage.run(0.1)
+    assert bool(heard(stage, tunnel(GO.pack()), sender=(system, 190))) is may
+
+
+def test_while_another_component_uses_our_ids_no_answer_counts_on_that_connection(
+    stage: LoopbackLink,
+) -> None:
+    stage.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 77, 4, 3), (1, 191))
+    assert heard(stage, tunnel(GO.pack()), command(7, 1)) == []
+    stage.run(11.0)
+    assert heard(stage, tunnel(GO.pack())) != []
 
 
 def test_a_sender_that_may_not_is_denied_counted_and_told(stage: LoopbackLink) -> None:

@@ -155,7 +155,7 @@ class Daemon:
         self._vision.situation(
             self.position.place(),
             now,
-            moving=is_moving(self._link.vehicle, drives_itself=self.calls.monitor.newest.drives_itself),
+            moving=is_moving(self._link.vehicle, now, drives_itself=self.calls.monitor.newest.drives_itself),
         )
         for result in self._vision.poll(now):
             with self._error_guard.survived(type(result).__name__, now):

@@ -259,6 +259,8 @@ class MessageRouter:
                 self.remote_control.receive_health(message, now)
             elif kind == "ATTITUDE":
                 self._tracker.attitude(system_id, message, now)
+            elif kind == "VFR_HUD":
+                self._tracker.throttle(system_id, message, now)
             elif kind == "SYSTEM_TIME":
                 self._tracker.time(system_id, message, now)
             return None

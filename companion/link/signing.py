@@ -56,6 +56,7 @@ PRIVATE_TELEMETRY = frozenset(
         "HEARTBEAT",
         "GLOBAL_POSITION_INT",
         "ATTITUDE",
+        "VFR_HUD",
         "SYSTEM_TIME",
         "SYS_STATUS",
         "RC_CHANNELS",

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import RcChannels
 from companion.vehicle.mission import Mission, MissionState
-from companion.vehicle.state import Vehicle, is_set
+from companion.vehicle.state import PUSHES, Vehicle, is_set
 
 FAILED_LASTS = 5.0
 """s that a failed RC receiver counts as failed without a new report."""
@@ -153,6 +153,15 @@ class VehicleTracker:
             roll, pitch, yaw = (round(math.degrees(angle), 2) for angle in angles)
             self.vehicle = replace(self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now)
 
+    def throttle(self, system_id: int, message: Any, now: float) -> None:
+        """Take VFR_HUD. A throttle backwards is below 0, in 16 bits without a sign."""
+        if self.vehicle is None or system_id != self.vehicle.system_id:
+            return
+        percent = min(message.throttle, (1 << 16) - message.throttle)
+        since = None if percent < PUSHES else self.vehicle.pushes_since
+        since = now if percent >= PUSHES and since is None else since
+        self.vehicle = replace(self.vehicle, pushes_since=since, throttle_at=now)
+
     def mission(self, system_id: int, message: Any, now: float) -> bool:
         """Take MISSION_CURRENT; True when it is our vehicle's. What old firmware leaves out is not known."""
         if self.vehicle is None or system_id != self.vehicle.system_id:
@@ -191,7 +200,7 @@ class VehicleTracker:
             self.vehicle = replace(self.vehicle, clock=seconds - now, clock_at=now)
 
     def tick(self, now: float) -> None:
-        """Forget a position, an attitude and the mission's state that are older than 5 s."""
+        """Forget a position, an attitude, a throttle and the mission's state that are older than 5 s."""
         vehicle = self.vehicle
         if vehicle is None:
             return
@@ -199,6 +208,8 @@ class VehicleTracker:
             self.vehicle = vehicle = replace(vehicle, position=None, speed=None, course=None)
         if vehicle.attitude is not None and now - (vehicle.attitude_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = vehicle = replace(vehicle, attitude=None)
+        if vehicle.pushes_since is not None and now - (vehicle.throttle_at or 0.0) > POSITION_LIFETIME:
+            self.vehicle = vehicle = replace(vehicle, pushes_since=None)
         mission = vehicle.mission
         if mission is not None and mission.state and now - mission.at > POSITION_LIFETIME:
             unknown = replace(mission, fresh=False, state=MissionState.UNKNOWN)

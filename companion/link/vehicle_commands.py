@@ -73,9 +73,7 @@ class MessageIntervals:
             ("attitude", mavlink.MAVLINK_MSG_ID_ATTITUDE, vehicle.attitude_at),
             ("time", mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, vehicle.clock_at),
         ):
-            period = MESSAGES[row].period or 0.0
-            if heard_at is None or now - heard_at > _MISSED * period:
-                self._ask(vehicle, message_id, period, MESSAGES["interval"].period or 0.0, now)
+            self._ask_if_silent(vehicle, row, message_id, heard_at, now)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
         reported_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at
         if autopilot is not None and autopilot.reports_mode_late and now - reported_at > MODE_SILENCE:
@@ -87,10 +85,19 @@ class MessageIntervals:
         if self.wants_rc_channels and now - self._remote_control.health_at > HEALTH_SILENCE:
             period = MESSAGES["rc health"].period or 0.0
             self._ask(vehicle, mavlink.MAVLINK_MSG_ID_SYS_STATUS, period, HEALTH_PATIENCE, now)
-        period = MESSAGES["mission"].period or 0.0
-        if vehicle.mission is None or now - vehicle.mission.at > _MISSED * period:
-            patience = MESSAGES["interval"].period or 0.0
-            self._ask(vehicle, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, period, patience, now)
+        told_at = None if vehicle.mission is None else vehicle.mission.at
+        for row, message_id, heard_at in (
+            ("mission", mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, told_at),
+            ("throttle", mavlink.MAVLINK_MSG_ID_VFR_HUD, vehicle.throttle_at),
+        ):
+            self._ask_if_silent(vehicle, row, message_id, heard_at, now)
+
+    def _ask_if_silent(
+        self, vehicle: Vehicle, row: str, message_id: int, heard_at: float | None, now: float
+    ) -> None:
+        period = MESSAGES[row].period or 0.0
+        if heard_at is None or now - heard_at > _MISSED * period:
+            self._ask(vehicle, message_id, period, MESSAGES["interval"].period or 0.0, now)
 
     def _ask(self, vehicle: Vehicle, message_id: int, period: float, patience: float, now: float) -> None:
         if now - self._asked_at.get(message_id, -math.inf) >= patience:

@@ -23,6 +23,8 @@ class Vehicle:
     time.
     reboots: how often its time since boot has run backwards.
     mission: its newest report, None before the first.
+    pushes_since: since when it has had a throttle of `PUSHES` or more, seconds of the link's clock; None
+    where it has less, or where that is not known. throttle_at: when that was reported.
     """
 
     system_id: int
@@ -42,8 +44,14 @@ class Vehicle:
     reboots: int = 0
     mission: Mission | None = None
     course: float | None = None
+    pushes_since: float | None = None
+    throttle_at: float | None = None
 
 
+PUSHES = 10
+"""Percent of throttle from which a vehicle does not stand because it wants to."""
+PUSHES_FOR = 1.0
+"""s of such a throttle after which a vehicle moves, whatever its speed is reported to be."""
 MOVES = 0.2
 """m/s above which a vehicle counts as moving: its camera's image then changes within a second."""
 
@@ -110,7 +118,13 @@ def stands(vehicle: Vehicle, now: float) -> bool:
     return vehicle.speed < MOVES
 
 
-def is_moving(vehicle: Vehicle | None, *, drives_itself: bool) -> bool:
-    """Whether the vehicle moves. Where its speed is not known, `drives_itself` is returned."""
+def is_moving(vehicle: Vehicle | None, now: float, *, drives_itself: bool) -> bool:
+    """Whether the vehicle moves. Where its speed is not known, `drives_itself` is returned.
+
+    Of a vehicle that drives itself with throttle a speed of 0 is not believed: its positions may stand still.
+    """
     speed = vehicle.speed if vehicle is not None else None
-    return drives_itself if speed is None else speed > MOVES
+    if vehicle is None or speed is None:
+        return drives_itself
+    pushes = vehicle.pushes_since is not None and now - vehicle.pushes_since >= PUSHES_FOR
+    return speed > MOVES or (drives_itself and pushes)

@@ -68,9 +68,9 @@ def clock(rover: Rover) -> Any:
 
 
 def vfr_hud(rover: Rover) -> Any:
-    return mavlink.MAVLink_vfr_hud_message(
-        abs(rover.speed), abs(rover.speed), round(math.degrees(_yaw(rover))) % 360, 0, 450.0, 0.0
-    )
+    speed, heading = abs(rover.speed), round(math.degrees(_yaw(rover))) % 360
+    throttle = round(100 * rover.speed / rover.body.top_speed) % (1 << 16)
+    return mavlink.MAVLink_vfr_hud_message(speed, speed, heading, throttle, 450.0, 0.0)
 
 
 def rc_channels(rover: Rover) -> Any:

@@ -155,11 +155,22 @@ def test_what_moves_is_what_has_speed_or_else_drives_itself(
     rig = make_rig()
     told = Told(1, 10, mode, armed=True, heard_at=0.0, speed=speed)
     seen = ModeReport(mode, True, None, 0.0, rig.calls.monitor.newest.autopilot)  # noqa: FBT003
-    assert is_moving(told, drives_itself=seen.drives_itself) is moving
+    assert is_moving(told, 0.0, drives_itself=seen.drives_itself) is moving
 
 
 def test_without_a_vehicle_nothing_moves() -> None:
-    assert not is_moving(None, drives_itself=ModeReport().drives_itself)
+    assert not is_moving(None, 0.0, drives_itself=ModeReport().drives_itself)
+
+
+@pytest.mark.parametrize(
+    ("since", "drives_itself", "moving"),
+    [(None, True, False), (9.5, True, False), (9.0, True, True), (1.0, True, True), (1.0, False, False)],
+)
+def test_a_speed_of_0_is_not_believed_of_one_that_drives_itself_with_throttle(
+    since: float | None, drives_itself: bool, moving: bool
+) -> None:
+    told = Told(1, 10, AUTO, armed=True, heard_at=10.0, speed=0.0, pushes_since=since)
+    assert is_moving(told, 10.0, drives_itself=drives_itself) is moving
 
 
 def freeze(rig: Rig, image: NDArray[np.uint8], seconds: float) -> None:

@@ -108,3 +108,26 @@ def test_messages_that_overtake_each_other_and_a_counter_that_is_used_up_are_non
         assert told(stage, mavlink.MAVLink_system_time_message(0, at)).reboots == 0
     assert told(stage, mavlink.MAVLink_system_time_message(0, 9_000), (2, 1)).reboots == 0
     assert told(stage, mavlink.MAVLink_system_time_message(0, 2_000), (2, 1)).reboots == 0
+
+
+def hud(throttle: int) -> mavlink.MAVLink_vfr_hud_message:
+    return mavlink.MAVLink_vfr_hud_message(0.0, 0.0, 0, throttle % (1 << 16), 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("throttle", "pushes"), [(0, False), (9, False), (10, True), (-10, True), (-9, False)]
+)
+def test_a_throttle_forwards_or_backwards_tells_that_it_drives(throttle: int, pushes: bool) -> None:
+    stage = LoopbackLink()
+    vehicle = told(stage, hud(throttle))
+    assert (vehicle.pushes_since is not None) is pushes
+    assert told(stage, hud(50)).pushes_since == (vehicle.pushes_since or stage.link.vehicle.throttle_at)
+    assert told(stage, hud(0)).pushes_since is None
+
+
+def test_an_old_throttle_is_forgotten() -> None:
+    stage = LoopbackLink()
+    assert told(stage, hud(50)).pushes_since is not None
+    stage.run(6.0)
+    assert stage.link.vehicle is not None
+    assert stage.link.vehicle.pushes_since is None

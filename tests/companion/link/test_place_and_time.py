@@ -121,7 +121,8 @@ def test_a_throttle_forwards_or_backwards_tells_that_it_drives(throttle: int, pu
     stage = LoopbackLink()
     vehicle = told(stage, hud(throttle))
     assert (vehicle.pushes_since is not None) is pushes
-    assert told(stage, hud(50)).pushes_since == (vehicle.pushes_since or stage.link.vehicle.throttle_at)
+    later = told(stage, hud(50))
+    assert later.pushes_since == (vehicle.pushes_since or later.throttle_at)
     assert told(stage, hud(0)).pushes_since is None
 
 

@@ -71,11 +71,11 @@ def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
         similarity_margin=config.call.similarity_margin,
         match=own.match,
     )
-    roi = config.roi
+    roi, width = config.roi, config.corridor
     return Settings(
         region=Box(roi.left, roi.top, roi.right, roi.bottom),
         thresholds=thresholds,
-        corridor=Corridor(config.corridor.bottom, config.corridor.top),
+        corridor=Corridor(width.bottom, width.top, bottom_row=width.bottom_row, top_row=width.top_row),
         tile_share=perceiver.defaults.tile_share if roi.tile_share is None else roi.tile_share,
         tile_width=tile_width(config) if roi.tile_share is None else None,
         freshness=config.freshness,

@@ -104,6 +104,7 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
         ("[thresholds]\nroi = 0\n", "give a number above 0 and up to 1"),
         ("[thresholds]\ntile = 'of'\n", 'or "off"'),
         ("[corridor]\ntop = -1\n", "give a number above 0"),
+        ("[corridor]\ntop_row = 0.96\n", "top_row 0.96 must be less than bottom_row 0.95"),
         ("[link]\nurl = 'udp:14550'\n", "is not understood"),
         ("[link]\nbudget = 10\n", "link.budget = 10: budget 10 B/s is too little"),
         (

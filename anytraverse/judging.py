@@ -81,7 +81,8 @@ class Settings:
     freshness: seconds after which a frame is too old to be OK. votes, window: so many of the last `window`
     frames must match a remembered scene before it is adopted. scene_every: every n-th frame gets an embedding
     of its own, 1 to 100; see `SceneWatch`. pooling, uncertainty: names in `POOLINGS` and `UNCERTAINTIES`.
-    Raises SettingsError for a number out of range or an unknown name.
+    misfit_allowed: whether the vehicle may be wider than the region, see `misfit`. No frame is OK then.
+    Raises SettingsError for a number out of range, an unknown name, or a misfit that is not allowed.
     """
 
     region: Region = field(default_factory=lambda: Box(1 / 3, 0.6, 2 / 3, 0.95))
@@ -95,6 +96,7 @@ class Settings:
     scene_every: int = 1
     pooling: str = "max"
     uncertainty: str = "max"
+    misfit_allowed: bool = False
 
     def __post_init__(self) -> None:
         _check("tile_share", self.tile_share, 0.0 < self.tile_share <= 1.0, "above 0, at most 1")
@@ -105,11 +107,18 @@ class Settings:
         _check("scene_every", self.scene_every, 1 <= self.scene_every <= 100, "1 to 100 frames")
         _check("pooling", self.pooling, self.pooling in POOLINGS, " or ".join(POOLINGS))
         _check("uncertainty", self.uncertainty, self.uncertainty in UNCERTAINTIES, " or ".join(UNCERTAINTIES))
+        if self.misfit and not self.misfit_allowed:
+            raise SettingsError(self.misfit)
 
     @classmethod
     def of(cls, defaults: DefaultThresholds) -> Settings:
         """Take a perceiver's own thresholds and tiles, with the default of every other setting."""
         return cls(thresholds=Thresholds.of(defaults), tile_share=defaults.tile_share)
+
+    @property
+    def misfit(self) -> str:
+        """Why the vehicle does not fit into the region, "" where it does: see `Corridor.misfit`."""
+        return self.corridor.misfit(self.region.bounds)
 
     @property
     def tile_side(self) -> float:

@@ -22,16 +22,22 @@ KNOWN = 0.5
 _GAP = 0.9
 """A square is a gap in the corridor when at least this share of its cells is not drivable."""
 _ROUNDING = 1e-9
+_FITS = 1e-6
+"""By so little a region may be narrower than the corridor: its sides are told as floats of 32 bits."""
 
 
 @dataclass(frozen=True)
 class Corridor:
-    """Holds the vehicle's width as fractions of the image's width, at the bottom and the top of the ROI.
+    """Holds the vehicle's width as fractions of the image's width, whatever the ROI.
 
+    bottom, top: the width at `bottom_row` and at `top_row`, themselves fractions of its height, [0, 1].
+    It is linear between and beyond them, as on flat ground.
     share: of its cells that must be drivable in each of `bands` bands from near to far, (0, 1].
     gap: side of the smallest gap that closes the corridor, over the ROI's width, (0, 1]. A tile may be
     smaller: single cells along ragged borders are not drivable, and would be a gap.
-    Raises SettingsError for fractions that are not above 0, and for share, bands or gap out of range.
+    room: a strip is wider than the vehicle by this factor where the ROI leaves room for it, 1 or more.
+    Raises SettingsError for fractions that are not above 0, for rows that are not in this order, and for
+    share, bands, gap or room out of range.
     """
 
     bottom: float
@@ -39,6 +45,9 @@ class Corridor:
     share: float = 0.8
     bands: int = 5
     gap: float = 0.25
+    bottom_row: float = 0.95
+    top_row: float = 0.6
+    room: float = 1.0
 
     def __post_init__(self) -> None:
         if not (0.0 < self.bottom < math.inf and 0.0 < self.top < math.inf):
@@ -49,11 +58,29 @@ class Corridor:
             )
         if not 0.0 < self.gap <= 1.0:
             raise SettingsError(f"{self} has no gap: give a share of the ROI's width above 0, at most 1")
+        if not 0.0 <= self.top_row < self.bottom_row <= 1.0:
+            raise SettingsError(f"{self} holds at no two rows: give a top_row above bottom_row, 0 to 1")
+        if not 1.0 <= self.room < math.inf:
+            raise SettingsError(f"{self} is narrower than the vehicle: give a room of 1 or more")
 
     def roomier(self, factor: float, margin: float) -> Corridor:
-        """Return this corridor for a vehicle `factor` times as wide, with its share raised by `margin`."""
-        share = min(1.0, self.share + margin)
-        return replace(self, bottom=self.bottom * factor, top=self.top * factor, share=share)
+        """Return this corridor with strips `factor` times as wide, and its share raised by `margin`."""
+        return replace(self, room=factor, share=min(1.0, self.share + margin))
+
+    def misfit(self, bounds: Box) -> str:
+        """Return why the vehicle does not fit into these bounds of a region, "" where it does.
+
+        The text says what to do, and is short enough for a STATUSTEXT.
+        """
+        slope = (self.bottom - self.top) / (self.bottom_row - self.top_row)
+        widths = [self.bottom + slope * (row - self.bottom_row) for row in (bounds.top, bounds.bottom)]
+        if min(widths) <= 0.0:
+            return f"ROI reaches the horizon {self.bottom_row - self.bottom / slope:.2f}: shorten it"
+        has, needs = bounds.right - bounds.left, max(widths)
+        if needs <= has + _FITS:
+            return ""
+        has, needs = math.floor(100 * has + 1e-4) / 100, math.ceil(100 * needs - 1e-4) / 100
+        return f"ROI {has:.2f} wide, vehicle {needs:.2f}: widen it"
 
 
 @dataclass(frozen=True)
@@ -194,18 +221,21 @@ def corridor_open(drivable: Mask, region: Region, corridor: Corridor, gap: tuple
     """Return whether a strip of the vehicle's width leads over drivable ground from the ROI's bottom to top.
 
     drivable: (h, w). gap: rows and columns of a gap. The strip may shift by one pixel of the map a row. In
-    each of its bands at least `corridor.share` of its cells must be drivable, and no gap may be in it.
-    False when the ROI holds no pixel.
+    each of its bands at least `corridor.share` of its cells must be drivable, and no gap may be in it. It
+    stays inside the ROI. False when the ROI holds no pixel, or the vehicle does not fit in.
     """
     height, width = drivable.shape
     rows, columns = region.bounds.slices(height, width)
-    missing = ~drivable[rows, columns]
-    if missing.size == 0 or missing.all():
+    outside = ~region.mask(height, width)[rows, columns]
+    missing = ~drivable[rows, columns] | outside
+    if missing.size == 0 or missing.all() or corridor.misfit(region.bounds):
         return False
     if not missing.any():
         return True
-    strips = _strips(*missing.shape, width, corridor, gap[1])
+    strips = _strips(rows.start, *missing.shape, height, width, corridor, gap[1])
     gaps = _count_between(_gaps(missing, gap), strips.begin, strips.gaps_end)
+    if outside.any():
+        gaps += _count_between(outside, strips.begin, strips.end)
     lost = np.where(strips.inside & (gaps == 0), _count_between(missing, strips.begin, strips.end), np.inf)
     # Dynamic programming: for each column where the strip may stand, the fewest cells that are not drivable
     # in the part of a band that it has crossed so far.
@@ -239,10 +269,17 @@ class _Strips:
 
 
 @lru_cache(16)
-def _strips(count: int, across: int, width: int, corridor: Corridor, gap: int) -> _Strips:
-    """Place the strips in an ROI of (count, across) pixels. width: the map's. gap: columns of a gap."""
-    rise = np.arange(count - 1, -1, -1) / max(1, count - 1)
-    wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * width
+def _strips(
+    start: int, count: int, across: int, height: int, width: int, corridor: Corridor, gap: int
+) -> _Strips:
+    """Place the strips in an ROI of (count, across) pixels, which the vehicle fits in but for rounding.
+
+    start: the ROI's first row. height, width: the map's. gap: columns of a gap.
+    """
+    anchors, _ = Box(0.0, corridor.top_row, 1.0, corridor.bottom_row).slices(height, width)
+    rise = (anchors.stop - 1 - np.arange(start, start + count)) / max(1, anchors.stop - 1 - anchors.start)
+    bottom, top = corridor.bottom * corridor.room, corridor.top * corridor.room
+    wanted = (bottom + (top - bottom) * rise) * width
     strip = np.clip(np.rint(wanted), 1, across).astype(np.intp)[:, np.newaxis]
     left = np.arange(across) - strip // 2
     bands = np.array_split(np.arange(count)[::-1], min(corridor.bands, count))

@@ -162,7 +162,7 @@ def _away(pose: Pose, thing: Thing) -> float:
 
 
 def engine_of(perceiver: Perceiver, words: str) -> AnyTraverse:
-    corridor = Corridor(bottom=0.3, top=0.12)
+    corridor = Corridor(bottom=0.3, top=0.12, top_row=REGION.top)
     settings = replace(Settings.of(perceiver.defaults), region=REGION, corridor=corridor)
     return AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, Preferences.parse(words)))
 

@@ -29,6 +29,8 @@ class Fault(str, Enum):
     """The vehicle drives where the camera does not look."""
     POLICY = "policy"
     """The policy hold is in force, and cannot be given."""
+    REGION = "region"
+    """The vehicle does not fit into the region of interest."""
 
 
 @dataclass

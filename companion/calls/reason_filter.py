@@ -109,8 +109,13 @@ class ReasonFilter:
             debounce.amend(bad=bad, clear=clear)
 
     def tick(self, now: float) -> None:
-        """Update the view's fault. Without a fresh frame, or in another fault, end the run of OK frames."""
+        """Update the faults of view and region.
+
+        Without a fresh frame, or in another fault, end the run of OK frames.
+        """
         self.faults.report(Fault.VIEW, now, stands=Reason.FAULT in self._reasons_of_view(now))
+        misfit = bool(self.numbers.judging.misfit)
+        self.faults.report(Fault.REGION, now, stands=misfit, what="ROI does not fit" if misfit else "")
         if not self.fresh(now) or self.faults.standing - {Fault.VIEW}:
             self.not_ok_at, self.ok_run = now, 0
 

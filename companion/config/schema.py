@@ -190,10 +190,19 @@ class Roi(Section):
 
 @dataclass(frozen=True)
 class Corridor(Section):
-    """The vehicle's width as it appears in the image, in fractions of the image's width."""
+    """The vehicle's width as it appears at two rows of the image, in fractions of the image's width."""
 
-    bottom: float = setting(0.3, number(0, 1, above=True), "at the lower side of the ROI")
-    top: float = setting(0.2, number(0, 1, above=True), "at the upper side of the ROI")
+    bottom: float = setting(0.3, number(0, 1, above=True), "at the lower row")
+    top: float = setting(0.2, number(0, 1, above=True), "at the upper row")
+    bottom_row: float = setting(0.95, number(0, 1), "the lower row, as a fraction of the image's height")
+    top_row: float = setting(0.6, number(0, 1), "the upper row, as a fraction of the image's height")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        if self.top_row >= self.bottom_row:
+            yield (
+                ("top_row", "bottom_row"),
+                f"top_row {self.top_row:g} must be less than bottom_row {self.bottom_row:g}",
+            )
 
 
 @dataclass(frozen=True)

@@ -147,6 +147,9 @@ def restore_settings(
     left_out = overrides.restore(saved)
     judging, misfits = overrides.tuned(ready.settings)
     startup_notices += [*left_out, *misfits]
+    if judging.misfit:
+        log.error("%s: set AT_ROI_L and AT_ROI_R, or correct [roi] or [corridor] in the file", judging.misfit)
+        startup_notices.append(notices.fault_region(judging.misfit))
     if overrides.values:
         log.warning("set by the ground, not as in the file: %s", overrides.figures())
     return overrides, judging

@@ -213,14 +213,17 @@ def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[Re
 
 
 def settings_of(told: Mapping[str, Any], base: Settings) -> Settings:
-    """Return the recorded settings, with `base` for what was not recorded. Raises DriveError."""
+    """Return the recorded settings, with `base` for what was not recorded. Raises DriveError.
+
+    They are to be judged again, so that a region that the vehicle does not fit in is allowed.
+    """
     limits = _mapping(told.get("thresholds"))
     try:
         given = {name: limits[name] for name in ("roi", "scene", "tile", "trav") if name in limits}
         thresholds = replace(base.thresholds, **given)
         tiles = {name: told[name] for name in ("tile_share", "tile_width") if name in told}
         region = Box(**told["region"]) if "region" in told else base.region
-        return replace(base, region=region, thresholds=thresholds, **tiles)
+        return replace(base, region=region, thresholds=thresholds, misfit_allowed=True, **tiles)
     except (AnyTraverseError, TypeError) as error:
         raise DriveError(f"the recorded settings cannot be used: {error}") from error
 

@@ -68,7 +68,8 @@ def run(where: str, *, file: str | None, refs: str | None = None, update: bool =
 def _recording(
     recording: Recording, file: str | None, known: Sequence[Row] | None
 ) -> tuple[list[Row], Comparison]:
-    engine, _ = load_engine(load_config(file) if file else config_of(recording), None)
+    config = load_config(file) if file else config_of(recording)
+    engine, _ = load_engine(config, None, misfit_allowed=True)
     if recording.model != engine.perceiver.model_id:
         print(f"recorded with {recording.model}, judged again with {engine.perceiver.model_id}")
     return replay_recording(engine, recording, known)

@@ -67,6 +67,8 @@ class PolicyService:
         switch = self.state.switch
         if switch is not None and switch.lost:
             return notices.switch_lost(switch.name, off=switch.off)
+        if misfit := self._calls.numbers.judging.misfit:
+            return notices.fault_region(misfit)
         return self._fault.reminder if self._fault is not None else ""
 
     @property

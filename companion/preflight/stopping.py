@@ -40,11 +40,17 @@ def check_stopping(rover: Rover) -> list[Finding]:
 
 
 def check_tile(rover: Rover) -> list[Finding]:
-    """Tell how large a tile is, and check that a rock fills it while the vehicle can still stop."""
+    """Tell how large a tile is, and check that a rock fills it while the vehicle can still stop.
+
+    The check fails where the vehicle does not fit into the region of interest.
+    """
     if rover.running is not None:
         return [skipped(TILE, "the companion that runs has told it in its log, at its start")]
     judging = rover.perceives.judging
     if judging is None:
         return [skipped(TILE, "not known without a perceiver that runs")]
+    if judging.misfit:
+        text = f"{judging.misfit}, or correct [roi] or [corridor]: till then the companion is in a fault"
+        return [failed(TILE, text)]
     text, in_time = describe_tile(rover.config, judging)
     return [(passed if in_time else warned)(TILE, text)]

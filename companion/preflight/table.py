@@ -66,7 +66,7 @@ CHECKS = (
     Check("signing",    check_signing,    "whether frames are signed, and the key fits"),
     Check("course",     check_course,     "whether it would be seen that the vehicle drives backwards"),
     Check("stopping",   check_stopping,   "whether the vehicle stops within what its camera sees"),
-    Check("tile",       check_tile,       "how large a tile is: the smallest area that can cause a call"),
+    Check("tile",       check_tile,       "whether the vehicle fits into the ROI, and how large a tile is"),
     Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),
     Check("video",      check_video,      "whether the MAVLink camera's video is served, and where"),
     Check("recording",  check_recording,  "whether recordings are written, where, and how many there are"),

@@ -36,8 +36,11 @@ def judging_values(judging: Settings) -> dict[str, float]:
     return values | {name: getattr(bounds, side) for side, name in ROI.items()}
 
 
-def tuned(judging: Settings, values: Mapping[str, float]) -> Settings:
-    """Return `judging` with some parameters' values. Raises SettingsError, with what to do in a few words."""
+def tuned(judging: Settings, values: Mapping[str, float], *, misfit_allowed: bool = False) -> Settings:
+    """Return `judging` with some parameters' values. Raises SettingsError, with what to do in a few words.
+
+    A region that the vehicle does not fit in already may change, so that it can be mended in steps.
+    """
     thresholds: dict[str, Any] = {
         field: None if name == THR_TILE and values[name] == NOT_IN_USE else values[name]
         for name, field in THRESHOLDS.items()
@@ -48,6 +51,7 @@ def tuned(judging: Settings, values: Mapping[str, float]) -> Settings:
         judging,
         thresholds=replace(judging.thresholds, **thresholds),
         region=_region(judging.region.bounds, sides) if sides else judging.region,
+        misfit_allowed=misfit_allowed or bool(judging.misfit),
     )
 
 
@@ -91,9 +95,12 @@ class RuntimeSettings:
             self._set.pop(name, None)
 
     def tuned(self, judging: Settings) -> tuple[Settings, list[str]]:
-        """Apply the values to `judging`. Values that do not fit are dropped; the notices say which."""
+        """Apply the values to `judging`. Values that do not fit are dropped; the notices say which.
+
+        A region that the vehicle does not fit in stays: that is a fault, and not for us to correct.
+        """
         try:
-            return tuned(judging, self._set), []
+            return tuned(judging, self._set, misfit_allowed=True), []
         except SettingsError as error:
             gone = [name for name in self._set if name in judging_values(judging)]
             self.drop(*gone)

@@ -63,6 +63,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--region", action="append", metavar="L,T,R,B", help="a region of interest; once for each"
     )
+    parser.add_argument(
+        "--misfits",
+        action="store_true",
+        help="allow regions that the vehicle does not fit in, with which no frame is OK",
+    )
     add_choice(parser)
     _add_where(parser)
     parser.add_argument(
@@ -178,6 +183,7 @@ def _grid(options: argparse.Namespace, small: Grid) -> Grid:
         small.roi if options.roi is None else read_values(options.roi, "roi"),
         small.tile if options.tile is None else read_tiles(options.tile),
         small.regions if options.region is None else tuple(map(read_region, options.region)),
+        options.misfits,
     )
 
 

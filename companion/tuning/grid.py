@@ -20,16 +20,21 @@ class GridError(AnyTraverseError):
 
 @dataclass(frozen=True)
 class Grid:
-    """Holds the values of each threshold, and regions. tile None: tiles are not judged."""
+    """Holds the values of each threshold, and regions. tile None: tiles are not judged.
+
+    misfit_allowed: whether the vehicle may be wider than a region, see `Settings`.
+    """
 
     scene: tuple[float, ...]
     roi: tuple[float, ...]
     tile: tuple[float | None, ...]
     regions: tuple[Box, ...]
+    misfit_allowed: bool = False
 
     def combinations(self, base: Settings) -> list[Combination]:
         """Return all combinations. Raises GridError for too many, SettingsError for a number out of range."""
-        found = [Combination(*one) for one in product(self.scene, self.roi, self.tile, self.regions)]
+        values = product(self.scene, self.roi, self.tile, self.regions, (self.misfit_allowed,))
+        found = [Combination(*one) for one in values]
         if len(self.regions) > MOST_REGIONS:
             raise GridError(f"{len(self.regions)} regions: {MOST_REGIONS} at most can be compared")
         if len(found) > MOST:

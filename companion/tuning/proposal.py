@@ -157,7 +157,7 @@ def grid_of(
     """Return a grid of thresholds that this drive tells apart, with those in force.
 
     similarities, uncertainties, tiles: of its frames. The thresholds are quantiles of these, and one that all
-    frames stay within.
+    frames stay within. The vehicle fits into each region.
     """
     limits = settings.thresholds
     scene = _values(similarities, _SHARES, -_BEYOND, limits.scene)
@@ -166,7 +166,8 @@ def grid_of(
     tile: tuple[float | None, ...] = (
         (None,) if limits.tile is None else _values(tiles, above, _BEYOND, limits.tile)
     )
-    return Grid(scene, roi, tile, tuple(regions) or variants(settings.region.bounds))
+    others = (box for box in variants(settings.region.bounds) if not settings.corridor.misfit(box))
+    return Grid(scene, roi, tile, tuple(regions) or tuple(others))
 
 
 def variants(box: Box) -> tuple[Box, ...]:

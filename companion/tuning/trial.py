@@ -25,13 +25,14 @@ from companion.wire.typed_answers import CommandError
 class Combination:
     """Holds thresholds and a region of interest, as in `Thresholds` and `Settings`.
 
-    tile: None: not judged.
+    tile: None: not judged. misfit_allowed: as in `Settings`, for an evaluation.
     """
 
     scene: float
     roi: float
     tile: float | None
     region: Box
+    misfit_allowed: bool = False
 
     @classmethod
     def of(cls, settings: Settings) -> Combination:
@@ -42,7 +43,7 @@ class Combination:
     def applied(self, base: Settings) -> Settings:
         """Return `base` with these instead. Raises SettingsError for a number out of its range."""
         limits = replace(base.thresholds, scene=self.scene, roi=self.roi, tile=self.tile)
-        return replace(base, thresholds=limits, region=self.region)
+        return replace(base, thresholds=limits, region=self.region, misfit_allowed=self.misfit_allowed)
 
 
 class MadeCall(NamedTuple):

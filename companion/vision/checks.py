@@ -143,8 +143,9 @@ def _check_settings(settings: Any) -> None:
     _need(isinstance(limits.match, tuple), "the numbers for matches")
     for scenes, least in limits.match:
         _need(_whole(scenes) and scenes <= _U32 and _number(least), "the numbers for matches")
+    _need(isinstance(settings.misfit_allowed, bool), "whether the region may be too narrow")
     one_by_one = {**vars(limits), **vars(corridor), **vars(settings)}
-    for name in ("match", "thresholds", "corridor", "region", "pooling", "uncertainty"):
+    for name in ("match", "thresholds", "corridor", "region", "pooling", "uncertainty", "misfit_allowed"):
         del one_by_one[name]
     for name, value in one_by_one.items():
         _need(_number(value) or (value is None and name in ("tile", "tile_width")), f"the setting {name}")

@@ -52,14 +52,20 @@ class Ready:
 def load_and_warm_up(
     config: Config, saved: Memory | None, progress: Callable[[], None] | None = None
 ) -> Ready:
-    """Load the engine and warm it up. Takes seconds. Raises as `load_engine` does."""
-    engine, notices = load_engine(config, saved, progress)
+    """Load the engine and warm it up. Takes seconds. Raises as `load_engine` does.
+
+    A region that the vehicle does not fit in is allowed: the daemon must run to report that as a fault.
+    """
+    engine, notices = load_engine(config, saved, progress, misfit_allowed=True)
     remembered = [word for entry in engine.memory.history for word in entry.preferences]
     return Ready(engine, notices, warm_up(engine, (*config.vocabulary, *remembered)))
 
 
-def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
-    """Combine the config's figures with the perceiver's defaults for those that the config leaves open."""
+def judging_settings(config: Config, perceiver: Perceiver, *, misfit_allowed: bool = False) -> Settings:
+    """Combine the config's figures with the perceiver's defaults for those that the config leaves open.
+
+    Raises SettingsError where the vehicle does not fit into the region, unless that is allowed.
+    """
     given, own = config.thresholds, Thresholds.of(perceiver.defaults)
     tile = own.tile if given.tile is None else None if given.tile == "off" else float(given.tile)
     thresholds = Thresholds(
@@ -71,33 +77,40 @@ def judging_settings(config: Config, perceiver: Perceiver) -> Settings:
         similarity_margin=config.call.similarity_margin,
         match=own.match,
     )
-    roi = config.roi
+    roi, width = config.roi, config.corridor
     return Settings(
         region=Box(roi.left, roi.top, roi.right, roi.bottom),
         thresholds=thresholds,
-        corridor=Corridor(config.corridor.bottom, config.corridor.top),
+        corridor=Corridor(width.bottom, width.top, bottom_row=width.bottom_row, top_row=width.top_row),
         tile_share=perceiver.defaults.tile_share if roi.tile_share is None else roi.tile_share,
         tile_width=tile_width(config) if roi.tile_share is None else None,
         freshness=config.freshness,
         votes=config.call.votes,
         window=config.call.window,
         scene_every=config.perceiver.scene_every,
+        misfit_allowed=misfit_allowed,
     )
 
 
 def load_engine(
-    config: Config, saved: Memory | None, progress: Callable[[], None] | None = None
+    config: Config,
+    saved: Memory | None,
+    progress: Callable[[], None] | None = None,
+    *,
+    misfit_allowed: bool = False,
 ) -> tuple[AnyTraverse, list[str]]:
     """Load the perceiver, and fit the saved memory to it. Returns the engine and notices as in `Ready`.
 
     progress: called between the parts of what takes longer than a frame, see `Runtime`.
-    Raises AnyTraverseError when the perceiver cannot be made, or cannot ground a configured word.
+    Raises AnyTraverseError when the perceiver cannot be made, or cannot ground a configured word, and as
+    `judging_settings` does.
     """
     runtime = config.perceiver.runtime
     runtime = runtime if progress is None else replace(runtime, progress=progress)
     perceiver = make_perceiver(config.perceiver.name, runtime)
     memory, notices = _fitted_memory(saved, config, perceiver)
-    return AnyTraverse(perceiver, judging_settings(config, perceiver), memory), notices
+    settings = judging_settings(config, perceiver, misfit_allowed=misfit_allowed)
+    return AnyTraverse(perceiver, settings, memory), notices
 
 
 def warm_up(engine: AnyTraverse, words: Iterable[str] = ()) -> float:

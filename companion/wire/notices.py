@@ -160,6 +160,11 @@ def fault_infrared() -> str:
     return "FAULT: NoIR camera: change it, or AT_POLICY 0"
 
 
+def fault_region(misfit: str) -> str:
+    """Reports that the vehicle does not fit into the region of interest. misfit: why, and what to do."""
+    return fit(f"FAULT: {misfit}")
+
+
 def manual_may_need() -> str:
     """Says what arming in MANUAL needs in a fault, since the autopilot's script may demand a companion."""
     return "To arm for MANUAL in a FAULT: ATS_NEED 0"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from anytraverse.errors import SettingsError
+from anytraverse.judging import Settings
 from anytraverse.regions import Box
-from anytraverse.roi import Corridor, corridor_open, sectors
+from anytraverse.roi import Corridor, corridor_open, sectors, tile_size
 
 Mask = NDArray[np.bool_]
 WHOLE = Box(0, 0, 1, 1)
@@ -102,16 +104,93 @@ def test_the_corridor_narrows_with_distance() -> None:
     for row in range(30):
         free = 6 + round(6 * row / 29)
         funnel[row, 20 - free // 2 : 20 - free // 2 + free] = True
-    assert opened(funnel, corridor=Corridor(bottom=0.3, top=0.15))
+    assert opened(funnel, corridor=Corridor(bottom=0.3, top=0.15, bottom_row=1.0, top_row=0.0))
     assert not opened(funnel)
 
 
-def test_a_vehicle_wider_than_the_roi_needs_all_of_it() -> None:
-    narrow, wide = Box(0.4, 0, 0.6, 1), Corridor(0.9, 0.9)
-    assert opened(ground(), narrow, wide)
-    post = ground()
-    post[10:20, 19:21] = False
-    assert not opened(post, narrow, wide)
+def test_a_strip_that_does_not_fit_into_the_roi_is_closed() -> None:
+    assert not opened(ground(), Box(0.4, 0, 0.6, 1), Corridor(0.9, 0.9))
+    assert not opened(ground(), Box(0.1, 0, 0.9, 1), Corridor(0.9, 0.3, bottom_row=1.0, top_row=0.0))
+    assert opened(ground(), Box(0.05, 0, 0.95, 1), Corridor(0.9, 0.9))
+
+
+def test_a_strip_as_wide_as_the_roi_is_open_at_every_width_of_a_map() -> None:
+    # In 79 columns the strip is 24 wide when it is rounded, and the ROI holds 23 of their centres.
+    for width in range(20, 200):
+        assert opened(ground(30, width), Box(0.35, 0, 0.65, 1), THIRD)
+
+
+def test_a_roi_narrower_than_the_trail_between_rocks_does_not_make_the_vehicle_narrower() -> None:
+    trail = ~ground(120, 160)
+    trail[:, 72:88] = True
+    for left, right in ((1 / 3, 2 / 3), (0.46, 0.54)):
+        assert not opened(trail, Box(left, 0.6, right, 0.95), Corridor(0.3, 0.2))
+
+
+def test_the_roi_moved_up_or_down_changes_the_vehicles_width_at_no_row() -> None:
+    corridor, rows = Corridor(0.3, 0.2), 120
+    way = ~ground(rows, 160)
+    for row in range(rows):
+        free = 50 - round((114 - row) * 16 / 42)  # a pixel or two more than the vehicle
+        way[row, 80 - free // 2 : 80 - free // 2 + free] = True
+    tight = way & np.roll(way, 2, axis=1) & np.roll(way, -2, axis=1)
+    for top, bottom in ((0.6, 0.95), (0.3, 0.95), (0.8, 0.95), (0.6, 0.99), (0.7, 0.8)):
+        region = Box(0.3, top, 0.7, bottom)
+        assert opened(way, region, corridor)
+        assert not opened(tight, region, replace(corridor, share=1.0))
+
+
+@given(
+    st.integers(0, 2**16),
+    st.floats(0.05, 1.0),
+    st.floats(0.05, 1.0),
+    st.lists(st.integers(0, 20), min_size=4, max_size=4, unique=True),
+    st.tuples(st.integers(0, 8), st.integers(1, 9)),
+    st.sampled_from([0.0, 0.02, 0.1, 0.3]),
+)
+@settings(max_examples=300)
+def test_narrowing_the_roi_never_turns_closed_into_open(
+    seed: int, bottom: float, top: float, sides: list[int], rows: tuple[int, int], density: float
+) -> None:
+    drivable = np.random.default_rng(seed).random((10, 20)) >= density
+    left, inner_left, inner_right, right = (side / 20 for side in sorted(sides))
+    low, high = rows[0] / 10, min(10, sum(rows)) / 10
+    corridor = Corridor(bottom, top, share=0.7)
+    wide, narrow = Box(left, low, right, high), Box(inner_left, low, inner_right, high)
+    gap = (2, 2) if high - low > 0.15 else (1, 1)
+    assert corridor_open(drivable, narrow, corridor, gap) <= corridor_open(drivable, wide, corridor, gap)
+
+
+class Wedge:
+    """A region that is no box: the whole width at the bottom, and a fifth of it at the top."""
+
+    bounds = WHOLE
+
+    def mask(self, height: int, width: int) -> Mask:
+        rows, columns = np.ogrid[:height, :width]
+        aside: Mask = np.abs((columns + 0.5) / width - 0.5) <= 0.1 + 0.4 * rows / (height - 1)
+        return aside
+
+
+def test_the_strip_stays_inside_a_region_that_is_no_box() -> None:
+    assert corridor_open(ground(), Wedge(), Corridor(0.3, 0.2, bottom_row=1.0, top_row=0.0), TILE)
+    assert not corridor_open(ground(), Wedge(), Corridor(0.3, 0.25, bottom_row=1.0, top_row=0.0), TILE)
+
+
+@pytest.mark.parametrize("region", [Settings().region.bounds, Box(0.333, 0.6, 0.667, 0.95)])
+def test_a_default_configuration_judges_as_it_did_when_the_widths_held_at_the_rois_sides(region: Box) -> None:
+    rng, found = np.random.default_rng(0), set()
+    for _ in range(100):
+        height, width = int(rng.integers(4, 60)), int(rng.integers(6, 80))
+        coarse = rng.random((height // 3 + 1, width // 3 + 1)) >= rng.choice([0.0, 0.1, 0.3])
+        drivable = coarse.repeat(3, axis=0).repeat(3, axis=1)[:height, :width]
+        gap = tile_size(height, width, region, width / height, 0.25)
+        for factor in (1.0, 1.1):
+            now = corridor_open(drivable, region, Corridor(0.3, 0.2).roomier(factor, 0.03), gap)
+            alone = Corridor(0.3 * factor, 0.2 * factor, 0.83, bottom_row=1.0, top_row=0.0)
+            assert now is slow_open(drivable[region.slices(height, width)], alone, gap, width)
+            found.add((factor, now))
+    assert len(found) == 4
 
 
 def test_a_region_without_a_pixel_is_not_open() -> None:
@@ -122,12 +201,17 @@ def test_one_row_is_judged_by_the_width_at_the_bottom() -> None:
     row = ground(1)
     row[0, 8:] = False
     assert not corridor_open(row, WHOLE, Corridor(0.3, 0.1), (1, 1))
-    assert corridor_open(row, WHOLE, Corridor(0.2, 0.9), (1, 1))
+    assert corridor_open(row, WHOLE, Corridor(0.2, 0.9, bottom_row=1.0, top_row=0.0), (1, 1))
 
 
-def slow_open(drivable: Mask, corridor: Corridor, tile: tuple[int, int]) -> bool:
-    """Every path of strip positions, band by band."""
+def slow_open(drivable: Mask, corridor: Corridor, tile: tuple[int, int], width: int = 0) -> bool:
+    """Every path of strip positions, band by band, with the corridor's widths at the first and last row.
+
+    width: pixels of the whole map, of which this may be a part.
+    """
     count, across = drivable.shape
+    if not width and max(corridor.bottom, corridor.top) > 1.0:
+        return False
     gaps = {
         (top, left)
         for top in range(count - tile[0] + 1)
@@ -140,7 +224,7 @@ def slow_open(drivable: Mask, corridor: Corridor, tile: tuple[int, int]) -> bool
         cells = 0
         for row in band:
             rise = (count - 1 - row) / max(1, count - 1)
-            wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * across
+            wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * (width or across)
             strip = min(max(1, round(wanted)), across)
             cells += strip
             here = {}
@@ -166,13 +250,21 @@ def slow_open(drivable: Mask, corridor: Corridor, tile: tuple[int, int]) -> bool
     st.integers(1, 16),
     st.integers(0, 2**16),
     st.sampled_from([0.05, 0.15, 0.3]),
-    st.sampled_from([Corridor(0.3, 0.2), Corridor(0.1, 0.1), Corridor(0.7, 0.3, 0.9, 3), Corridor(0.2, 1.5)]),
+    st.sampled_from(
+        [(0.3, 0.2, 0.8, 5), (0.1, 0.1, 0.8, 5), (0.7, 0.3, 0.9, 3), (0.2, 1.0, 0.8, 5), (0.2, 1.5, 0.8, 5)]
+    ),
     st.sampled_from([(1, 1), (2, 2), (3, 2)]),
 )
 @settings(max_examples=150)
 def test_it_is_open_when_some_path_of_strips_has_its_share_in_every_band(
-    height: int, width: int, seed: int, density: float, corridor: Corridor, tile: tuple[int, int]
+    height: int,
+    width: int,
+    seed: int,
+    density: float,
+    of: tuple[float, float, float, int],
+    tile: tuple[int, int],
 ) -> None:
+    corridor = Corridor(*of, bottom_row=1.0, top_row=0.0)
     drivable = np.random.default_rng(seed).random((height, width)) >= density
     tile = min(tile[0], height), min(tile[1], width)
     assert corridor_open(drivable, WHOLE, corridor, tile) is slow_open(drivable, corridor, tile)
@@ -182,6 +274,14 @@ def test_it_is_open_when_some_path_of_strips_has_its_share_in_every_band(
 def test_a_corridor_without_a_width_is_refused(width: float) -> None:
     with pytest.raises(SettingsError, match="above 0"):
         Corridor(width, 0.2)
+
+
+@pytest.mark.parametrize(
+    "rows", [(0.6, 0.6), (0.5, 0.6), (1.1, 0.6), (0.9, -0.1), (math.nan, 0.6), (0.9, math.nan)]
+)
+def test_a_corridor_whose_widths_hold_at_no_two_rows_is_refused(rows: tuple[float, float]) -> None:
+    with pytest.raises(SettingsError, match="top_row above bottom_row"):
+        Corridor(0.3, 0.2, bottom_row=rows[0], top_row=rows[1])
 
 
 @pytest.mark.parametrize("wrong", [{"share": 0.0}, {"share": 1.1}, {"share": math.nan}, {"bands": 0}])

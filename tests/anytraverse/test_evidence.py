@@ -67,7 +67,9 @@ def scenes(draw: st.DrawFn) -> tuple[Map, list[float], Settings]:
         tile=draw(st.sampled_from([None, 0.25, 0.65, 1.0])),
         trav=draw(st.sampled_from([0.0, 0.4, 1.0])),
     )
-    corridor = Corridor(*draw(st.sampled_from([(0.3, 0.2), (0.9, 0.4), (0.05, 0.05)])))
+    corridor = Corridor(
+        *draw(st.sampled_from([(0.3, 0.2), (0.9, 0.4), (0.05, 0.05)])), bottom_row=1.0, top_row=0.0
+    )
     return attention, weights, Settings(region=WHOLE, thresholds=limits, corridor=corridor)
 
 

@@ -179,7 +179,7 @@ def test_a_pooling_that_is_not_finite_is_a_fault(
 
 
 def test_a_roi_without_a_pixel_is_a_fault(make_rover: type[Rover]) -> None:
-    rover = make_rover("grass: 1", Settings(region=Box(0.501, 0.501, 0.502, 0.502)))
+    rover = make_rover("grass: 1", Settings(region=Box(0.501, 0.501, 0.502, 0.502), misfit_allowed=True))
     seen = rover.see()
     assert seen.reasons == {Reason.FAULT}
     assert seen.roi is None

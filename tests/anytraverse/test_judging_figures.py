@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -253,6 +254,7 @@ def test_the_starting_numbers() -> None:
     assert start.thresholds == Thresholds(0.3, 0.85, None, 0.4, margin=0.03, similarity_margin=0.01)
     assert (start.votes, start.window, start.tile_share, start.freshness) == (2, 3, 0.25, 1.0)
     assert start.region == Box(1 / 3, 0.6, 2 / 3, 0.95)
+    assert start.misfit == ""
 
 
 def test_the_ends_of_each_range_can_be_used() -> None:
@@ -337,3 +339,24 @@ def test_around_a_small_tile_a_square_of_a_quarter_of_the_roi_is_shown(
         bounds, cell = settings.region.bounds, 1 / 40
         assert bounds.left - cell <= shown.left < shown.right <= bounds.right + cell
         assert bounds.top - cell <= shown.top < shown.bottom <= bounds.bottom + cell
+
+
+@pytest.mark.parametrize(
+    ("region", "top_row", "why"),
+    [
+        (Box(0.46, 0.6, 0.54, 0.95), 0.6, "ROI 0.08 wide, vehicle 0.30: widen it"),
+        (Box(0.35, 0.6, 0.65, 1.0), 0.6, "ROI 0.30 wide, vehicle 0.32: widen it"),
+        (Box(0.2, 0.05, 0.8, 0.95), 2 / 3, "ROI reaches the horizon 0.10: shorten it"),
+    ],
+)
+def test_a_region_that_the_vehicle_does_not_fit_in_is_refused_and_closed_where_it_is_asked_for(
+    region: Box, top_row: float, why: str
+) -> None:
+    corridor = Corridor(0.3, 0.2, top_row=top_row)
+    with pytest.raises(SettingsError, match=re.escape(why)):
+        Settings(region=region, corridor=corridor)
+    asked = Settings(region=region, corridor=corridor, misfit_allowed=True)
+    roi = roi_figures(painted(["G" * 40] * 40, G=1), 1.0, asked)
+    assert not isinstance(roi, Finding)
+    assert not roi.corridor.passable
+    assert findings(painted(["G" * 40] * 40, G=1), asked)["corridor"].bad

@@ -47,6 +47,7 @@ bottom = 0.95
 [corridor]
 bottom = 0.3
 top = 0.08
+top_row = 0.46
 
 [words]
 "grass" = 1.0

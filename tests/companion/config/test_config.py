@@ -12,13 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anytraverse.errors import SettingsError
 from anytraverse.perception import DefaultThresholds, Perceiver
 from anytraverse.perception.runtime import Runtime
 from companion.cameras import CameraOptions
 from companion.config import Config, ConfigError, Problem, format_config, load_config
 from companion.config.schema import SECTIONS
 from companion.settings.mapping import call_numbers, restored_policy
-from companion.vision.warm_up import judging_settings
+from companion.vision.warm_up import judging_settings, load_and_warm_up, load_engine
 from companion.wire.ids import Policy
 
 _OWN = cast(Perceiver, SimpleNamespace(defaults=DefaultThresholds(roi=0.31, scene=0.86, tile=0.41)))
@@ -104,6 +105,7 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
         ("[thresholds]\nroi = 0\n", "give a number above 0 and up to 1"),
         ("[thresholds]\ntile = 'of'\n", 'or "off"'),
         ("[corridor]\ntop = -1\n", "give a number above 0"),
+        ("[corridor]\ntop_row = 0.96\n", "top_row 0.96 must be less than bottom_row 0.95"),
         ("[link]\nurl = 'udp:14550'\n", "is not understood"),
         ("[link]\nbudget = 10\n", "link.budget = 10: budget 10 B/s is too little"),
         (
@@ -343,6 +345,15 @@ def test_set_thresholds_override_and_a_tile_can_be_off(tmp_path: Path) -> None:
     config = load_config(_write(tmp_path, '[thresholds]\nroi = 0.2\nscene = 0.0\ntile = "off"\ntrav = 0.0\n'))
     limits = judging_settings(config, _OWN).thresholds
     assert (limits.roi, limits.scene, limits.tile, limits.trav) == (0.2, 0.0, None, 0.0)
+
+
+def test_a_file_whose_region_is_too_narrow_is_refused_by_commands_and_runs_as_a_fault(tmp_path: Path) -> None:
+    config = load_config(_write(tmp_path, "[roi]\nleft = 0.46\nright = 0.54\n[corridor]\ntop_row = 0.5\n"))
+    with pytest.raises(SettingsError, match=r"ROI 0\.08 wide, vehicle 0\.30: widen it"):
+        load_engine(config, None)
+    judging = load_and_warm_up(config, None).engine.settings
+    assert judging.misfit == "ROI 0.08 wide, vehicle 0.30: widen it"
+    assert judging.corridor.top_row == 0.5
 
 
 def test_the_state_machine_gets_its_numbers(tmp_path: Path) -> None:

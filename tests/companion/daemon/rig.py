@@ -176,7 +176,8 @@ class Rig:
 
     def _make_engine(self, memory: Memory | None) -> AnyTraverse:
         known = memory or first_memory(self.perceiver.model_id, WORDS)
-        self.engine = AnyTraverse(self.perceiver, judging_settings(self._config(), self.perceiver), known)
+        settings = judging_settings(self._config(), self.perceiver, misfit_allowed=True)
+        self.engine = AnyTraverse(self.perceiver, settings, known)
         return self.engine
 
     def kill(self) -> None:

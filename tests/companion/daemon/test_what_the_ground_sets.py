@@ -88,6 +88,7 @@ def test_the_region_of_interest_reaches_eyes_and_state_machine(rig: Rig) -> None
         (RIGHT, 0.37, "Refused: ROI left to right under 0.05"),
         (TOP, 0.95, "Refused: ROI top must be < bottom"),
         (BOTTOM, 0.62, "Refused: ROI top to bottom under 0.05"),
+        (LEFT, 0.5, "Refused: ROI 0.16 wide, vehicle 0.30: widen it"),
     ],
 )
 def test_a_region_that_makes_no_sense_is_refused_with_the_old_value(
@@ -103,9 +104,9 @@ def test_a_region_that_makes_no_sense_is_refused_with_the_old_value(
 
 def test_a_region_moves_by_setting_the_side_first_that_it_moves_towards(rig: Rig) -> None:
     rig.set(RIGHT, 0.95)
-    rig.set(LEFT, 0.7)
+    rig.set(LEFT, 0.6)
     rig.see(0.5)
-    assert region(rig) == (0.7, 0.6, 0.95, 0.95)
+    assert region(rig) == (0.6, 0.6, 0.95, 0.95)
 
 
 def test_what_the_ground_set_outlives_a_restart(rig: Rig) -> None:

@@ -255,6 +255,13 @@ def test_a_tile_is_not_told_without_a_perceiver_or_beside_a_companion_that_runs(
         assert (found.check, found.verdict) == ("tile", Verdict.SKIP)
 
 
+def test_a_region_that_the_vehicle_does_not_fit_in_fails_the_row_of_the_tile(tmp_path: Path) -> None:
+    narrow = Settings(region=Box(0.46, 0.6, 0.54, 0.95), misfit_allowed=True)
+    (found,) = check_tile(rover_with(tmp_path, CONFIG, narrow))
+    assert (found.check, found.verdict) == ("tile", Verdict.FAIL)
+    assert found.text.startswith("ROI 0.08 wide, vehicle 0.30: widen it, or correct [roi] or [corridor]")
+
+
 def test_the_row_of_the_stopping_distance_sees_with_the_tile_in_force(tmp_path: Path) -> None:
     small = Settings(region=Box(0.35, 0.5, 0.65, 0.95), tile_share=0.08, thresholds=Thresholds(tile=0.9))
     (found,) = check_stopping(rover_with(tmp_path, CONFIG, small))

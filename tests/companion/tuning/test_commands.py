@@ -53,6 +53,16 @@ def test_each_combination_has_its_calls_by_reason_and_half(drive: Path, tmp_path
     assert "http" not in page.replace("http://www.w3.org", "")
 
 
+def test_the_calls_of_a_region_that_the_vehicle_does_not_fit_in_are_counted_and_no_frame_is_ok(
+    drive: Path, tmp_path: Path, capsys: Out
+) -> None:
+    grid = ["--scene", "0.97", "--roi", "0.02", "--tile", "off", "--region", "0.46,0.6,0.54,0.95"]
+    assert anytraverse(asked(drive, tmp_path, "--operator", "go", "--misfits", *grid)) == 0
+    (row,) = figures(capsys)["each"]
+    assert row["calls"] > 0
+    assert row["not_ok"] == 16
+
+
 def test_the_labels_answer_where_there_are_some(drive: Path, tmp_path: Path, capsys: Out) -> None:
     grid = ["--scene", "0.97", "--roi", "0.02", "--tile", "0.3"]
     labelled = asked(drive, tmp_path, "--drivable", "gravel", *grid, episode=f"folder:{drive}")
@@ -78,6 +88,7 @@ def test_a_script_answers_as_somebody_did(drive: Path, tmp_path: Path, capsys: O
         (("--operator", "go", "--answers", "x"), "belongs to answers"),
         (("--scene", "high", "--operator", "go"), "--scene"),
         (("--region", "1,2,3", "--operator", "go"), "--region"),
+        (("--region", "0.46,0.6,0.54,0.95", "--operator", "go"), "ROI 0.08 wide, vehicle 0.30: widen it"),
         (("--roi", "2", "--operator", "go"), "roi is 2.0"),
         (("--operator", "labels"), "--drivable"),
         ((), "--drivable"),

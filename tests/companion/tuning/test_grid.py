@@ -43,6 +43,10 @@ def test_a_grid_that_is_too_large_or_out_of_range_is_refused() -> None:
     regions = tuple(Box(0.1, 0.1, 0.2 + number / 100, 0.9) for number in range(11))
     with pytest.raises(GridError, match="10 at most"):
         Grid((0.9,), (0.3,), (None,), regions).combinations(base)
+    narrow = Grid((0.9,), (0.3,), (None,), (Box(0.46, 0.6, 0.54, 0.95),))
+    with pytest.raises(AnyTraverseError, match=r"ROI 0\.08 wide, vehicle 0\.30"):
+        narrow.combinations(base)
+    assert len(replace(narrow, misfit_allowed=True).combinations(base)) == 1
     with pytest.raises(AnyTraverseError, match="roi is"):
         Grid((0.9,), (1.5,), (None,), (REGION,)).combinations(base)
 

@@ -103,6 +103,14 @@ def test_the_grid_has_what_is_in_force_and_a_threshold_beyond_all_frames() -> No
     assert grid_of([], [0.1], [0.2], none).tile == (None,)
 
 
+def test_no_region_that_the_vehicle_does_not_fit_in_is_proposed() -> None:
+    as_shipped = Settings(region=Box(0.333, 0.6, 0.667, 0.95))
+    grid = grid_of([], [0.1], [0.2], as_shipped)
+    assert Box(0.366, 0.6, 0.634, 0.95) in variants(as_shipped.region.bounds)
+    assert len(grid.regions) == 4
+    assert all(one.applied(as_shipped).misfit == "" for one in grid.combinations(as_shipped))
+
+
 @given(st.tuples(st.floats(0, 0.9), st.floats(0, 0.9)), st.tuples(st.floats(0.05, 0.5), st.floats(0.05, 0.5)))
 def test_other_regions_lie_in_the_picture(place: tuple[float, float], size: tuple[float, float]) -> None:
     box = Box(place[0], place[1], min(1.0, place[0] + size[0]), min(1.0, place[1] + size[1]))

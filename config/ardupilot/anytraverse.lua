@@ -106,7 +106,7 @@ do
   local COMPANION, ONBOARD_CONTROLLER, COMMAND_ACK, DO_SET_MODE = 191, 18, 77, 176
   local CRC_EXTRA =
     { [HEARTBEAT] = 50, [SET_MODE] = 89, [COMMAND_INT] = 158, [COMMAND_LONG] = 152, [STATUSTEXT] = 83 }
-  local OTHERS = { COMMAND_LONG, SET_MODE, COMMAND_INT, STATUSTEXT }
+  local HEARD = { HEARTBEAT, COMMAND_LONG, SET_MODE, COMMAND_INT, STATUSTEXT } -- where places lack, the first ones
   local ACCEPTED, CHANGED, DENIED, FAILED = 0, 1, 2, 4
   local REQUEST_MS, REMEMBERED = 1000, 8
   local RESUMABLE = { [10] = true, [15] = true }
@@ -237,14 +237,12 @@ do
 
   -- Another script's mavlink:init() wipes all registrations in ArduPilot 4.6; one that stands is left as it is.
   function register()
-    mavlink:register_rx_msgid(HEARTBEAT)
-    for _, id in ipairs(OTHERS) do
-      pcall(mavlink.register_rx_msgid, mavlink, id)
+    for _, id in ipairs(HEARD) do
+      mavlink:register_rx_msgid(id)
     end
   end
 
   function listen()
-    register()
     local echoes, patience, checked = is_on("ECHO") and is_on("ENABLE"), patience_ms(), 0
     for _ = 1, QUEUE do
       if checked == MAX_CHECKED then return end
@@ -410,6 +408,7 @@ do
     if mode ~= HOLD then hold_id, hold_reason, pressed = nil, nil, false end
   end
 
+  -- What there is to say, having done what can be done.
   function guard(dt)
     watch_feed(dt)
     local was_running = running
@@ -418,21 +417,21 @@ do
     if not running then
       held, accepted, warned, stands, tries, wait_ms = false, false, nil, nil, 0, 0
       allow_arming(nil)
-      return tell(dt, WARNING, was_running ~= nil and "Companion guard is off: ATS_ENABLE or switch" or nil)
+      return WARNING, was_running ~= nil and "Companion guard is off: ATS_ENABLE or switch" or nil
     end
     tell_policy()
     local reason = trouble()
     allow_arming(reason)
     well_ms = reason and 0 or later(well_ms, dt)
     if well_ms >= STEADY_MS then accepted = false end
-    if reason then return tell(dt, answer(reason, dt)) end
+    if reason then return answer(reason, dt) end
     if (held or warned) and state ~= FAULT then
       gcs:send_text(WARNING, "Companion is back: nothing resumes by itself")
     end
     held, warned, tries, wait_ms = false, nil, 0, 0
-    if not stands then return tell(dt) end
+    if not stands then return nil end
     if vehicle:get_mode() ~= HOLD or not arming:is_armed() then stands = nil end
-    tell(dt, WARNING, stands and "HOLD since " .. stands .. ": set " .. held_from .. " by hand" or nil, STANDS_MS)
+    return WARNING, stands and "HOLD since " .. stands .. ": set " .. held_from .. " by hand" or nil, STANDS_MS
   end
 end
 
@@ -451,8 +450,8 @@ local function last_resort()
   resorted = vehicle:get_mode() == HOLD
 end
 
-local function complain(problem)
-  pcall(tell, CYCLE_MS, ALERT, ("anytraverse.lua: " .. tostring(problem):gsub("^.*:%d+: ", "")):sub(1, 50))
+local function complain(dt, problem)
+  pcall(tell, dt, ALERT, ("anytraverse.lua: " .. tostring(problem):gsub("^.*:%d+: ", "")):sub(1, 50))
 end
 
 local function update()
@@ -462,12 +461,19 @@ local function update()
   if dt < 0 or dt > LONGEST_MS then dt = LONGEST_MS end
   silent_ms, echoed_ms = later(silent_ms, dt), later(echoed_ms, dt)
   pcall(watch_mode, dt) -- before it listens: what a frame means depends on the mode
+  local has_places, full = pcall(register)
   local hears, deaf = pcall(listen)
-  local sound, problem = pcall(guard, dt)
+  local sound, severity, text, every_ms = pcall(guard, dt)
   failures = sound and 0 or failures + 1
   if failures >= TRIES then pcall(last_resort) end
   if sound then resorted = false end
-  if not sound or not hears then complain(problem or deaf) end
+  if not sound then
+    complain(dt, severity)
+  elseif text or hears and has_places then
+    pcall(tell, dt, severity, text, every_ms)
+  else
+    complain(dt, hears and full or deaf)
+  end
   return update, CYCLE_MS
 end
 
@@ -486,7 +492,7 @@ local function set_up()
   avoid, path_planner = optional("AVOID_ENABLE"), optional("OA_TYPE")
   -- Where another script was first, ArduPilot 4.6 would wipe its registrations, and could write past their end.
   if not pcall(mavlink.receive_chan, mavlink) then mavlink:init(QUEUE, IDS) end
-  register()
+  mavlink:register_rx_msgid(HEARTBEAT)
   mavlink:block_command(MODE_REQUEST) -- or the autopilot would answer it, too
 end
 
@@ -495,7 +501,7 @@ local function broken(problem)
   local id = arming:get_aux_auth_id()
   local function refuse()
     if id then arming:set_aux_auth_failed(id, "anytraverse.lua failed: see messages") end
-    complain(problem)
+    complain(1000, problem)
     return refuse, 1000
   end
   return refuse()

@@ -19,6 +19,7 @@ from tests.companion.sim.field.stubs import AUTO, CYCLE, HOLD, MANUAL, SOURCE, B
 pytest.importorskip("lupa.lua53", reason="the script runs in Lua 5.3")
 
 CALL = b"C7 unknown thing ahead 38%: go/stay/word"
+DEAF = "anytraverse.lua: no registrations free"
 MODE = heartbeat_mode(State.OK, 7, Policy.HOLD)
 
 
@@ -214,9 +215,20 @@ class TestAnotherScript:
         board = driving()
         board.scripting.open_queue(10, 1)
         board.scripting.register(33)
-        board.pass_time(3.0, state=State.OK)
+        board.pass_time(30.0, state=State.OK)
         assert board.mode_now == HOLD
-        assert "anytraverse.lua: no registrations free" in board.texts()
+        assert board.texts()[1:] == [DEAF, "HOLD: companion silent. AUTO again = go blind"]
+
+    def test_that_leaves_a_place_for_heartbeats_alone_makes_it_say_every_5_s_what_it_does_not_hear(
+        self,
+    ) -> None:
+        board = driving()
+        board.scripting.open_queue(10, 1)
+        board.pass_time(10.0, state=State.OK)
+        assert board.mode_now == AUTO
+        assert board.texts()[1:] == [DEAF] * 2
+        board.pass_time(3.0)
+        assert board.mode_now == HOLD
 
     def test_that_opened_the_queue_first_keeps_its_registrations_and_its_memory(self) -> None:
         board = driving()

@@ -8,10 +8,10 @@ from statistics import median
 from typing import Any
 
 from companion.wire.delivery import Status
-from companion.wire.ids import Result
+from companion.wire.ids import Reasons, Result
 from companion.wire.packing import PayloadError
-from companion.wire.typed_answers import CommandError
-from companion.wire.weights import turned
+from companion.wire.typed_answers import CommandError, WeightMissingError
+from companion.wire.weights import propose, turned
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
@@ -149,8 +149,19 @@ class Session:
                     self._fetch(command, now)
                 case Show():
                     self._show(command, now)
+        except WeightMissingError as error:
+            self._output.problem(str(self._with_own_weight(error)))
         except (CommandError, PayloadError) as error:
             self._output.problem(str(error))
+
+    def _with_own_weight(self, error: WeightMissingError) -> WeightMissingError:
+        """Propose the weight that the word has, where a rover knows it."""
+        word = " ".join(error.word.lower().split())
+        for rover in self._client.rovers.values():
+            found = propose(word, None, rover.words(), rover.given(), Reasons.NONE)
+            if found.was is not None:
+                return WeightMissingError(error.word, f"{word}: {found.weight:g}")
+        return error
 
     def _reply(self, reply: Reply, now: float, *, by_person: bool) -> None:
         rover = choose_rover(self._client.rovers, reply.rover, self._selected)

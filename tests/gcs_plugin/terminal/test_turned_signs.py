@@ -66,13 +66,29 @@ def test_a_word_that_no_parameter_holds_or_that_is_out_of_use_is_asked_about_too
 def test_a_picture_that_is_asked_for_goes_before_the_words(desk: Make) -> None:
     at = desk(None)
     kept: dict[str, bytes] = {}
-    at.session._keep = lambda name, content: kept.setdefault(name, content) and name
+
+    def keep(name: str, content: bytes) -> str:
+        kept[name] = content
+        return name
+
+    at.session._keep = keep
     at.rovers[0].files = {"/calls/7.jpg": bytes(range(200)), "/state.json": json.dumps(STATE).encode()}
     at.type("picture 7")
     at.run(5.0)
     assert list(kept.values()) == [bytes(range(200))]
     at.run(80.0)
     assert at.client.rovers[1].given()["mud"] == -0.5
+
+
+def test_a_known_word_without_a_weight_is_proposed_with_its_own(desk: Make, thing_call: CallData) -> None:
+    at = desk(thing_call)
+    for line in ("Grass, go", "sand, go"):
+        at.type(line)
+    assert answers(at) == []
+    assert [problem.rpartition("write it as ")[2] for problem in at.paper.problems] == [
+        "`grass: 1`",
+        "`bush: -1`",
+    ]
 
 
 def test_a_table_turns_no_sign_and_a_person_still_may(desk: Make, thing_call: CallData) -> None:

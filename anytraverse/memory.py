@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from anytraverse.history import Embedding, Entry, History, Match, Place
 from anytraverse.perception import Example
-from anytraverse.preferences import MAX_WORDS, Preferences
+from anytraverse.preferences import MAX_WORDS, Preferences, Setting, turns_sign
 from anytraverse.synonyms import Meaning, meaning_of, opposed
 
 Examples = Mapping[str, tuple[Example, ...]]
@@ -56,6 +57,29 @@ class Memory:
     history: History = field(default_factory=History)
     clock: int = 0
     adoption: Adoption | None = None
+
+    @cached_property
+    def given(self) -> Mapping[str, float]:
+        """Word -> weight of each word in force, configured, or of a remembered scene; the newest set first.
+
+        A word in force has its weight there, another one the weight that was set last.
+        """
+        newest: dict[str, Setting] = {}
+        put_out = [self.adoption.preferences] if self.adoption is not None else []
+        for known in (self.configured, *put_out, *(entry.preferences for entry in self.history)):
+            for word, setting in known.settings.items():
+                if word not in newest or setting.order >= newest[word].order:
+                    newest[word] = setting
+        newest |= self.preferences.settings
+        return {word: newest[word].weight for word in sorted(newest, key=lambda one: -newest[one].order)}
+
+    def turned(self, after: Memory) -> dict[str, tuple[float, float]]:
+        """Return the words whose sign `after` has turned -> weight given before, weight in force after."""
+        return {
+            word: (self.given[word], weight)
+            for word, weight in after.preferences.items()
+            if word in self.given and turns_sign(self.given[word], weight)
+        }
 
     def using(
         self, preferences: Preferences, examples: Examples, settled: Mapping[str, int] | None = None

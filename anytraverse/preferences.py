@@ -52,6 +52,11 @@ def check_weight(word: str, weight: float) -> float:
     return weight + 0.0  # -0.0 becomes 0.0
 
 
+def turns_sign(was: float, now: float) -> bool:
+    """Return whether a weight that changes from `was` to `now` turns its sign. 0 is a sign of its own."""
+    return (was > 0) - (was < 0) != (now > 0) - (now < 0)
+
+
 class Preferences(Mapping[str, float]):
     """Maps words to weights, immutably, in the order of first setting, at most 16 words.
 

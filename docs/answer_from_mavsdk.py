@@ -40,6 +40,7 @@ while COMPANION not in heard_at:
 with suppress(ParamError):  # 4.1 selects it, and calls that an error
     parameters.select_component(COMPANION, ProtocolVersion.V1)
 print("type go, stay, look, or a parameter and its value", flush=True)
+turning = ""  # the line that must be repeated
 
 for line in sys.stdin:
     word, _, value = line.strip().partition(" ")
@@ -55,8 +56,15 @@ for line in sys.stdin:
         print(f"{word}: {RESULTS.get(result, result)}", flush=True)
     elif word.startswith("AT_"):
         try:
+            was, now = parameters.get_param_float(word), float(value or "nan")
+            turns = word.startswith("AT_W_") and was >= -1 and (was > 0, was < 0) != (now > 0, now < 0)
+            if turns and -1 <= now <= 1 and line != turning:
+                turning = line
+                print(f"{word} was {was:g}: repeat it to turn it", flush=True)
+                continue
+            turning = ""
             if value:
-                parameters.set_param_float(word, float(value))
+                parameters.set_param_float(word, now)
             print(f"{word} = {parameters.get_param_float(word)}", flush=True)
         except (ParamError, ValueError) as error:  # no such parameter, or no number
             print(f"{word}: not done, {error}", flush=True)

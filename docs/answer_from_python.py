@@ -4,6 +4,7 @@ python answer_from_python.py udpin:0.0.0.0:14550      then type: go, stay, look,
 word gravel 1, command go (as COMMAND_LONG), set AT_W_GRASS 0.5, get /state.json
 """
 
+import json
 import os
 import queue
 import random
@@ -53,11 +54,30 @@ def pack_answer(transaction, target, motion, words):
     return payload
 
 
+def spelled(word):
+    return "_".join(word.upper().split())[:11]  # as the name of a word's parameter
+
+
+def turned(words, known):
+    """What to ask before words turn a sign, or "". known: weights in force, and those given before."""
+    known = {spelled(word): weight for word, weight in known.items()}
+    was = {word: known.get(spelled(word)) for word in words}
+    asked = [
+        f"{word} was {was[word]:g}"
+        for word, weight in words.items()
+        if was[word] is not None
+        and -1 <= weight <= 1
+        and (weight > 0, weight < 0) != (was[word] > 0, was[word] < 0)
+    ]
+    return f"{', '.join(asked)}: repeat it to turn it" if asked else ""
+
+
 class Client:
     def __init__(self, url):
         self.link = mavutil.mavlink_connection(url, source_system=255, source_component=190, dialect="common")
         self.rover = self.call = self.sequence = 0
         self.heard_at = self.told_at = float("-inf")
+        self.turning = ""  # the line that must be repeated
 
     def hear(self):
         """A message of the companion, or None after 0.1 s. A heartbeat a second: routers answer who spoke."""
@@ -129,6 +149,16 @@ class Client:
         self.transfer(1, 0)
         return content.decode(errors="replace")
 
+    def question(self, line, words):
+        """Why this line must be typed twice, "" where it need not be."""
+        asked, self.turning = self.turning, ""
+        if not words or line == asked:
+            return ""
+        state = json.loads(self.get("/state.json"))
+        question = turned(words, state.get("given", {}) | state.get("words", {}))
+        self.turning = line if question else ""
+        return question
+
     def obey(self, line):
         if time.monotonic() - self.heard_at > 3.0:  # an old ArduPilot would execute what it cannot hand on
             return "the companion is not heard"
@@ -136,11 +166,13 @@ class Client:
         try:
             if first == "command":
                 return f"MAV_RESULT {self.command(MOTIONS[rest[0]])}"
-            if first == "set":
-                return f"{rest[0]} = {self.set(rest[0], float(rest[1]))}"
             if first == "get":
                 return self.get(rest[0])
-            return self.answer(MOTIONS[first], {" ".join(rest[:-1]): float(rest[-1])} if rest else {})
+            if first == "set":
+                words = {rest[0][5:]: float(rest[1])} if rest[0].startswith("AT_W_") else {}
+                return self.question(line, words) or f"{rest[0]} = {self.set(rest[0], float(rest[1]))}"
+            motion, words = MOTIONS[first], {" ".join(rest[:-1]): float(rest[-1])} if rest else {}
+            return self.question(line, words) or self.answer(motion, words)
         except (IndexError, KeyError):
             return USAGE
         except ValueError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol, cast
 
 from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment
@@ -19,7 +20,7 @@ from companion.telemetry.summary import flags
 from companion.vision.client import Applied, VisionClient, VisionLostError
 from companion.wire import notices, texts
 from companion.wire.answers import Acknowledgement, Operation, OtherPlace
-from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
+from companion.wire.ids import Kind, Motion, Outcome, Result, SenderId, Stage, words_hash
 
 _VISION_BUSY = "vision is busy: send it again"
 _NO_PICTURE = "no picture to tap in: say the word alone"
@@ -44,10 +45,14 @@ class Reply:
 
 @dataclass
 class Handled:
-    """The result of a message: decisions to execute first, then replies to send."""
+    """The result of a message: decisions to execute first, then replies and notices to send.
+
+    notices: which words' signs were turned, and who did it. They are sent once that is on disk.
+    """
 
     decisions: list[Decision] = field(default_factory=list)
     replies: list[Reply] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
     refused: str = ""
     """Why a parameter was not set."""
 
@@ -65,6 +70,14 @@ class _PendingAnswer:
     changed: bool
     number: int
     at: float
+
+
+class Sent(Protocol):
+    """A request to set words without a call."""
+
+    @property
+    def sender(self) -> SenderId:
+        """Who sent it."""
 
 
 class AnswerHandler:
@@ -152,7 +165,7 @@ class AnswerHandler:
         self._matched_at = now
         self._store.forget_refused_matches()
 
-    def set_words(self, request: object, operations: Iterable[Operation]) -> bool:
+    def set_words(self, request: Sent, operations: Iterable[Operation]) -> bool:
         """Set words and weights without a call. False where too many requests wait, or vision hangs.
 
         request: the token of its `Applied`.
@@ -161,10 +174,16 @@ class AnswerHandler:
         return self._vision.answer(request, changes)
 
     def applied(self, applied: Applied, now: float) -> Handled:
-        """Handle the vision process's result for an answer: applied or refused."""
-        if not isinstance(applied.token, _PendingAnswer):
-            return Handled(refused=str(applied.error or ""))
-        pending = applied.token
+        """Handle the vision process's result for an answer or for words alone: applied or refused."""
+        asked = applied.token
+        if isinstance(asked, _PendingAnswer):
+            handled, sender = self._answered(asked, applied, now), asked.answer.sender
+        else:
+            handled, sender = Handled(refused=str(applied.error or "")), cast("Sent", asked).sender
+        handled.notices = notices.words_turned(applied.turned, sender)
+        return handled
+
+    def _answered(self, pending: _PendingAnswer, applied: Applied, now: float) -> Handled:
         self._last_applied = pending.number
         if isinstance(applied.error, VisionLostError):
             return self._reply(pending.answer, pending.target, Result.BUSY, str(applied.error))

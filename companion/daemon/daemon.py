@@ -385,11 +385,17 @@ class Daemon:
         if handled.refused:
             self._link.send_text(notices.refused(handled.refused), ERROR, now)
         self._finish_answer(handled, now)
+        for text in handled.notices:
+            log.warning("%s", text)
+            self.persistence.after_write(partial(self._tell_turned, text))
         self.persistence.after_write(lambda _, now: self.settings.answered(applied, now))
         call = self.calls.call
         if call is not None and applied.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
             self.records.call_judged_again(call, self.calls.state(now), title)
+
+    def _tell_turned(self, text: str, _stored: bool, now: float) -> None:
+        self._link.send_text(text, NOTICE, now)
 
     def _finish_answer(self, handled: Handled, now: float) -> None:
         """Carry out the decisions of an answer and acknowledge it.

@@ -22,6 +22,7 @@ from companion.vehicle.position import place_figures
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import Judged, VisionClient
 from companion.vision.messages import Model
+from companion.wire.documents import MOST_GIVEN
 from companion.wire.ids import VERSION
 from companion.wire.payloads import CallData
 
@@ -185,6 +186,7 @@ class Status:
             "open": None if current is None else _open(current),
             "known_place": status["known_place"],
             "words": {word: round(words[word], _DIGITS) for word in words},
+            "given": self._given(),
             "vocabulary": self._settings.vocabulary,
             "settings": {name: round(value, _DIGITS) for name, value in self._settings.settings.items()},
             "set_by_ground": sorted(status["set_by_ground"]),
@@ -192,6 +194,12 @@ class Status:
             "computer": status["computer"],
             "link": {name: status["link"][name] for name in _OF_THE_LINK},
         }
+
+    def _given(self) -> dict[str, float]:
+        """Return word -> weight of the words that are out of use, and are still known: the newest ones."""
+        memory = self._vision.memory
+        unused = [word for word in memory.given if word not in memory.preferences]
+        return {word: round(memory.given[word], _DIGITS) for word in unused[:MOST_GIVEN]}
 
     def _known_place(self) -> dict[str, Any] | None:
         """Return which remembered scene is in force by a match, and what it changed; None: none is."""

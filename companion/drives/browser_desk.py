@@ -199,7 +199,8 @@ class BrowserDesk:
     def _made(self, number: int, state: str) -> dict[str, Any]:
         """Return what the page is told."""
         calls = self._found.calls
-        words = self._judge.engine.memory.preferences
+        memory = self._judge.engine.memory
+        words = memory.preferences
         used = [{"word": word, "weight": words[word], "fixed": word in self._vocabulary} for word in words]
         offered = [word for word in self._vocabulary if word not in words]
         return {
@@ -210,6 +211,7 @@ class BrowserDesk:
             "asked": len(calls),
             "answered": sum(call.by_person for call in calls),
             "words": used + [{"word": word, "weight": None, "fixed": True} for word in offered],
+            "given": {word: weight for word, weight in memory.given.items() if word not in words},
             "names": list(_names(calls).items()),
             "calls": [self._shown(call) for call in reversed(calls[-SHOWN:]) if call.id in self._asked],
         }

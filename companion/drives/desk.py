@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections import defaultdict, deque
+from collections.abc import Callable
 from pathlib import Path
 
+from anytraverse.memory import Memory
 from companion.browser import wording
 from companion.drives.drive import DriveError
 from companion.drives.rehearsal import AskedCall
 from companion.wire.typed_answers import CommandError, read_typed
+from companion.wire.weights import turned
 
 _SEPARATOR = " = "
 _HELP = """\
@@ -57,11 +60,12 @@ class AnswerFile:
 
 
 class Terminal:
-    """Prints a call, and reads answers from the keyboard."""
+    """Prints a call, and reads answers from the keyboard. One that turns a sign must be typed twice."""
 
-    def __init__(self, out: Path) -> None:
-        """out: where the pictures of calls are."""
+    def __init__(self, out: Path, memory: Callable[[], Memory]) -> None:
+        """out: where the pictures of calls are. memory: returns what the rover remembers now."""
         self._out = out
+        self._memory = memory
         self._asked = 0
 
     def ask(self, call: AskedCall, problem: str) -> str | None:
@@ -73,6 +77,7 @@ class Terminal:
             print(f"  {self._out / 'calls' / f'{call.id}-large.jpg'}")
         if problem:
             print(f"  {problem}")
+        turning = ""
         while True:
             try:
                 line = input("answer (? for help): ").strip()
@@ -82,13 +87,23 @@ class Terminal:
                 print(_HELP)
             elif line.lower() == "quit":
                 raise KeyboardInterrupt
+            elif line != turning and (question := self._question(line)):
+                turning = line
+                print(f"  {question}")
             else:
                 return line or None
 
+    def _question(self, line: str) -> str:
+        memory = self._memory()
+        try:
+            return turned(read_typed(line)[1], memory.preferences, memory.given)
+        except CommandError:
+            return ""  # whoever applies it says what is wrong
 
-def terminal(out: Path) -> Terminal | None:
-    """Return the terminal, None where nobody sits at it."""
-    return Terminal(out) if sys.stdin.isatty() and sys.stdout.isatty() else None
+
+def terminal(out: Path, memory: Callable[[], Memory]) -> Terminal | None:
+    """Return the terminal, None where nobody sits at it. memory: as of `Terminal`."""
+    return Terminal(out, memory) if sys.stdin.isatty() and sys.stdout.isatty() else None
 
 
 def answer_lines(calls: list[AskedCall]) -> str:

@@ -56,7 +56,9 @@ def run(
     judge = DriveJudge(config, load_engine(config, before)[0])
     folder = _made(Path(out))
     clock, found = judge.engine.memory.clock, Rehearsal()
-    person: Terminal | BrowserDesk | None = terminal(folder) if ask and port is None else None
+    person: Terminal | BrowserDesk | None = (
+        terminal(folder, lambda: judge.engine.memory) if ask and port is None else None
+    )
     page = None
     if ask and port is not None:
         page = person = _browser_desk(judge, config, found, drive, port)

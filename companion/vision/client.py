@@ -8,8 +8,8 @@ from __future__ import annotations
 import logging
 import time
 from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from anytraverse.answers import AnswerOutcome, Changes
@@ -89,12 +89,14 @@ class Applied:
     """Reports that an answer was applied, or refused with `error`; then nothing has changed.
 
     token: what the caller of `answer` passed. None: a stored frame was given to a new process.
+    turned: the words whose sign it turned -> weight before and after.
     """
 
     token: object
     outcome: AnswerOutcome | None
     error: AnyTraverseError | None
     memory: Memory
+    turned: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 Result = Judged | Applied | Drawn | Encoded
@@ -353,13 +355,16 @@ class VisionClient:
             case Done():
                 if report.number not in self._unanswered:
                     raise BadReportError(f"an outcome of request {report.number}, which nobody made")
+                turned: Mapping[str, tuple[float, float]] = {}
                 if report.update is not None:
+                    before = self.memory
                     self._apply_update(report.update)
+                    turned = before.turned(self.memory)
                 asked = self._unanswered.pop(report.number)
                 if report.error:
                     self._frames.pop(asked.frame_id, None)
                 error = AnyTraverseError(report.error) if report.error else None
-                return [Applied(asked.token, report.outcome, error, self.memory)]
+                return [Applied(asked.token, report.outcome, error, self.memory, turned)]
             case Drawn():
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")

@@ -23,6 +23,8 @@ from companion.wire.payloads import CallData
 
 MOST_ROWS = 64
 """Answers of a call, and checks."""
+MOST_GIVEN = 32
+"""Words that are out of use and were given before."""
 _PICTURE = re.compile(r"/(calls|scenes)/[0-9a-f]{1,16}(-large|-raw)?\.jpg", re.ASCII)
 PICTURES = {"small": "", "raw": "-raw", "large": "-large"}
 """Pictures of a call by size -> what their files' names have behind the number."""
@@ -55,10 +57,14 @@ class NearestScene:
 
 @dataclass(frozen=True)
 class StateFile:
-    """What counts now, of /state.json. words: weight by word. open_call: None for no call or hold."""
+    """What counts now, of /state.json. words: weight by word. open_call: None for no call or hold.
+
+    given: weight by word, of those that are out of use and were given before.
+    """
 
     starting: bool
     words: Mapping[str, float]
+    given: Mapping[str, float]
     vocabulary: tuple[str, ...]
     settings: Mapping[str, float]
     known_place: KnownPlace | None
@@ -138,6 +144,7 @@ def state_from(told: Mapping[str, Any]) -> StateFile:
     return StateFile(
         starting=told.get("state") == "starting",
         words=words,
+        given=_weights(told.get("given"), MOST_GIVEN),
         vocabulary=tuple(
             word for raw in list_of(told.get("vocabulary"))[:MOST_IN_VOCABULARY] if (word := _word(raw))
         ),
@@ -270,9 +277,9 @@ def _answer(raw: Any) -> GivenAnswer:
     )
 
 
-def _weights(raw: Any) -> dict[str, float]:
+def _weights(raw: Any, most: int = MAX_WORDS) -> dict[str, float]:
     found = {}
-    for name, value in list(mapping_of(raw).items())[:MAX_WORDS]:
+    for name, value in list(mapping_of(raw).items())[:most]:
         word, weight = _word(name), number_of(value, -1, 1)
         if word and weight is not None:
             found[word] = check_weight(word, weight)

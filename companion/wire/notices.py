@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from companion.wire.ids import COMPONENT_ID, MAX_TEXT, Policy
+from companion.wire.ids import COMPONENT_ID, MAX_TEXT, PAGE_SENDER, Policy, SenderId
 from companion.wire.packing import shortened
 from companion.wire.texts import REASONS, fit
 
@@ -272,6 +272,25 @@ def journal_works() -> str:
 def word_dropped(word: str) -> str:
     """Reports that `word`, the least recently set one, is out of use, because there were too many."""
     return fit(f"Too many words, out of use: {word}")
+
+
+MOST_TURNED = 6
+"""Texts about turned signs; at most eight texts wait on the link."""
+
+
+def words_turned(turned: Mapping[str, tuple[float, float]], sender: SenderId) -> list[str]:
+    """Reports the words whose sign `sender` turned: "water turned: -1 to +1, by 255/190"; at most 6 texts.
+
+    turned: weight before and after, by word.
+    """
+    by = "page" if sender == PAGE_SENDER else f"{sender[0]}/{sender[1]}"
+    texts = []
+    for word, (was, now) in list(turned.items())[:MOST_TURNED]:
+        rest = f" turned: {was:+.3g} to {now:+.3g}, by {by}"
+        texts.append(fit(shortened(word, MAX_TEXT - len(rest)) + rest))
+    if left := len(turned) - len(texts):
+        texts[-1] = f"{left + 1} more words turned, by {by}"
+    return texts
 
 
 def out_of_use(word: str) -> str:

@@ -43,6 +43,16 @@ class CommandError(ValueError):
     """Reports a line that is not a command; its text, one line, says why and gives an example."""
 
 
+class WeightMissingError(CommandError):
+    """Reports a word without a weight. word: as it was typed."""
+
+    def __init__(self, word: str, example: str = "bush: -1") -> None:
+        super().__init__(
+            f'"{word[:40]}" is no command (type `help`), and a word needs its weight: write it as `{example}`'
+        )
+        self.word = word
+
+
 @dataclass(frozen=True)
 class Tap:
     """Makes a tap: `tap drum -1`. box: left, top, right, bottom; None: the call's worst tile."""
@@ -143,9 +153,7 @@ def _change(segment: str) -> Change:
         return ForgetWord(_word(found[1]))
     if not segment:
         raise CommandError("nothing between two `;`: write it as `bush: -1; grass: 1`")
-    raise CommandError(
-        f'"{segment[:40]}" is no command (type `help`), and a word needs its weight: write it as `bush: -1`'
-    )
+    raise WeightMissingError(segment)
 
 
 def _tap(rest: str) -> Tap:

@@ -68,7 +68,7 @@ class OperatorClient:
 
     @property
     def busy(self) -> bool:
-        """Whether an answer, a policy request or a file is not settled yet."""
+        """Whether an answer, a policy request or a file that somebody waits for is not settled yet."""
         return self._outbox.busy
 
     def receive(self, message: Any, now: float) -> None:
@@ -130,9 +130,12 @@ class OperatorClient:
         """Request a policy; it is sent once the rover is heard. Replaces an earlier request."""
         return self._outbox.set_policy(system, policy, now, heard=self._is_alive(system, now))
 
-    def fetch(self, system: int, path: str, now: float) -> Fetch:
-        """Fetch a file of the rover's companion; the returned object shows the progress. Replaces another."""
-        return self._outbox.fetch(system, path, now)
+    def fetch(self, system: int, path: str, now: float, *, background: bool = False) -> Fetch:
+        """Fetch a file of the rover's companion; the returned object shows the progress. Replaces another.
+
+        background: nobody waits for it, so that it does not make this client `busy`.
+        """
+        return self._outbox.fetch(system, path, now, background=background)
 
     def resume(self, fetch: Fetch, now: float) -> None:
         """Go on with a fetch that was replaced, stopped or has failed: only what is missing is fetched."""

@@ -43,7 +43,7 @@ class Transfer:
     """Paces requests to one rover, each sent again until it is answered, up to a time limit.
 
     problem: why it failed, for a person. session: 1 to 255, random; 0 is left to other clients on the same
-    radio, which commonly use it.
+    radio, which commonly use it. background: nobody waits for it.
     """
 
     system: int
@@ -52,6 +52,7 @@ class Transfer:
     session: int = field(default_factory=lambda: 1 + secrets.randbelow(255))
     status: FetchStatus = FetchStatus.WAITING
     problem: str = ""
+    background: bool = False
     _sequence: int = 0
     _unanswered: int = 0
     _next_at: float = 0.0

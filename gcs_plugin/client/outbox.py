@@ -47,8 +47,8 @@ class Outbox:
 
     @property
     def busy(self) -> bool:
-        """Whether an answer, a policy request or a file is not settled yet."""
-        if any(not fetch.settled for fetch in self._fetches.values()):
+        """Whether an answer, a policy request or a file that somebody waits for is not settled yet."""
+        if any(not (fetch.settled or fetch.background) for fetch in self._fetches.values()):
             return True
         return bool(self.unsettled) or any(
             not policy_request.settled for policy_request in self._policy_requests.values()
@@ -83,9 +83,9 @@ class Outbox:
             self._report_policy(policy_request)
         return policy_request
 
-    def fetch(self, system: int, path: str, now: float) -> Fetch:
-        """Fetch a file, in place of an earlier fetch from this rover."""
-        fetch = Fetch(system, path, now)
+    def fetch(self, system: int, path: str, now: float, *, background: bool = False) -> Fetch:
+        """Fetch a file, in place of an earlier fetch from this rover. background: nobody waits for it."""
+        fetch = Fetch(system, path, now, background=background)
         self._replace(system, fetch)
         return fetch
 

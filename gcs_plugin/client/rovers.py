@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pymavlink.dialects.v20.common import MAV_SEVERITY_WARNING
 
 from companion.wire.answers import Acknowledgement
+from companion.wire.documents import StateFile
 from companion.wire.ids import (
     CHANGING_RESULTS,
     CPU_THROTTLED,
@@ -23,6 +24,7 @@ from companion.wire.ids import (
     Stage,
     State,
     read_heartbeat_mode,
+    words_hash,
 )
 from companion.wire.parameters import WORD_PREFIX
 from companion.wire.payloads import CallData, Summary
@@ -119,6 +121,8 @@ class Rover:
         self.calls: dict[int, Call] = {}
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=50)
         self.parameters: dict[str, float] = {}
+        self.state_file: StateFile | None = None
+        """Its /state.json, None until it was read."""
         self.counters = Counters()
         self._heartbeat_at: float | None = None
         self._up = False
@@ -150,13 +154,24 @@ class Rover:
         return now - (self._current_since if call is None else call.reported_at)
 
     def words(self) -> dict[str, float]:
-        """Return the words in use with their weights, as far as parameter names can spell them."""
+        """Return the words in use with their weights, as far as they are known.
+
+        Without its /state.json, or one of now, these are spelled as far as parameter names can.
+        """
         prefix = len(WORD_PREFIX)
-        return {
+        named = {
             name[prefix:].replace("_", " ").lower(): value
             for name, value in sorted(self.parameters.items())
-            if name.startswith(WORD_PREFIX) and -1.0 <= value <= 1.0
+            if name.startswith(WORD_PREFIX)
         }
+        told = {} if self.state_file is None else self.state_file.words
+        if told and self.summary is not None and self.summary.words == words_hash(told):
+            return dict(told)
+        return {word: value for word, value in {**told, **named}.items() if -1.0 <= value <= 1.0}
+
+    def given(self) -> dict[str, float]:
+        """Return the words that were given before, with their weights then, as far as they are known."""
+        return {} if self.state_file is None else {**self.state_file.given, **self.state_file.words}
 
     def handle_vehicle(self, vehicle: Vehicle) -> list[ev.Event]:
         """Take in the autopilot's mode and arming."""

@@ -8,9 +8,10 @@ from statistics import median
 from typing import Any
 
 from companion.wire.delivery import Status
-from companion.wire.ids import Result
+from companion.wire.ids import Reasons, Result
 from companion.wire.packing import PayloadError
-from companion.wire.typed_answers import CommandError
+from companion.wire.typed_answers import CommandError, WeightMissingError
+from companion.wire.weights import propose, turned
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
@@ -18,8 +19,9 @@ from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.commands import Picture, Reply, Select, SetPolicy, Show, parse
 from gcs_plugin.terminal.output import Output, plain
-from gcs_plugin.terminal.resolve import address, choose_rover, picture_of
+from gcs_plugin.terminal.resolve import Addressed, address, choose_rover, picture_of
 from gcs_plugin.terminal.script import Script
+from gcs_plugin.terminal.state_files import StateFiles
 
 
 class SessionStatistics:
@@ -109,6 +111,9 @@ class Session:
         self._progress_shown_at = 0.0
         self._selected: int | None = None
         self._asked: set[int] = set()
+        self._state_files = StateFiles(client)
+        self._turning: tuple[str, Addressed] | None = None
+        """The question about words that the last answer would turn, and that answer."""
 
     def step(self, now: float) -> None:
         """Show events and the progress of pictures, then let the script answer."""
@@ -122,16 +127,18 @@ class Session:
         for name, fetch in list(self._fetches.items()):
             self._check_fetch(name, fetch, now)
         for rover in rovers.values():
+            if not any(fetch.system == rover.system for fetch in self._fetches.values()):
+                self._state_files.step(rover, now)
             if self._script is not None and rover.alive(now):
                 self._answer_by(self._script, rover, now)
 
-    def type(self, line: str, now: float) -> None:
+    def type(self, line: str, now: float, *, by_person: bool = True) -> None:
         """Carry out one typed line, or show why not."""
         try:
             command = parse(line)
             match command:
                 case Reply():
-                    self._reply(command, now)
+                    self._reply(command, now, by_person=by_person)
                 case Select():
                     self._selected = choose_rover(self._client.rovers, command.rover).system
                     self._output.say([f"lines now mean rover {self._selected}"])
@@ -142,13 +149,37 @@ class Session:
                     self._fetch(command, now)
                 case Show():
                     self._show(command, now)
+        except WeightMissingError as error:
+            self._output.problem(str(self._with_own_weight(error)))
         except (CommandError, PayloadError) as error:
             self._output.problem(str(error))
 
-    def _reply(self, reply: Reply, now: float) -> None:
+    def _with_own_weight(self, error: WeightMissingError) -> WeightMissingError:
+        """Propose the weight that the word has, where a rover knows it."""
+        word = " ".join(error.word.lower().split())
+        for rover in self._client.rovers.values():
+            found = propose(word, None, rover.words(), rover.given(), Reasons.NONE)
+            if found.was is not None:
+                return WeightMissingError(error.word, f"{word}: {found.weight:g}")
+        return error
+
+    def _reply(self, reply: Reply, now: float, *, by_person: bool) -> None:
         rover = choose_rover(self._client.rovers, reply.rover, self._selected)
         answer = address(reply, rover, now)
+        self._refuse_turning(answer, rover, by_person=by_person)
         self._client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
+
+    def _refuse_turning(self, answer: Addressed, rover: Rover, *, by_person: bool) -> None:
+        """Raise CommandError for an answer that turns a sign, unless a person repeats it."""
+        question = turned(answer.operations, rover.words(), rover.given())
+        if not by_person:
+            if question:
+                raise CommandError(f"{question}. A table turns no sign: type it yourself")
+            return
+        asked, self._turning = self._turning, (question, answer) if question else None
+        if question and asked != self._turning:
+            raise CommandError(question)
+        self._turning = None
 
     def _fetch(self, picture: Picture, now: float) -> None:
         if self._keep is None:
@@ -159,6 +190,7 @@ class Session:
         for replaced in same:
             del self._fetches[replaced]
         self._fetches[name] = self._client.fetch(rover.system, path, now)
+        self._state_files.stop(rover.system)
         self._progress_shown_at = now
         self._output.say([f"{path} is asked for"])
 
@@ -207,4 +239,4 @@ class Session:
             if line is not None:
                 typed = f"rover {rover.system} {call.data.id} {line}"
                 self._output.typed(typed)
-                self.type(typed, now)
+                self.type(typed, now, by_person=False)

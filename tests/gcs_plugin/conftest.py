@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, AnswerMessage, Operation
 from companion.wire.delivery import Pending
+from companion.wire.ftp import FtpError, FtpPayload, Opcode
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
@@ -100,6 +101,9 @@ class TinyRover:
         self.policies_asked: list[int] = []
         self.grants = True
         self.sequence = 0
+        self.files: dict[str, bytes] = {}
+        """By path, what can be fetched; without any, requests for files are not answered."""
+        self._open_file = b""
         self._parts: dict[int, dict[int, AnswerMessage]] = {}
         self._acknowledgements: dict[int, bytes] = {}
 
@@ -141,6 +145,8 @@ class TinyRover:
                 replies.append(
                     self.companion.frame(mavlink.MAVLink_param_value_message(b"AT_W_GRASS", 1.0, 9, 1, 0))
                 )
+            elif message.get_type() == "FILE_TRANSFER_PROTOCOL" and self.files:
+                replies += self._file(FtpPayload.unpack(bytes(message.payload)))
             elif message.get_type() == "COMMAND_LONG" and message.target_component == ids.COMPONENT_ID:
                 replies.append(self._commanded(message))
             elif message.get_type() == "TUNNEL" and message.payload_type == ids.TUNNEL_ANSWER:
@@ -148,6 +154,24 @@ class TinyRover:
                 part = AnswerMessage.unpack(bytes(message.payload[: message.payload_length]))
                 replies += self._answered(part)
         return replies
+
+    def _file(self, asked: FtpPayload) -> list[bytes]:
+        """The replies to a request for a file; a burst comes as one frame each 80 bytes."""
+        if asked.opcode == Opcode.OPEN_FILE_RO and asked.path() not in self.files:
+            replies = [asked.nak(FtpError.FILE_NOT_FOUND)]
+        elif asked.opcode == Opcode.OPEN_FILE_RO:
+            self._open_file = self.files[asked.path()]
+            replies = [asked.ack(len(self._open_file).to_bytes(4, "little"))]
+        elif asked.opcode in (Opcode.READ_FILE, Opcode.BURST_READ_FILE):
+            end = asked.offset + asked.size if asked.opcode == Opcode.READ_FILE else len(self._open_file)
+            starts = range(asked.offset, end, 80)
+            replies = [asked.ack(self._open_file[one : min(one + 80, end)], offset=one) for one in starts]
+        else:
+            replies = [asked.ack()]
+        return [
+            self.companion.frame(mavlink.MAVLink_file_transfer_protocol_message(0, 0, 0, one.pack()))
+            for one in replies
+        ]
 
     def _commanded(self, message: Any) -> bytes:
         assert (message.target_system, message.target_component) == (self.system, 191)

@@ -298,3 +298,13 @@ def test_what_is_told_to_another_ground_station_is_not_for_this_one(proxy: Calla
         ours.run(0.2)
         said = [line for line in ours.lines[before:] if "policy" in line]
         assert bool(said) == (target == (255, 230))
+
+
+def test_a_word_that_would_turn_its_sign_must_be_typed_twice(proxy: Make) -> None:
+    at = proxy(None)
+    for _ in range(2):
+        assert at.rovers[0].applied == []
+        at.type("at set grass -1")
+        at.run(1.0)
+    assert any("grass was 1: repeat it to turn it" in line for line in at.lines)
+    assert at.rovers[0].applied == [(0, ids.Motion.NONE, (SetWord("grass", -1.0),))]

@@ -67,6 +67,7 @@ def test_the_example_shows_a_call_and_answers_it(stage: Any, address: str, start
     example = start(str(EXAMPLE), address)
     example.wait_for("type go, stay, look")
     example.ask("AT_W_GRASS 0.75", "AT_W_GRASS = 0.75")
+    example.ask("AT_W_BUSH 1", ": repeat it to turn it")
     example.ask("go", "go: denied")
     stage.control.start()
     example.wait_for(": go/stay/word")

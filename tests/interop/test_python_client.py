@@ -19,6 +19,7 @@ def test_the_client_written_from_the_specification_hears_sets_and_answers(
     client.wait_for("{'state': 'ok'")
     client.ask_until("set AT_W_GRASS 0.75", "AT_W_GRASS = 0.75")  # once a heartbeat has come too
     client.ask("set AT_W_GRASS 7", "AT_W_GRASS = 0.75")
+    client.ask("set AT_W_BUSH 1", ": repeat it to turn it")
     client.ask("get /nothing", "not done: NAK 10")
     client.ask("get /state.json", '"AT_THR_ROI"')
     client.ask("go", "stale")

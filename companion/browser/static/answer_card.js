@@ -3,9 +3,12 @@
 import { changed, element, showText } from "./elements.js";
 import { CallView } from "./call_view.js";
 import { Incident } from "./incident.js";
+import { Turning } from "./turning.js";
+import { ownWeights, plain, propose, turned } from "./weights.js";
 import { capital, signed, weightText } from "./wording.js";
 
-const READ = 2; // seconds for which a call that took another's place takes no answer: it may be meant for that one
+const READ = 2; // seconds for which a call that took another's place, or has other reasons, takes no answer: it may be meant for the one before
+const AND = { go: ", and go", stay: ", and stay", look: ", and look again", none: "" };
 
 export class AnswerCard extends CallView {
   // send: posts, and returns a promise of "" or of what is wrong. staged: words set by sliders for this answer.
@@ -13,13 +16,13 @@ export class AnswerCard extends CallView {
   constructor(system, send, say, staged, heading) {
     super((box) => this.point(box), heading);
     Object.assign(this, { system, post: send, say, staged });
-    this.shownAt = performance.now() / 1000;
-    this.replaces = false;
     this.todo = element("p", { className: "todo" });
     this.first = element("p", { className: "first" });
     this.undo = element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "Undo: forget what this taught");
     this.problem = element("p", { className: "problem" });
-    this.becoming.before(this.todo, this.first, this.form(), this.problem);
+    this.turning = new Turning(say);
+    this.typed = null; // the weight that somebody chose
+    this.becoming.before(this.todo, this.first, this.form(), this.turning.part, this.problem);
     this.incident = new Incident(send, say);
     this.ask.append(this.undo, this.incident.part);
   }
@@ -28,7 +31,7 @@ export class AnswerCard extends CallView {
     const options = `${this.id}-names`;
     this.word = element("input", { type: "text", id: `${this.id}-word`, maxLength: 48, autocomplete: "off", spellcheck: false, list: options, oninput: () => this.refresh() });
     this.options = element("datalist", { id: options });
-    this.weight = element("input", { type: "range", id: `${this.id}-weight`, min: -1, max: 1, step: 0.1, value: -1, oninput: () => this.refresh() });
+    this.weight = element("input", { type: "range", id: `${this.id}-weight`, min: -1, max: 1, step: 0.1, oninput: () => this.weigh(Number(this.weight.value)) });
     this.weightText = element("output", { htmlFor: `${this.id}-weight` });
     this.chips = element("div", { className: "chips", role: "group", "aria-label": "Names used before" });
     this.about = element("select", { id: `${this.id}-about`, onchange: () => this.refresh() },
@@ -52,12 +55,15 @@ export class AnswerCard extends CallView {
 
   show(data, rover, time) {
     const before = this.data;
-    if (!before) {
-      const object = data.reasons.includes("unknown_object") || data.box;
-      this.weight.value = object ? -1 : 1;
-      this.about.value = object ? "tap" : "word";
-    }
     super.show(data, time);
+    this.weights = ownWeights(rover);
+    if (data.reasons.length || !before) {
+      this.object = data.reasons.includes("unknown_object") || Boolean(data.box);
+      changed(this.about, [data.reasons, this.object], () => {
+        if (before && this.word.value) this.mustBeRead("has changed");
+        this.setDefaults();
+      });
+    }
     for (const name of ["todo", "first"]) showText(this[name], data[name] ?? "");
     this.entry.hidden = !data.open;
     this.naming.hidden = Boolean(data.test) || data.kind === "hold" && !data.box;
@@ -71,10 +77,10 @@ export class AnswerCard extends CallView {
 
   showNames(rover) {
     const seen = new Set();
-    const names = [...rover.names, ...rover.words.map(({ word, weight }) => [word, weight])].filter(([word]) => !seen.has(word) && seen.add(word));
-    changed(this.options, names, (list) => list.replaceChildren(...names.map(([word]) => element("option", { value: word }))));
-    changed(this.chips, names.slice(0, 10), (part) => part.replaceChildren(...names.slice(0, 10).map(([word, weight]) =>
-      element("button", { type: "button", className: "chip", onclick: () => this.choose(word, weight) }, word))));
+    const names = [...rover.names.map(([word]) => word), ...rover.words.map(({ word }) => word)].filter((word) => !seen.has(word) && seen.add(word));
+    changed(this.options, names, (list) => list.replaceChildren(...names.map((word) => element("option", { value: word }))));
+    changed(this.chips, names.slice(0, 10), (part) => part.replaceChildren(...names.slice(0, 10).map((word) =>
+      element("button", { type: "button", className: "chip", onclick: () => this.choose(word) }, word))));
   }
 
   sayTheSame({ nearest, open, test, box }) {
@@ -88,15 +94,39 @@ export class AnswerCard extends CallView {
     this.choose(word, weight);
   }
 
-  choose(word, weight) {
+  // weight: null for the one that is proposed.
+  choose(word, weight = null) {
     this.word.value = word;
-    if (weight !== null) this.weight.value = weight;
-    this.refresh();
+    this.weigh(weight);
     this.buttons.go.focus();
   }
 
+  weigh(weight) {
+    this.typed = weight;
+    this.refresh();
+  }
+
+  get thing() {
+    return this.object || Boolean(this.own);
+  }
+
+  setDefaults() {
+    this.typed = null;
+    this.about.value = this.thing ? "tap" : "word";
+  }
+
+  // An answer may be meant for what was here before.
+  mustBeRead(why) {
+    this.unread = { why, since: performance.now() / 1000 };
+  }
+
+  // What the name is sent with.
+  get proposed() {
+    return propose(this.word.value, this.typed, this.weights, this.thing).weight;
+  }
+
   changes() {
-    const word = this.word.value.trim(), weight = Number(this.weight.value);
+    const word = plain(this.word.value), weight = this.proposed;
     const box = this.own ?? this.data.box;
     const taps = this.about.value === "tap" && box;
     const own = word && !this.naming.hidden ? [taps ? { tap: word, weight, box, frame: this.data.frame } : { word, weight }] : [];
@@ -111,11 +141,18 @@ export class AnswerCard extends CallView {
     for (const name of ["go", "stay", "none"]) showText(this.buttons[name], text[name]);
     this.buttons.none.hidden = !changes.length;
     if (changes.length && !text.none) showText(this.buttons.none, "Only change the words");
-    showText(this.weightText, weightText(Number(this.weight.value)));
+    this.weight.value = this.proposed;
+    showText(this.weightText, weightText(this.proposed));
     const box = this.own ?? this.data.box;
     this.about.firstChild.disabled = !box;
     if (!box && this.about.value === "tap") this.about.value = "word";
     showText(this.also, this.staged.text());
+    this.turning.withdraw(this.question(this.motion, changes));
+  }
+
+  // Equal for answers that turn the same words in the same way.
+  question(motion, changes) {
+    return this.data.open ? JSON.stringify([motion, changes, turned(changes, this.weights)]) : null;
   }
 
   point(box) {
@@ -129,6 +166,7 @@ export class AnswerCard extends CallView {
     this.point(null);
     this.word.value = "";
     this.staged.clear();
+    this.setDefaults();
     this.refresh();
     showText(this.problem, "");
   }
@@ -141,19 +179,33 @@ export class AnswerCard extends CallView {
     this.raw.frame.focus();
   }
 
-  async send(motion) {
+  // agreed: the question about turned words that somebody agreed to.
+  async send(motion, agreed = null) {
     if (!this.data.open || this.sending) return;
-    if (this.replaces && performance.now() / 1000 - this.shownAt < READ) {
-      const problem = `${this.data.name} is new, so nothing was sent: read it, then answer.`;
+    if (this.unread && performance.now() / 1000 - this.unread.since < READ) {
+      const problem = `${this.data.name} ${this.unread.why}, so nothing was sent: read it, then answer.`;
       showText(this.problem, problem);
       return this.say(problem);
     }
     const changes = this.data.test ? [] : this.changes();
+    const what = this.question(motion, changes), turns = turned(changes, this.weights);
+    if (turns.length && what !== agreed) {
+      this.motion = motion;
+      showText(this.problem, "");
+      return this.turning.ask(turns, { what, and: AND[motion], agreed: () => this.send(motion, what), refused: () => this.keep(turns) });
+    }
     this.sending = true;
     const problem = await this.post("answer", { rover: this.system, call: this.data.id, motion, changes });
     this.sending = false;
     showText(this.problem, problem);
     if (!problem) this.clear();
+  }
+
+  // These words keep the weights that they have.
+  keep(turns) {
+    for (const { word } of turns) this.staged.changes.delete(word);
+    if (turns.some(({ word }) => word === plain(this.word.value))) this.typed = null;
+    this.refresh();
   }
 
   async takeBack() {

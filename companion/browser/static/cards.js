@@ -21,7 +21,7 @@ export class Cards {
     for (const call of calls) {
       if (!this.byKey.has(call.key)) {
         const made = this.make(call);
-        made.replaces = [...this.byKey.values()].some((other) => other.data?.open || now - (other.closedAt ?? -Infinity) < LEFT);
+        if ([...this.byKey.values()].some((other) => other.data?.open || now - (other.closedAt ?? -Infinity) < LEFT)) made.mustBeRead?.("is new");
         this.byKey.set(call.key, made);
       }
       const card = this.byKey.get(call.key);

@@ -2,6 +2,9 @@
 // Where nobody may answer they only show.
 
 import { changed, element, showText } from "./elements.js";
+import { say } from "./sending.js";
+import { Turning } from "./turning.js";
+import { ownWeights, plain, propose, turned } from "./weights.js";
 import { signed, weightText } from "./wording.js";
 
 class Staged {
@@ -33,14 +36,18 @@ export class Words {
     this.note = element("p", { className: "faint" });
     this.problem = element("p", { className: "problem" });
     this.word = element("input", { type: "text", id: `new${system}`, maxLength: 48, autocomplete: "off" });
-    this.part = element("div", {}, this.note, this.list, this.problem, send &&
+    this.turning = new Turning(say);
+    this.part = element("div", { onkeydown: (event) => { if (event.key === "Escape" && this.turning.asks) this.reset(); } }, this.note, this.list, send && this.turning.part, this.problem, send &&
       element("form", { className: "field", onsubmit: (event) => { event.preventDefault(); this.add(); } },
         element("label", { htmlFor: this.word.id }, "New word"), this.word, element("button", { type: "submit", className: "plain" }, "Add")));
   }
 
   show(rover) {
+    this.rover = rover;
+    this.weights = ownWeights(rover);
     this.open = rover.calls.some((call) => call.open);
-    if (!this.open && this.staged.changes.size && !this.busy) this.staged.clear();
+    this.turning.withdraw(this.question());
+    if (!this.open && this.staged.changes.size && !this.busy && !this.turning.asks) this.staged.clear();
     const told = new Map(rover.words.map((one) => [one.word, one]));
     for (const [word, row] of this.rows) if (!told.has(word)) row.part.remove(), this.rows.delete(word);
     for (const one of told.values()) {
@@ -55,7 +62,7 @@ export class Words {
 
   row(word) {
     const id = `w${this.system}-${word.replace(/[^a-z0-9]/g, "_")}`;
-    const used = element("input", { type: "checkbox", id: this.post ? id : "", onchange: () => this.set(word, used.checked ? Number(slider.value) || 1 : null) });
+    const used = element("input", { type: "checkbox", id: this.post ? id : "", onchange: () => this.set(word, used.checked ? propose(word, null, this.weights, false).weight : null) });
     const slider = element("input", { type: "range", id: this.post ? "" : id, min: -1, max: 1, step: 0.1, "aria-label": `Weight of ${word}`, oninput: () => showText(text, signed(Number(slider.value))),
       onchange: () => this.set(word, Number(slider.value)) });
     const text = element("output");
@@ -78,18 +85,33 @@ export class Words {
   }
 
   add() {
-    const word = this.word.value.trim().toLowerCase();
-    if (word) this.set(word, 1);
+    const word = plain(this.word.value);
+    if (word) this.set(word, propose(word, null, this.weights, false).weight);
     this.word.value = "";
   }
 
-  async set(word, weight) {
-    if (this.open) {
-      this.staged.changes.set(word, weight);
-      return this.refresh();
-    }
-    this.busy = true;
+  set(word, weight) {
     this.staged.changes.set(word, weight);
+    if (this.open) return this.refresh();
+    const turns = turned(this.staged.list(), this.weights);
+    if (turns.length) this.turning.ask(turns, { what: this.question(), agreed: () => this.submit(), refused: () => this.reset() });
+    else this.submit();
+  }
+
+  // Equal while the same words are turned in the same way. What goes with an answer is asked there.
+  question() {
+    return this.open ? null : JSON.stringify(turned(this.staged.list(), this.weights));
+  }
+
+  reset() {
+    this.turning.withdraw();
+    this.staged.clear();
+    this.show(this.rover);
+  }
+
+  async submit() {
+    this.turning.withdraw();
+    this.busy = true;
     showText(this.problem, await this.post("answer", { rover: this.system, call: null, motion: "none", changes: this.staged.list() }));
     this.staged.clear();
     this.busy = false;

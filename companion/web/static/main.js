@@ -10,7 +10,7 @@ import * as views from "./views.js";
 
 const send = poster("the rover does not answer. See what it says at the top.");
 // What /shown-calls.json changes with.
-const opened = (content) => [content?.state?.open?.id, content?.state?.open?.stage, content?.state?.open?.holding, content?.incidents];
+const opened = (content) => [content?.state?.open?.id, content?.state?.open?.stage, content?.state?.open?.holding, content?.state?.reasons, content?.incidents];
 const now = () => performance.now() / 1000;
 const picture = document.getElementById("picture");
 let news = null;
@@ -56,7 +56,7 @@ function tick() {
   const time = now() - offset;
   if (!news) return;
   views.showAhead(news, points, time);
-  views.showCalls({ calls: told.calls, names: told.names, words: model.words(news) }, time);
+  views.showCalls({ calls: told.calls, names: told.names, given: news.state?.given, words: model.words(news) }, time);
   views.showAlone(told.alone);
   views.showLastMinute(told.last_minute);
 }

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
+from anytraverse.memory import Memory
+from anytraverse.preferences import Preferences
 from companion.cli import main
 from companion.config import load_config
 from companion.drives.desk import AnswerFile, Terminal
@@ -159,6 +161,9 @@ def test_a_line_that_is_no_answer_is_named(tmp_path: Path, line: str, why: str) 
         AnswerFile(path)
 
 
+MEMORY = Memory("m", Preferences.of({"water": -1.0}))
+
+
 def call(number: int = 1) -> AskedCall:
     return AskedCall(number, "017.png", 1.7, CALL, np.zeros(4, np.float32), b"", b"")
 
@@ -168,7 +173,7 @@ def test_somebody_at_the_terminal_sees_why_and_answers_skips_or_quits(
 ) -> None:
     lines = iter(["?", "help", "tap drum -1, go", "", "quit"])
     monkeypatch.setattr("builtins.input", lambda _prompt: next(lines))
-    desk = Terminal(tmp_path)
+    desk = Terminal(tmp_path, lambda: MEMORY)
     assert desk.ask(call(), "") == "tap drum -1, go"
     said = capsys.readouterr().out
     assert "C1 at 1.7 s, 017.png: " in said
@@ -178,6 +183,17 @@ def test_somebody_at_the_terminal_sees_why_and_answers_skips_or_quits(
     assert "stays open" in capsys.readouterr().out
     with pytest.raises(KeyboardInterrupt):
         desk.ask(call(2), "")
+
+
+def test_an_answer_at_the_terminal_that_turns_a_sign_must_be_typed_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = iter(["water: 1, go", "water: -1, go", "water: 1, go", "tap water 1, go", "tap water 1, go"])
+    monkeypatch.setattr("builtins.input", lambda _prompt: next(lines))
+    desk = Terminal(tmp_path, lambda: MEMORY)
+    assert desk.ask(call(), "") == "water: -1, go"
+    assert "water was -1: repeat it to turn it" in capsys.readouterr().out
+    assert desk.ask(call(), "") == "tap water 1, go"
 
 
 def test_a_video_is_thinned_out_to_the_rate_of_the_rover(tmp_path: Path) -> None:

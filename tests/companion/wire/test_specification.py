@@ -5,6 +5,7 @@ import re
 import struct
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -210,6 +211,36 @@ def test_the_code_reads_what_the_client_packs(client: ModuleType) -> None:
     assert AnswerMessage.unpack(payload) == AnswerMessage(
         5, 7, Motion.GO, (SetWord("gravel", 0.8), SetWord("Gestrüpp", -1.0))
     )
+
+
+def test_the_client_sends_a_line_that_turns_a_sign_only_when_it_is_repeated(
+    client: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rover = object.__new__(client.Client)
+    rover.heard_at, rover.turning = time.monotonic(), ""
+    sent: list[object] = []
+    state = '{"words": {"old water": -1, "grass": 1}, "given": {"mud": -0.5}}'
+    monkeypatch.setattr(rover, "get", lambda _path: state)
+
+    def send(*what: Any) -> Any:
+        sent.append(what)
+        return "applied" if isinstance(what[1], dict) else what[1]
+
+    monkeypatch.setattr(rover, "answer", send)
+    monkeypatch.setattr(rover, "set", send)
+    assert rover.obey("go old water 1") == "old water was -1: repeat it to turn it"
+    assert rover.obey("go old water -0.5") == "applied"
+    assert rover.obey("word mud 1") == "mud was -0.5: repeat it to turn it"
+    assert rover.obey("word mud 1") == "applied"
+    assert rover.obey("set AT_W_OLD_WATER 1") == "OLD_WATER was -1: repeat it to turn it"
+    assert rover.obey("set AT_W_OLD_WATER -2") == "AT_W_OLD_WATER = -2.0"
+    assert rover.obey("set AT_THR_ROI 0.4") == "AT_THR_ROI = 0.4"
+    assert sent == [
+        (1, {"old water": -0.5}),
+        (0, {"mud": 1.0}),
+        ("AT_W_OLD_WATER", -2.0),
+        ("AT_THR_ROI", 0.4),
+    ]
 
 
 def test_the_client_knows_all_numbers_and_imports_nothing_of_ours(client: ModuleType) -> None:

@@ -46,8 +46,29 @@ FUNCTIONS: list[Callable[..., str]] = [
     function
     for module in (texts, notices)
     for name, function in inspect.getmembers(module, inspect.isfunction)
-    if function.__module__ == module.__name__ and not name.startswith("_") and name != "matched_words"
+    if function.__module__ == module.__name__
+    and not name.startswith("_")
+    and name not in ("matched_words", "words_turned")
 ]
+
+
+WEIGHTS = st.tuples(st.floats(-1, 1), st.floats(-1, 1))
+
+
+@given(
+    st.dictionaries(st.text(min_size=1, max_size=48), WEIGHTS, max_size=16),
+    st.tuples(st.integers(0, 255), st.integers(0, 255)),
+)
+def test_turned_words_are_told_in_few_lines_that_say_who_did_it(
+    turned: dict[str, tuple[float, float]], sender: tuple[int, int]
+) -> None:
+    told = notices.words_turned(turned, sender)
+    by = f"by {sender[0]}/{sender[1]}" if any(sender) else "by page"
+    assert len(told) == min(len(turned), notices.MOST_TURNED)
+    for text in told:
+        assert len(text.encode()) <= MAX_TEXT
+        assert text.isprintable()
+        assert text.endswith(by)
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)

@@ -372,7 +372,7 @@ def test_what_the_state_does_not_tell_is_asked_for_ever_more_rarely(desk: Desk) 
         asked += path == "/state.json"
         return fetch(system, path, now)
 
-    desk.console.client.fetch = counted  # type: ignore[method-assign]
+    desk.console.client.fetch = counted  # type: ignore[assignment,method-assign]
     desk.run(300.0)
     assert 4 <= asked <= 9
 

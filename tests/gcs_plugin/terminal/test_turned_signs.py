@@ -1,0 +1,100 @@
+"""A line that turns the sign of a word must be typed twice, whether a parameter holds that word or not."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from companion.wire.answers import SetWord, TapBox
+from companion.wire.ids import Motion, Stage
+from companion.wire.payloads import CallData
+from tests.gcs_plugin.terminal.test_session import Make, desk
+
+__all__ = ["desk"]
+STATE = {"state": "calling", "words": {"grass": 1, "old water": -1}, "given": {"mud": -0.5, "gravel": 1}}
+GRASS = "grass was 1: repeat it to turn it, then grass becomes not drivable; nothing was sent"
+
+
+def answers(at: Any) -> list[Any]:
+    found: list[Any] = at.rovers[0].applied
+    return found
+
+
+def test_a_word_with_a_parameter_is_turned_by_the_same_line_once_more(
+    desk: Make, thing_call: CallData
+) -> None:
+    at = desk(thing_call)
+    at.type("tap grass -1 go")
+    assert at.paper.problems == [GRASS]
+    assert answers(at) == []
+    at.type("words")
+    at.type("tap grass -1 go")
+    ((_, motion, (tap,)),) = answers(at)
+    assert motion is Motion.GO
+    assert isinstance(tap, TapBox)
+    assert (tap.word, tap.weight) == ("grass", -1.0)
+
+
+def test_another_line_between_begins_anew(desk: Make, thing_call: CallData) -> None:
+    at = desk(thing_call, stage=Stage.ANSWERED)
+    for line in ("grass: -1", "grass: 0.5", "grass: -1", "7 grass: -0.5"):
+        at.type(line)
+    assert [operations for _, _, operations in answers(at)] == [(SetWord("grass", 0.5),)]
+    assert at.paper.problems == [GRASS] * 3
+
+
+def test_a_word_that_no_parameter_holds_or_that_is_out_of_use_is_asked_about_too(
+    desk: Make, thing_call: CallData
+) -> None:
+    at = desk(thing_call, stage=Stage.ANSWERED)
+    at.rovers[0].files = {"/state.json": json.dumps(STATE).encode()}
+    at.run(70.0)  # before, nobody answered
+    assert not at.client.busy
+    for line in ("old water: 1, go", "mud: 0.5, go", "gravel: 0.3, go", "Old  Water: -0.5", "sand: 1"):
+        at.type(line)
+    assert [operations[0] for _, _, operations in answers(at)] == [
+        SetWord("gravel", 0.3),
+        SetWord("old water", -0.5),
+        SetWord("sand", 1.0),
+    ]
+    assert [problem.partition(":")[0] for problem in at.paper.problems] == [
+        "old water was -1",
+        "mud was -0.5",
+    ]
+
+
+def test_a_picture_that_is_asked_for_goes_before_the_words(desk: Make) -> None:
+    at = desk(None)
+    kept: dict[str, bytes] = {}
+
+    def keep(name: str, content: bytes) -> str:
+        kept[name] = content
+        return name
+
+    at.session._keep = keep
+    at.rovers[0].files = {"/calls/7.jpg": bytes(range(200)), "/state.json": json.dumps(STATE).encode()}
+    at.type("picture 7")
+    at.run(5.0)
+    assert list(kept.values()) == [bytes(range(200))]
+    at.run(80.0)
+    assert at.client.rovers[1].given()["mud"] == -0.5
+
+
+def test_a_known_word_without_a_weight_is_proposed_with_its_own(desk: Make, thing_call: CallData) -> None:
+    at = desk(thing_call)
+    for line in ("Grass, go", "sand, go"):
+        at.type(line)
+    assert answers(at) == []
+    assert [problem.rpartition("write it as ")[2] for problem in at.paper.problems] == [
+        "`grass: 1`",
+        "`bush: -1`",
+    ]
+
+
+def test_a_table_turns_no_sign_and_a_person_still_may(desk: Make, thing_call: CallData) -> None:
+    at = desk(thing_call, script=[{"answer": "grass: -1, go", "after": 2}])
+    assert answers(at) == []
+    assert at.paper.problems == [f"{GRASS}. A table turns no sign: type it yourself"]
+    at.type("grass: -1, go")
+    at.type("grass: -1, go")
+    assert len(answers(at)) == 1

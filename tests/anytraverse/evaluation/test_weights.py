@@ -91,7 +91,7 @@ def test_small_maps_are_close_to_a_full_run_for_each_choice(drive: Path, tmp_pat
 def test_what_another_program_saw_is_perceived_again(
     drive: Path, tmp_path: Path, capsys: Out, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folders = []
+    folders: list[int] = []
     for program in ("one", "one", "another"):
         monkeypatch.setattr(seeing, "program_identity", lambda program=program: program)
         run(capsys, command("sweep", drive, tmp_path / f"out-{len(folders)}", "--weights", WEIGHTS))

@@ -255,8 +255,12 @@ class OperatorCalls:
         )
 
     def fault_accepted(self, now: float) -> bool:
-        """Whether faults stand, and a human drives on in spite of all of them."""
-        return bool(self.reason_filter.standing_faults(now)) and Reason.FAULT not in self.reasons(now)
+        """Whether faults stand, and nobody need be held for them.
+
+        A human drives on in spite of all of them, or the vehicle stands after its mission.
+        """
+        stands = bool(self.reason_filter.standing_faults(now))
+        return stands and (self.monitor.newest.mission_over or Reason.FAULT not in self.reasons(now))
 
     def autopilot_silent(self, now: float) -> bool:
         """Whether the policy is hold and the autopilot's heartbeats, which came before, have stopped."""

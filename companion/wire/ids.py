@@ -158,7 +158,8 @@ class Policy(IntEnum):
 class HeartbeatMode(NamedTuple):
     """The content of the companion's heartbeat. current_id: of the open call or hold, 0 for none.
 
-    fault_accepted: a human drives on in spite of the fault that stands, so that it holds nobody for now.
+    fault_accepted: a human drives on in spite of the fault that stands, or the vehicle stands after its
+    mission, so that it holds nobody for now.
     """
 
     state: State

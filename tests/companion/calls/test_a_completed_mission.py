@@ -10,7 +10,7 @@ from companion.calls.hold import HoldEvent, HoldState
 from companion.vehicle.ardupilot import INITIALISING
 from companion.vehicle.mission import Mission, MissionState
 from companion.vehicle.px4 import LOITER, LOITERING, MISSION
-from companion.wire.ids import Motion, Policy
+from companion.wire.ids import Motion, Policy, State
 from tests.companion.calls.scenes import AUTO, BROKEN, CLEAR, DRUM, GUIDED, HOLD, Scene, View
 
 DRIVEN = Mission(3, 5, MissionState.ACTIVE, 0, 1000.0)
@@ -51,6 +51,17 @@ def test_a_rover_that_stands_after_its_mission_is_not_held(view: View) -> None:
     standing.run(3.0, view)
     assert standing.modes() == []
     assert standing.calls.hold is None
+
+
+def test_nor_does_its_script_hold_it_there_for_a_fault() -> None:
+    standing = scene(COMPLETE, stands=True)
+    assert not standing.calls.fault_accepted(standing.now)
+    standing.run(3.0, BROKEN)
+    assert standing.calls.state(standing.now) is State.FAULT
+    assert standing.calls.fault_accepted(standing.now)
+    standing.autopilot.stands = False
+    standing.hear()
+    assert not standing.calls.fault_accepted(standing.now)
 
 
 def test_a_go_there_answers_the_call_and_commands_nothing() -> None:

@@ -183,7 +183,7 @@ def status_lines(rover: Rover, now: float) -> list[str]:
     if rover.policy is not None:
         lines.append(f"  policy   {rover.policy.name.lower()}")
     if rover.fault_accepted:
-        lines.append("  fault    it holds nobody now: driven on by hand, 20 s or 10 m at most, or mission over")
+        lines.append("  fault    holds nobody now: driven on by hand (20 s, 10 m at most) or mission over")
     summary, counters = rover.summary, rover.counters
     if summary is not None:
         place = "" if summary.similarity is None else f", {summary.similarity:.2f} like the known place"

@@ -32,6 +32,8 @@ OVERRIDE_WINDOW = 1.5
 """Seconds, beside the round trip, after which our resume is not under way any more when a human took over."""
 SHOWN_WITHIN = 2.5
 """Seconds: a resume waits for a report of the mode that is no older."""
+RESUME_WAITS = 5.0
+"""Seconds that a go waits for a link that sends no resume: one that has come back asks for its script."""
 
 
 class HoldController:
@@ -313,9 +315,10 @@ class HoldController:
     def _go_expired(self, go_at: float, now: float) -> bool:
         """Whether a go has expired.
 
-        It waits `go_lasts` for a clear view, and does not wait for arming or for a lost autopilot, nor for a
-        link that sends no resume.
+        It waits `go_lasts` for a clear view and `RESUME_WAITS` for a link that sends no resume. It does not
+        wait for arming or for a lost autopilot.
         """
         too_old = self._reason_filter.not_ok_at - go_at > self._numbers.go_lasts
         report = self._monitor.newest
-        return too_old or not (report.armed and report.takes_resume and self._monitor.known(now))
+        too_old = too_old or (not report.takes_resume and now - go_at > RESUME_WAITS)
+        return too_old or not report.armed or not self._monitor.known(now)

@@ -6,6 +6,7 @@ import pytest
 
 from companion.calls.decisions import GoLapsed, HoldMoved, HoldStarted, ResumeCancelled, SetMode, Unasked
 from companion.calls.hold import HoldEvent, HoldState
+from companion.calls.hold_rules import RESUME_WAITS
 from companion.calls.mode_monitor import ModeAnswer
 from companion.vehicle.ardupilot import INITIALISING
 from companion.wire.ids import Motion, Policy
@@ -185,13 +186,24 @@ def test_where_the_link_sends_no_resume_a_go_lapses_and_a_human_s_mode_is_the_hu
     held.autopilot.takes_resume = False
     held.hear()
     held.go()
-    held.run(5.0, DRUM)
+    held.run(RESUME_WAITS + 0.2, DRUM)
     assert held.modes() == [HOLD]
     assert len(held.all(GoLapsed)) == 1
     assert held.hold.state is HoldState.STANDING
     assert held.hold.resumed_at is None
     held.human(AUTO)
     assert held.events()[-1] is HoldEvent.TAKEN_OVER
+
+
+def test_a_go_waits_for_a_link_that_has_just_come_back_and_does_not_know_its_script_yet(held: Scene) -> None:
+    held.autopilot.takes_resume = False
+    held.hear()
+    held.go()
+    held.run(RESUME_WAITS - 1.0, CLEAR)
+    assert (held.modes(), held.all(GoLapsed)) == ([HOLD], [])
+    held.autopilot.takes_resume = True
+    held.run(2.0, CLEAR)
+    assert held.modes() == [HOLD, AUTO]
 
 
 def test_once_it_does_a_go_resumes(held: Scene) -> None:

@@ -341,7 +341,7 @@ def test_a_question_for_the_script_that_waits_while_a_command_is_cancelled_is_an
     stage.run(0.2)
     stage.link.modes.cancel()
     stage.near.full = False
-    stage.run(0.2)
+    stage.run(0.8)
     answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, int(sent(stage, MODE_REQUEST_COMMAND)[-1].param4))
     assert stage.link.modes.compares
 

@@ -38,6 +38,7 @@ def of_random(count: int, seed: int) -> list[Combination]:
             rng.uniform(0.05, 0.6),
             rng.choice([None, rng.uniform(0.3, 0.95)]),
             rng.choice(regions),
+            misfit_allowed=True,
         )
         for _ in range(count)
     ]

@@ -7,6 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.assessment import Reason
+from anytraverse.regions import Box
+from anytraverse.roi import Corridor
 from companion.wire import notices, texts
 from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
 
@@ -35,6 +37,12 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     ),
     "system": st.integers(0, 255),
     "component": st.integers(0, 255),
+    "misfit": st.builds(
+        lambda left, width, bottom: Corridor(bottom, 0.2).misfit(Box(left, 0.3, left + width, 0.99)),
+        st.floats(0.0, 0.5),
+        st.floats(0.01, 0.5),
+        st.floats(0.1, 1.0),
+    ),
     "rate": st.floats(0.1, 60.0),
     "configured": st.floats(0.5, 60.0),
     **dict.fromkeys(

@@ -10,8 +10,11 @@ from gcs_plugin.client.fetch import Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
 
 PATH = "/state.json"
-AGAIN_S, LONGEST_S = 5.0, 80.0
-"""Seconds between two readings: twice as long each time that the words in force were others again."""
+FIRST_S, AGAIN_S, LONGEST_S = 5.0, 60.0, 480.0
+"""Seconds between two readings: before the first that came, and after it, since a radio is shared.
+
+Twice as long each time that the words in force were others again.
+"""
 
 
 class StateFiles:
@@ -38,7 +41,7 @@ class StateFiles:
             del self._fetches[system]
             self._take(fetch, rover)
         elif fetch is None and not _known(rover) and rover.alive(now):
-            pause = self._pauses.get(system, AGAIN_S)
+            pause = self._pauses.get(system, FIRST_S if rover.state_file is None else AGAIN_S)
             if now - self._asked_at.get(system, float("-inf")) >= pause:
                 self._pauses[system], self._asked_at[system] = min(2 * pause, LONGEST_S), now
                 self._fetches[system] = self._client.fetch(system, PATH, now, background=True)

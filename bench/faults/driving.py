@@ -24,6 +24,7 @@ from bench.stopping.scenes import (
     changed_by,
     drives,
     follows,
+    sees_again_in_hold,
     wait_for_mode,
     with_and_without_script,
 )
@@ -156,9 +157,7 @@ def _reboot_while_held(stage: Stage, random: Random) -> Seen:
     drives(stage, random)
     stage.freeze_camera(on=True)
     with follows():
-        wait_for_mode(stage, "HOLD")
-        stage.freeze_camera(on=False)
-        stage.wait_until_well()
+        sees_again_in_hold(stage)
         wrong, returned = _reboots(stage, random)
         begun, asked = time.monotonic(), len(stage.wire.commands)
         if stage.plan.seed % 2 == 0:

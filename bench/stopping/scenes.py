@@ -94,6 +94,13 @@ def wait_for_mode(stage: Stage, mode: str) -> None:
     stage.wait(f"mode {mode}", lambda: bool(stage.status()["mode"] == mode), SOON)
 
 
+def sees_again_in_hold(stage: Stage) -> None:
+    """Waits for the hold of a frozen camera, and frees the camera: the companion is well again, and holds."""
+    wait_for_mode(stage, "HOLD")
+    stage.freeze_camera(on=False)
+    stage.wait_until_well()
+
+
 def changed_by(stage: Stage) -> str:
     """Returns who changed the mode last."""
     return str(stage.status()["mode_log"][-1]["by"])
@@ -133,9 +140,7 @@ def _in_the_moment(stage: Stage, random: Random) -> Seen:
     drives(stage, random)
     stage.freeze_camera(on=True)
     with follows():
-        wait_for_mode(stage, "HOLD")
-        stage.freeze_camera(on=False)
-        stage.wait_until_well()
+        sees_again_in_hold(stage)
         watch(stage, READ)
         asked = len(stage.wire.commands)
         stage.ground.go(int(stage.read_status()["current_id"]))
@@ -200,9 +205,7 @@ def _stuck(stage: Stage, random: Random) -> Seen:
     drives(stage, random)
     stage.freeze_camera(on=True)
     with follows():
-        wait_for_mode(stage, "HOLD")
-        stage.freeze_camera(on=False)
-        stage.wait_until_well()
+        sees_again_in_hold(stage)
         watch(stage, READ)
         stage.serial.stuck, asked = True, len(stage.wire.commands)
         watch(stage, _FULL_AFTER)

@@ -34,8 +34,8 @@ class FreezeDetector:
     """
 
     def __init__(self) -> None:
-        self._different: deque[Luma] = deque(maxlen=REMEMBERED)
-        """The newest pictures that differ from each other."""
+        self._different: deque[tuple[Luma, float]] = deque(maxlen=REMEMBERED)
+        """The newest pictures that differ from each other, each with what is noise in it."""
         self._looked_at = 0.0
         self._seconds = 0.0
 
@@ -46,8 +46,8 @@ class FreezeDetector:
         nor does one of the last `REMEMBERED` pictures that comes again.
         seen: `luma` of the newest picture. now: monotonic seconds.
         """
-        if not any(changed_regions(one, seen) < CHANGED_REGIONS for one in reversed(self._different)):
-            self._different.append(seen)
+        if not any(_changed(*one, seen) < CHANGED_REGIONS for one in reversed(self._different)):
+            self._different.append((seen, _noise(seen)))
             self._seconds = 0.0
         elif moving:
             self._seconds += now - self._looked_at
@@ -61,15 +61,19 @@ def changed_regions(reference: Luma, seen: Luma) -> int:
     The threshold is lower for a picture of low contrast, since motion changes little in fog or in the dark.
     reference, seen: results of `luma`.
     """
-    noise = min(max(_contrast(reference), _LEAST), _MOST)
+    return _changed(reference, _noise(reference), seen)
+
+
+def _changed(reference: Luma, noise: float, seen: Luma) -> int:
     columns, rows = (cells // _REGION for cells in CELLS)
     changed = (np.abs(seen - reference) > noise).reshape(rows, _REGION, columns, _REGION)
     return int(np.count_nonzero(changed.mean(axis=(1, 3)) >= _REGION_SHARE))
 
 
-def _contrast(luma: Luma) -> float:
-    """Return the mean difference between neighbouring cells, of 255."""
-    return float(np.abs(np.diff(luma, axis=0)).mean() + np.abs(np.diff(luma, axis=1)).mean()) / 2
+def _noise(luma: Luma) -> float:
+    """Return the difference, of 255, that noise explains: from the mean one between neighbouring cells."""
+    contrast = float(np.abs(np.diff(luma, axis=0)).mean() + np.abs(np.diff(luma, axis=1)).mean()) / 2
+    return min(max(contrast, _LEAST), _MOST)
 
 
 def luma(picture: Image) -> Luma:

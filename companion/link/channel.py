@@ -209,7 +209,7 @@ class Channel:
         if not self._may_send:
             return
         if not self.id_conflict:
-            self.periodic.tick(now, calling=calling)
+            self.periodic.tick(now, calling=calling, resuming=self.sender.waiting("resume") > 0)
         self.sender.tick(now)
 
 

@@ -103,8 +103,11 @@ class PeriodicTelemetry:
         if figures is not self._computer[0]:
             self._computer = figures, now
 
-    def tick(self, now: float, *, calling: bool) -> None:
-        """Queue what is due. calling: whether a call or hold is open."""
+    def tick(self, now: float, *, calling: bool, resuming: bool = False) -> None:
+        """Queue what is due. calling: whether a call or hold is open.
+
+        resuming: a resume waits. The script must hear of the end of a fault before it, or it holds again.
+        """
         period = self.periods["summary"]
         if calling:
             period = max(period, SUMMARY_PERIOD_WHILE_CALLING)
@@ -112,7 +115,7 @@ class PeriodicTelemetry:
         self._summary_tick(now, period)
         silent = now - self._heartbeat_at + _TOLERANCE
         beat = _period("heartbeat") + (_BEFORE + _AFTER if awaited else 0.0)
-        if silent >= (_STATE_GAP if self._heartbeat_now else beat):
+        if (self._heartbeat_now and resuming) or silent >= (_STATE_GAP if self._heartbeat_now else beat):
             self._heartbeat_at, self._heartbeat_now = now, False
             self._sender.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
         if calling or awaited:

@@ -30,7 +30,9 @@ _RECENT_FRAMES = 256
 _RETRY_AFTER = 0.02
 """s until a device that took nothing is tried again. Without it, a loop that sleeps for `wait` would spin."""
 _REVOCABLE = "resume"
-"""The row whose frames may not leave late: they are written only when nothing waits, and taken back."""
+"""The row whose frames may not leave late: they are written only when nothing waits, and taken back.
+
+No heartbeat may wait, either: it tells the autopilot the state on which the resume was decided."""
 
 
 @dataclass(order=True)
@@ -287,7 +289,7 @@ class Sender:
 
     def _sendable(self, now: float) -> list[_Frame]:
         """The waiting frames that may be written to the device as it is now."""
-        if self.waiting(_REVOCABLE) and not self._connection.idle(now):
+        if self.waiting(_REVOCABLE) and (self.waiting("heartbeat") or not self._connection.idle(now)):
             return [one for one in self._queue if one.priority == 0 and one.name != _REVOCABLE]
         if self._queue and not self._connection.has_room(now):
             return [one for one in self._queue if one.priority == 0]

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.calls.mode_monitor import ModeAnswer
 from companion.link.mode_commands import FIRST_ROUND_TRIP, HOLD_UNANSWERED, LIFETIME, LONGEST_UNANSWERED
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.ids import MODE_REQUEST_COMMAND
+from companion.wire.ids import MODE_REQUEST_COMMAND, Policy, State, read_heartbeat_mode
 
 AUTO, HOLD = 10, 4
 SET_MODE = int(mavlink.MAV_CMD_DO_SET_MODE)
@@ -71,6 +71,21 @@ def test_where_the_script_was_heard_modes_are_asked_for_with_what_they_were_deci
     assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
     stage.run(1.0)
     assert not sent(stage, SET_MODE)
+
+
+@pytest.mark.parametrize("script", [ACCEPTED, UNSUPPORTED])
+def test_a_resume_leaves_after_the_heartbeat_that_tells_of_the_end_of_a_fault(script: int) -> None:
+    """Else the script on the autopilot, which still believes in the fault, holds again."""
+    stage = started(script)
+    stage.link.set_state(State.FAULT, 7, Policy.HOLD)
+    stage.run(0.1)
+    stage.link.set_state(State.HOLDING, 7, Policy.HOLD)
+    stage.link.modes.command(AUTO, stage.now, expected=HOLD, hold=7)
+    stage.run(0.1)
+    told, resume = (frame.message for frame in stage.frames[-2:])
+    assert told.get_type() == "HEARTBEAT"
+    assert read_heartbeat_mode(told.custom_mode)[0] is State.HOLDING
+    assert resume.command == (MODE_REQUEST_COMMAND if script is ACCEPTED else SET_MODE)
 
 
 def test_each_request_has_a_serial_number_of_its_own() -> None:

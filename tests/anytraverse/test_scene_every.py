@@ -137,6 +137,15 @@ def test_the_first_reference_and_that_of_a_new_episode_are_their_frames_own(rove
     assert angle(rover.memory.reference) == pytest.approx(40)
 
 
+def test_an_answer_that_teaches_nothing_embeds_nothing(rover: Rover) -> None:
+    call = rover.see().observation
+    assert call is not None
+    assert call.scene_at is not None
+    before = rover.eyes.embedded
+    rover.answer(call=call, call_id=1)
+    assert rover.eyes.embedded == before
+
+
 def test_an_answer_teaches_the_scene_of_the_calls_frame_and_not_an_earlier_one(rover: Rover) -> None:
     call = rover.see(25, thing="drum").observation
     assert call is not None

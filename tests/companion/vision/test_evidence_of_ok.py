@@ -91,6 +91,10 @@ LIES: dict[str, tuple[FrameJudged, dict[str, Any]]] = {
         CLEAR,
         {"similarity": 0.2, **told(SEEN, "scene_similarity", value=0.1)},
     ),
+    "figures without maps, beside a fault": (
+        CLEAR,
+        {"maps": None, "findings": (*SEEN.findings, Finding.fault("camera frozen"))},
+    ),
     "a fault that is not bad": (
         CLEAR,
         {"findings": (*SEEN.findings, Finding(Reason.FAULT, "x", bad=False, clear=False))},

@@ -222,7 +222,7 @@ def _check_maps(maps: Any, words: int) -> None:
         right = isinstance(one, np.ndarray) and one.dtype == np.float32 and one.shape == shape
         _need(right and bool(np.isfinite(one).all()), f"the map {name}")
         _need(float(one.min()) >= lowest and float(one.max()) <= 1.0, f"values of the map {name}")
-    for name, right_shape in (("drivable", shape), ("named", (words,))):
+    for name, right_shape in (("drivable", shape), ("known", shape), ("named", (words,))):
         one = getattr(maps, name)
         right = isinstance(one, np.ndarray) and one.dtype == np.bool_ and one.shape == right_shape
         _need(right, f"the map {name}")

@@ -13,7 +13,7 @@ from anytraverse.frame import Frame
 from anytraverse.history import Embedding, Entry, Match
 from anytraverse.perception import Features, Prompt
 from anytraverse.preferences import Preferences
-from anytraverse.roi import KNOWN, RoiFigures, Tile
+from anytraverse.roi import RoiFigures, Tile
 
 Map = NDArray[np.float32]
 
@@ -98,6 +98,7 @@ class Maps:
     for; nowhere below `uncertainty`.
     drivable: (h, w) bool, pixels that a word of positive weight explains by itself, that no other word
     explains, and where the signed map is above 0. named: (n,) bool, True for words of weight 0 or below.
+    known: (h, w) bool, pixels that some word explains, or, where words compete, these words together.
     """
 
     attention: Map
@@ -106,17 +107,13 @@ class Maps:
     strangeness: Map
     drivable: NDArray[np.bool_]
     named: NDArray[np.bool_]
+    known: NDArray[np.bool_]
 
     @property
     def traversability(self) -> Map:
         """The signed map clipped to [0, 1], (h, w)."""
         clipped: Map = np.clip(self.signed, 0.0, 1.0)
         return clipped
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """Pixels that some word explains, (h, w)."""
-        return self.uncertainty <= 1.0 - KNOWN
 
     @property
     def not_drivable(self) -> NDArray[np.bool_]:

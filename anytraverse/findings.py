@@ -88,7 +88,8 @@ def make_maps(
         wins &= weighted.max(axis=0, initial=0.0) > -np.minimum(weighted, 0.0).sum(axis=0)
     explained_alone = np.minimum(alone.max(axis=0, initial=0.0), whole.max(axis=0, initial=0.0)) >= KNOWN
     drivable = explained_alone & (against < KNOWN) & wins
-    return Maps(whole, signed, uncertainty, strangeness, drivable, signs <= 0)
+    known = (uncertainty <= 1.0 - KNOWN) | (against >= KNOWN)
+    return Maps(whole, signed, uncertainty, strangeness, drivable, signs <= 0, known)
 
 
 def _checked_attention(attention: Map, count: int) -> Map | Finding:

@@ -8,8 +8,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 DISTRIBUTION = "anytraverse-companion"
-_LIBRARIES = ("numpy", "onnxruntime", "opencv-python-headless")
-"""Whose arithmetic decides what a perceiver makes of a picture."""
+_LIBRARIES = (
+    *("numpy", "onnxruntime", "onnxruntime-gpu", "onnxruntime-openvino"),
+    *("opencv-python", "opencv-python-headless"),
+)
+"""Whose arithmetic decides what a perceiver makes of a picture, by each name that they come under."""
 
 
 def own_version() -> str:

@@ -276,8 +276,9 @@ def _strips(
 
     start: the ROI's first row. height, width: the map's. gap: columns of a gap.
     """
-    anchors, _ = Box(0.0, corridor.top_row, 1.0, corridor.bottom_row).slices(height, width)
-    rise = (anchors.stop - 1 - np.arange(start, start + count)) / max(1, anchors.stop - 1 - anchors.start)
+    # Measured from the map's last row at or above `bottom_row`: no strip is narrower than the vehicle there.
+    last = math.ceil(corridor.bottom_row * height - 0.5) - 1
+    rise = (last - np.arange(start, start + count)) / (height * (corridor.bottom_row - corridor.top_row))
     bottom, top = corridor.bottom * corridor.room, corridor.top * corridor.room
     wanted = (bottom + (top - bottom) * rise) * width
     strip = np.clip(np.rint(wanted), 1, across).astype(np.intp)[:, np.newaxis]

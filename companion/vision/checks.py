@@ -43,8 +43,8 @@ _AHEAD = 0.001
 """Seconds by which a time stamp of the vision process may lie in the future, because of rounding."""
 _ROUNDING = 1e-6
 _U32 = 0xFFFFFFFF
-_MOST_TUNINGS = 256
-"""Settings that may be on their way to the vision process while it judges one frame."""
+MOST_TUNINGS = 256
+"""Settings by which the next frame may have been judged, at most."""
 _LARGEST_WHOLE = 1 << 53
 
 
@@ -62,12 +62,6 @@ class Expected:
 
     last_frame: int
     settings: dict[int, Settings] = field(default_factory=lambda: {0: Settings()})
-
-    def tuned(self, number: int, settings: Settings) -> None:
-        """Expect frames that are judged by these settings, too. Of many that wait the oldest is dropped."""
-        self.settings[number] = settings
-        if len(self.settings) > _MOST_TUNINGS:
-            del self.settings[next(iter(self.settings))]
 
     def settings_of(self, tuning: Any) -> Settings:
         """Return the settings of a `Tune`; earlier ones do not come any more. Raises BadReportError."""
@@ -228,7 +222,7 @@ def _check_maps(maps: Any, words: int) -> None:
         right = isinstance(one, np.ndarray) and one.dtype == np.float32 and one.shape == shape
         _need(right and bool(np.isfinite(one).all()), f"the map {name}")
         _need(float(one.min()) >= lowest and float(one.max()) <= 1.0, f"values of the map {name}")
-    for name, right_shape in (("drivable", shape), ("named", (words,))):
+    for name, right_shape in (("drivable", shape), ("known", shape), ("named", (words,))):
         one = getattr(maps, name)
         right = isinstance(one, np.ndarray) and one.dtype == np.bool_ and one.shape == right_shape
         _need(right, f"the map {name}")

@@ -23,7 +23,7 @@ from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.system.watchdog import Failure, Restarts, Watchdog
-from companion.vision.checks import BadReportError, Expected, check_report
+from companion.vision.checks import MOST_TUNINGS, BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode
 from companion.vision.freeze_detector import FreezeDetector
@@ -243,9 +243,13 @@ class VisionClient:
     def tune(self, settings: Settings) -> bool:
         """Judge frames by these settings from now on. No frame is judged before the first call of `tune`.
 
-        False when the process hangs or is not ready.
+        False when the process hangs or is not ready, or too many settings wait for a frame. The first ones
+        reach the next process all the same.
         """
-        return self.watchdog.responsive and self._tune(settings)
+        if self._settings is None:
+            self._settings = settings
+        waits = len(self._expected.settings) >= MOST_TUNINGS
+        return self.watchdog.responsive and not waits and self._tune(settings)
 
     def draw(
         self,
@@ -402,11 +406,10 @@ class VisionClient:
         self.trouble = ""
         if first is None:
             self.ready = ready
-            self._settings = ready.settings
             return
         log.info("the vision process is back")
-        assert self._settings is not None
-        self._tune(self._settings)
+        if self._settings is not None:
+            self._tune(self._settings)
         for frame_id, png in self._frames.items():
             self._numbers += 1
             self._unanswered[self._numbers] = _Asked(None, frame_id, now)
@@ -417,7 +420,7 @@ class VisionClient:
         if not self._send(Tune(self._numbers, settings)):
             return False
         self._settings = settings
-        self._expected.tuned(self._numbers, settings)
+        self._expected.settings[self._numbers] = settings
         return True
 
     def _restart(self, failure: Failure, now: float) -> list[Result]:

@@ -21,8 +21,10 @@ def contradiction(seen: Assessment, settings: Settings) -> str:
     faults = [finding for finding in seen.findings if finding.reason is Reason.FAULT]
     if not all(finding.bad for finding in faults):
         return "a fault that is not bad"
-    if seen.roi is None or seen.maps is None:
+    if seen.roi is None:
         return "" if faults else "neither figures nor a fault"
+    if seen.maps is None:
+        return "figures without maps"
     told = [finding for finding in seen.findings if finding.reason is not Reason.FAULT]
     scene = next((finding for finding in told if finding.reason is Reason.UNKNOWN_SCENE), None)
     # A place that is carried along may be more similar than the reference: see `CarriedPlace`.

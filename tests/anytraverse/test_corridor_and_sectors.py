@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -141,6 +141,31 @@ def test_the_roi_moved_up_or_down_changes_the_vehicles_width_at_no_row() -> None
 
 
 @given(
+    st.integers(4, 120),
+    st.floats(0.1, 0.9),
+    st.floats(0.03, 0.8),
+    st.floats(0.4, 1.0),
+    st.data(),
+)
+@settings(max_examples=200)
+def test_a_way_narrower_than_the_vehicle_is_closed_at_every_row_of_every_map(
+    height: int, top_row: float, apart: float, tapers: float, data: st.DataObject
+) -> None:
+    bottom_row, width = min(1.0, top_row + apart), 1000
+    corridor = Corridor(0.4, 0.4 * tapers, 1.0, bottom_row=bottom_row, top_row=top_row)
+    region, way = (
+        Box(0.0, data.draw(st.floats(0.0, bottom_row - 0.05)), 1.0, bottom_row),
+        ground(height, width),
+    )
+    rows, _ = region.slices(height, width)
+    assume(rows.start < rows.stop and not corridor.misfit(region))
+    row = data.draw(st.integers(rows.start, rows.stop - 1))
+    rise = (bottom_row - (row + 0.5) / height) / (bottom_row - top_row)
+    way[row, max(0, math.floor((0.4 + (corridor.top - 0.4) * rise) * width) - 2) :] = False
+    assert not corridor_open(way, region, corridor, (1, 1))
+
+
+@given(
     st.integers(0, 2**16),
     st.floats(0.05, 1.0),
     st.floats(0.05, 1.0),
@@ -178,7 +203,7 @@ def test_the_strip_stays_inside_a_region_that_is_no_box() -> None:
 
 
 @pytest.mark.parametrize("region", [Settings().region.bounds, Box(0.333, 0.6, 0.667, 0.95)])
-def test_a_default_configuration_judges_as_it_did_when_the_widths_held_at_the_rois_sides(region: Box) -> None:
+def test_in_a_part_of_a_map_every_path_of_strips_of_the_vehicles_width_counts(region: Box) -> None:
     rng, found = np.random.default_rng(0), set()
     for _ in range(100):
         height, width = int(rng.integers(4, 60)), int(rng.integers(6, 80))
@@ -187,8 +212,8 @@ def test_a_default_configuration_judges_as_it_did_when_the_widths_held_at_the_ro
         gap = tile_size(height, width, region, width / height, 0.25)
         for factor in (1.0, 1.1):
             now = corridor_open(drivable, region, Corridor(0.3, 0.2).roomier(factor, 0.03), gap)
-            alone = Corridor(0.3 * factor, 0.2 * factor, 0.83, bottom_row=1.0, top_row=0.0)
-            assert now is slow_open(drivable[region.slices(height, width)], alone, gap, width)
+            alone = Corridor(0.3 * factor, 0.2 * factor, 0.83)
+            assert now is slow_open(drivable[region.slices(height, width)], alone, gap, (height, width))
             found.add((factor, now))
     assert len(found) == 4
 
@@ -204,13 +229,16 @@ def test_one_row_is_judged_by_the_width_at_the_bottom() -> None:
     assert corridor_open(row, WHOLE, Corridor(0.2, 0.9, bottom_row=1.0, top_row=0.0), (1, 1))
 
 
-def slow_open(drivable: Mask, corridor: Corridor, tile: tuple[int, int], width: int = 0) -> bool:
-    """Every path of strip positions, band by band, with the corridor's widths at the first and last row.
+def slow_open(
+    drivable: Mask, corridor: Corridor, tile: tuple[int, int], whole: tuple[int, int] | None = None
+) -> bool:
+    """Every path of strip positions, band by band. The last row is that at the corridor's `bottom_row`.
 
-    width: pixels of the whole map, of which this may be a part.
+    whole: rows and columns of the whole map, of which this may be a part.
     """
     count, across = drivable.shape
-    if not width and max(corridor.bottom, corridor.top) > 1.0:
+    height, width = whole or drivable.shape
+    if not whole and max(corridor.bottom, corridor.top) > 1.0:
         return False
     gaps = {
         (top, left)
@@ -223,8 +251,8 @@ def slow_open(drivable: Mask, corridor: Corridor, tile: tuple[int, int], width: 
         fewest: dict[int, int] = {} if at is None else dict.fromkeys(at, 0)
         cells = 0
         for row in band:
-            rise = (count - 1 - row) / max(1, count - 1)
-            wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * (width or across)
+            rise = (count - 1 - row) / (height * (corridor.bottom_row - corridor.top_row))
+            wanted = (corridor.bottom + (corridor.top - corridor.bottom) * rise) * width
             strip = min(max(1, round(wanted)), across)
             cells += strip
             here = {}

@@ -229,6 +229,23 @@ def test_a_further_word_that_is_not_drivable_makes_no_ground_drivable_where_word
     assert not (after & ~before).any()
 
 
+def test_a_further_name_of_a_danger_makes_no_larger_share_drivable_where_words_compete() -> None:
+    strengths = np.full((3, 30, 40), 0.55, dtype=np.float32)
+    strengths[0, :, 12:] = 0.45
+    strengths[0, :, :12], strengths[1:, :, :12] = 1.0, 0.0
+    judging = Settings(region=WHOLE, thresholds=Thresholds(roi=0.55, trav=0.4))
+    shares = []
+    for words in ([1.0, -1.0], [1.0, -1.0, -1.0]):
+        asked = list(range(len(words)))
+        whole, alone = attend(strengths, [0, 1, 1], asked), attend(strengths, [0, 1, 1], [0])
+        maps = make_maps(whole, words, judging, alone)
+        assert isinstance(maps, Maps)
+        roi = roi_figures(maps, 4 / 3, judging)
+        assert not isinstance(roi, Finding)
+        shares.append(roi.drivable_share)
+    assert shares == [0.3, 0.3]
+
+
 @cache
 def seen_by_builtin() -> tuple[Perceiver, list[Observation]]:
     """Real frames of several robots and countries, seen once."""

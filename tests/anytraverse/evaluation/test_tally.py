@@ -25,9 +25,8 @@ def a_frame(seed: int, ids: tuple[int, ...] = IDS) -> tuple[LabelledFrame, Seen]
     shape = 6, 7
     values = (chance.integers(0, 41, (2, *shape)) / 40).astype(np.float32)
     labels = chance.choice(ids, shape).astype(np.uint8)
-    maps = Maps(
-        values[None, 0], values[0], values[1], values[1], values[0] > 0.7, np.zeros(1, dtype=np.bool_)
-    )
+    drivable, named = values[0] > 0.7, np.zeros(1, dtype=np.bool_)
+    maps = Maps(values[None, 0], values[0], values[1], values[1], drivable, named, values[1] <= 0.5)
     return LabelledFrame(seed, f"{seed}.jpg", np.zeros((*shape, 3), np.uint8), labels), Seen(maps, 1.5)
 
 

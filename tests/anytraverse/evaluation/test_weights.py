@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import anytraverse
+from anytraverse import release
 from anytraverse.cli import main
 from anytraverse.errors import AnyTraverseError, PerceiverError
 from anytraverse.evaluation import evaluating, seeing
@@ -109,6 +110,21 @@ def test_the_identity_of_the_program_is_that_of_its_files(monkeypatch: pytest.Mo
     program_identity.cache_clear()
     assert program_identity() != before
     program_identity.cache_clear()
+
+
+@pytest.mark.parametrize("library", ["numpy", "onnxruntime-gpu", "onnxruntime-openvino", "opencv-python"])
+def test_another_version_of_a_library_is_another_program(
+    library: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = set()
+    for number in ("1.0", "2.0"):
+        monkeypatch.setattr(
+            release, "version", lambda name, number=number: number if name == library else "1"
+        )
+        program_identity.cache_clear()
+        found.add(program_identity())
+    program_identity.cache_clear()
+    assert len(found) == 2
 
 
 def test_choices_are_read_as_they_are_written() -> None:

@@ -249,6 +249,39 @@ def test_settings_that_did_not_reach_it_are_not_those_of_the_next_one(stage: Sta
     assert [one.settings for one in stage.child.requests if isinstance(one, Tune)] == [Settings()]
 
 
+def test_settings_that_change_faster_than_frames_are_judged_are_refused_and_no_frame_is_nonsense(
+    stage: Stage,
+) -> None:
+    taken = [stage.vision.tune(replace(Settings(), freshness=1.0 + number)) for number in range(1000)]
+    assert taken == [True] * taken.count(True) + [False] * taken.count(False)
+    stage.show("drum")  # by the settings before all of these
+    assert [one.assessment.frame.id for one in stage.vision.poll(stage.clock.now) if isinstance(one, Judged)]
+    stage.turn()
+    stage.show("drum")
+    stage.turn()
+    assert stage.vision.tune(Settings())
+    assert len(stage.children) == 1
+
+
+def test_settings_before_the_first_frame_reach_the_next_process_where_one_dies_as_it_gets_ready(
+    clock: Clock,
+) -> None:
+    children = [LoopbackVision(engine) for _ in range(2)]
+    waiting = iter(children)
+    vision = VisionClient(lambda: next(waiting), Config(), None, VISION)
+    vision.poll(clock.now)
+    children[0].work()
+    children[0].death = "SIGSEGV"
+    vision.poll(clock.now)
+    assert vision.ready is not None
+    other = replace(Settings(), freshness=1.5)
+    assert not vision.tune(other)
+    for _ in range(4):
+        vision.poll(clock.now)
+        children[1].work()
+    assert [one.settings for one in children[1].requests if isinstance(one, Tune)] == [other]
+
+
 def test_one_that_never_gets_ready_is_killed_after_its_time_for_loading(stage: Stage) -> None:
     stage.child.death = "SIGSEGV"
     stage.turn()
@@ -319,13 +352,14 @@ def test_a_process_that_dies_before_it_has_the_whole_memory_gets_all_of_it_anew(
 
 
 def test_a_played_process_remembers_only_what_it_was_asked_last(stage: Stage) -> None:
-    for number in range(1, 1001):
+    for number in range(1, 301):
         stage.vision.tune(replace(Settings(), freshness=float(number)))
+        stage.show()
         stage.turn()
     assert len(stage.child.requests) == 256
     newest = stage.child.requests[-1]
     assert isinstance(newest, Tune)
-    assert newest.settings == replace(Settings(), freshness=1000.0)
+    assert newest.settings == replace(Settings(), freshness=300.0)
 
 
 def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock: Clock) -> None:

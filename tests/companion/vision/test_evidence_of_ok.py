@@ -91,6 +91,10 @@ LIES: dict[str, tuple[FrameJudged, dict[str, Any]]] = {
         CLEAR,
         {"similarity": 0.2, **told(SEEN, "scene_similarity", value=0.1)},
     ),
+    "figures without maps, beside a fault": (
+        CLEAR,
+        {"maps": None, "findings": (*SEEN.findings, Finding.fault("camera frozen"))},
+    ),
     "a fault that is not bad": (
         CLEAR,
         {"findings": (*SEEN.findings, Finding(Reason.FAULT, "x", bad=False, clear=False))},
@@ -132,7 +136,7 @@ def test_a_further_fault_is_believed_without_a_figure() -> None:
 def test_a_frame_is_compared_with_the_settings_by_which_it_was_judged() -> None:
     expected, worker = Expected(0), Worker(engine(None), 1)
     strict = Settings(thresholds=Thresholds(roi=0.001, tile=0.25))
-    expected.tuned(3, strict)
+    expected.settings[3] = strict
     check_report(judged("drum", worker, 1), expected, time.monotonic())  # the settings are on their way
     worker.handle(Tune(3, strict))
     after = judged("drum", worker, 2)
@@ -143,13 +147,6 @@ def test_a_frame_is_compared_with_the_settings_by_which_it_was_judged() -> None:
             check_report(replace(after, tuning=tuning), Expected(0, {3: strict}), time.monotonic())
     with pytest.raises(BadReportError, match="findings"):
         check_report(replace(after, tuning=7), Expected(0, {7: Settings()}), time.monotonic())
-
-
-def test_of_settings_that_are_on_their_way_the_oldest_are_forgotten() -> None:
-    expected = Expected(0)
-    for number in range(1, 1000):
-        expected.tuned(number, Settings())
-    assert list(expected.settings) == list(range(744, 1000))
 
 
 @st.composite

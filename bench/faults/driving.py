@@ -38,6 +38,8 @@ _GAP = 4.0
 """s from a cut of the wire until the operator answers, and from then until it is whole again."""
 _WATCHED = 10.0
 """s in which the rover of a dead companion is watched."""
+_BACKS_WITHIN = 3.0
+"""s from driving backwards at 0.3 m/s to the order: a metre at 0.6 m/s, reports every 0.5 s, and 0.8 s."""
 _PX4_SPEED = 0.6
 _CIRCLES = 40.0
 """s within which a rover that circles back in LOITER stands."""
@@ -401,7 +403,7 @@ ROWS = (
         "DO_SET_REVERSE while it drives at 0.6 to 1.5 m/s; undone when it stands, and a go",
         "fault, hold; nothing resumes without a go",
         repeated(5, Job.plan, _reversed),
-        HOLD_WITHIN,
+        _BACKS_WITHIN,
         BACK_WITHIN,
     ),
     Row(

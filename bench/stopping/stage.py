@@ -32,7 +32,7 @@ from companion.sim.field.control import FieldControl
 from companion.sim.field.rover import STANDSTILL
 from companion.sim.field.server import AUTOPILOTS
 from companion.system.atomic_write import write_atomically
-from companion.vehicle.course import BACKWARDS
+from companion.vehicle.course import BACKWARDS, WAY
 
 READY_WITHIN = 60.0
 DRIVING_WITHIN = 40.0
@@ -286,7 +286,7 @@ class Stage:
             raise Disturbed(f"it may not hold: {self.read_status().get('hold_refused')}")
         self.ground.reverse(on=True)
         self.wait("driving backwards", lambda: bool(self.status()["speed"] < -BACKWARDS), DRIVING_WITHIN)
-        stop = self.measure(lambda: None)
+        stop = self.measure(lambda: None, WAY / self.speed)
         if not stop.stands:
             return stop
         if "fault: drives backwards" not in self.log:

@@ -22,6 +22,7 @@ from companion.cameras import (
 )
 from companion.config import Config
 from companion.vision.exposure import exposure_name
+from companion.vision.freeze_detector import luma
 from companion.vision.infrared import magenta_share
 
 SEEN_WITHIN = 5.0
@@ -136,7 +137,7 @@ def watch(config: Config) -> Seen:
         brightness=float(grey.mean()),
         contrast=float(grey.std()),
         white=float((grey >= _WHITE).mean()),
-        exposure=exposure_name(image, Box(roi.left, roi.top, roi.right, roi.bottom)),
+        exposure=exposure_name(luma(image), Box(roi.left, roi.top, roi.right, roi.bottom)),
         magenta=median(watched.magenta) if watched.magenta else None,
     )
 

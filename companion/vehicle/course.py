@@ -15,6 +15,8 @@ ASIDE = 0.5
 """m/s above which a course outside the camera's view counts."""
 LASTS = 0.5
 """Seconds for which a report and at least one more must say so until it is a fault."""
+WAY = 1.0
+"""Metres that it must have driven so until it is a fault: a rover that stops may roll back by less."""
 OVER = 1.0
 """Seconds for which reports must say that it is over until the fault ends."""
 STALE = 1.5
@@ -59,6 +61,8 @@ class CourseJudge:
         self.told = ""
         self._newest: float | None = None
         self._wrong, self._reports, self._since = "", 0, math.inf
+        self._way = self._speed = 0.0
+        """Metres from the first of these reports to the newest one, and its speed."""
 
     def judge(self, vehicle: Vehicle | None, now: float, *, drives: bool, held: bool) -> str:
         """Return the fault that stands now, see `told`.
@@ -72,25 +76,26 @@ class CourseJudge:
                 self.told = ""
             return self.told
         assert vehicle is not None
+        assert vehicle.position_at is not None
         if vehicle.position_at != self._newest:
-            self._take(vehicle, now)
+            self._take(vehicle, now, vehicle.position_at)
         for_long = now - self._since >= (LASTS if self._wrong else OVER) and self._reports >= 2
         if for_long and self._wrong:
-            self.told = self.told or self._wrong
+            if self._way + self._speed * (now - vehicle.position_at) >= WAY:
+                self.told = self.told or self._wrong
         elif for_long and not held:
             self.told = ""
         return self.told
 
-    def _take(self, vehicle: Vehicle, now: float) -> None:
-        """Take a new report. Reports that follow each other and say the same are counted."""
-        wrong, at, before = self._name(vehicle, now), vehicle.position_at, self._newest
-        assert at is not None
-        follows = before is not None and at - before <= STALE
-        if follows and bool(wrong) == bool(self._wrong):
+    def _take(self, vehicle: Vehicle, now: float, at: float) -> None:
+        """Take a report that came at `at`. Reports that follow each other and say the same are counted."""
+        wrong, before = self._name(vehicle, now), self._newest
+        if before is not None and at - before <= STALE and bool(wrong) == bool(self._wrong):
             self._reports += 1
+            self._way += self._speed * (at - before)
         else:
-            self._reports, self._since = 1, now
-        self._wrong, self._newest = wrong, at
+            self._reports, self._since, self._way = 1, now, 0.0
+        self._wrong, self._newest, self._speed = wrong, at, vehicle.speed or 0.0
 
     def _name(self, vehicle: Vehicle, now: float) -> str:
         """Name what is wrong with a report, "" for nothing."""

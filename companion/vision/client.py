@@ -148,7 +148,9 @@ class VisionClient:
         processes in a row died is dropped: it may be what kills them."""
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._situation_at = float("-inf")
-        self._freeze_detector, self._moving = FreezeDetector(), False
+        self._freeze_detector = FreezeDetector()
+        self._moved, self._situated_at = 0.0, float("inf")
+        """Seconds of motion since the newest frame; when `situation` was called last."""
         self._overflowed = False
         self.ready: Ready | None = None
         self.failed = ""
@@ -293,9 +295,10 @@ class VisionClient:
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
         """Send where the vehicle is, and the rate, at most five times a second.
 
-        moving: whether it moves, so that two pictures in a row must differ.
+        moving: whether it has moved since the last call, so that two pictures in a row must differ.
         """
-        self._moving = moving
+        self._moved += max(0.0, now - self._situated_at) if moving else 0.0
+        self._situated_at = now
         child = self.watchdog.child
         idle = self.watchdog.running and child is not None and child.idle
         if idle and now - self._situation_at >= _SITUATION_EVERY:
@@ -386,7 +389,8 @@ class VisionClient:
     def _unless_frozen(self, report: FrameJudged) -> Assessment:
         """Return the frame's assessment, with a fault where the picture has stood still for longer than T."""
         seen, limits = report.assessment, self._expected.settings_of(report.tuning)
-        if self._freeze_detector.seconds(report.luma, report.at, moving=self._moving) <= limits.freshness:
+        still, self._moved = self._freeze_detector.seconds(report.luma, self._moved), 0.0
+        if still <= limits.freshness:
             return seen
         return replace(seen, findings=(*seen.findings, Finding.fault("camera frozen")))
 

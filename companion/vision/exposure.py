@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from anytraverse.frame import Image
 from anytraverse.regions import Region
-from companion.vision.freeze_detector import luma
+from companion.vision.freeze_detector import Luma
 
 BLACK, DARK, WHITE = 5.0, 12.0, 250.0
 """Brightness, of 255: nothing is brighter in a black picture, nor in an underexposed region; an overexposed
@@ -23,12 +22,8 @@ ADVICE = {
 """What a picture is called -> what to do. "": it is well exposed."""
 
 
-def exposure_name(picture: Image, region: Region) -> str:
-    """Name a picture as in `ADVICE`. Of its region only the brightness of 60 x 80 cells is looked at.
-
-    picture: RGB, (height, width, 3) uint8. region: where the ground must be seen.
-    """
-    levels = luma(picture)
+def exposure_name(levels: Luma, region: Region) -> str:
+    """Name a picture as in `ADVICE`. levels: `luma` of it. region: where the ground must be seen."""
     inside = levels[region.mask(*levels.shape)]
     inside = inside if inside.size else levels.ravel()
     if float(np.quantile(levels, _SHARE)) < BLACK:
@@ -44,12 +39,12 @@ class ExposureDetector:
     def __init__(self) -> None:
         self._since: float | None = None
 
-    def check(self, picture: Image, region: Region, now: float) -> tuple[str, float]:
+    def check(self, levels: Luma, region: Region, now: float) -> tuple[str, float]:
         """Return the newest picture's name as in `ADVICE`, and the seconds since the last one that was well.
 
-        now: monotonic seconds.
+        levels: `luma` of it. now: monotonic seconds.
         """
-        name = exposure_name(picture, region)
+        name = exposure_name(levels, region)
         if not name:
             self._since = None
         elif self._since is None:

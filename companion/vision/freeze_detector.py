@@ -36,22 +36,20 @@ class FreezeDetector:
     def __init__(self) -> None:
         self._different: deque[tuple[Luma, float]] = deque(maxlen=REMEMBERED)
         """The newest pictures that differ from each other, each with what is noise in it."""
-        self._looked_at = 0.0
         self._seconds = 0.0
 
-    def seconds(self, seen: Luma, now: float, *, moving: bool) -> float:
+    def seconds(self, seen: Luma, moved: float) -> float:
         """Return the seconds for which the vehicle has moved while the picture stayed the same.
 
         0 for a picture that has changed; a drawn-in clock or compression noise does not count as a change,
         nor does one of the last `REMEMBERED` pictures that comes again.
-        seen: `luma` of the newest picture. now: monotonic seconds.
+        seen: `luma` of the newest picture. moved: seconds of motion since the one before.
         """
         if not any(_changed(*one, seen) < CHANGED_REGIONS for one in reversed(self._different)):
             self._different.append((seen, _noise(seen)))
             self._seconds = 0.0
-        elif moving:
-            self._seconds += now - self._looked_at
-        self._looked_at = now
+        else:
+            self._seconds += moved
         return self._seconds
 
 

@@ -19,7 +19,7 @@ from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
 from companion.vision import pictures
 from companion.vision.exposure import ADVICE, ExposureDetector
-from companion.vision.freeze_detector import luma
+from companion.vision.freeze_detector import Luma, luma
 from companion.vision.infrared import InfraredDetector
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
@@ -96,8 +96,8 @@ class Worker:
         except Exception:
             self._log_failure(frame)
             seen = self._engine.fault(frame, time.monotonic(), "the perceiver failed")
-        now = time.monotonic()
-        seen = self._with_age(seen, now, self._camera_faults(frame, started))
+        now, levels = time.monotonic(), luma(frame.image)
+        seen = self._with_age(seen, now, self._camera_faults(levels, started))
         self._recent[frame.id] = seen
         while len(self._recent) > RECENT:
             self._recent.popitem(last=False)
@@ -105,13 +105,12 @@ class Worker:
         shares = sectors(maps.known, maps.drivable, region) if maps is not None else ()
         update, infrared = self._update(), self._infrared_detector.check(frame.image, started)
         duration = now - started
-        still = luma(frame.image)
-        return FrameJudged(seen, self.revision, now, duration, shares, still, update, infrared, self._tuning)
+        return FrameJudged(seen, self.revision, now, duration, shares, levels, update, infrared, self._tuning)
 
-    def _camera_faults(self, frame: Frame, now: float) -> list[Finding]:
+    def _camera_faults(self, levels: Luma, now: float) -> list[Finding]:
         """Return what has been wrong with the pictures for longer than T: badly exposed."""
         freshness, region = self._engine.settings.freshness, self._engine.settings.region
-        name, seconds = self._exposure_detector.check(frame.image, region, now)
+        name, seconds = self._exposure_detector.check(levels, region, now)
         name = name if seconds > freshness else ""
         if name != self._badly_exposed:
             self._badly_exposed = name

@@ -53,7 +53,9 @@ One that restarts is a loss, until it sees again. After a restart of scripting c
 until the next heartbeat: one that died meanwhile is not missed, unless ATS_NEED is 1.
 A parameter that holds no number counts as its default. A newer file with more parameters wants a reboot, as does
 every "table 191 is taken"; where that stays, another script of yours has this number.
-Restart of scripting with ATS_NEED 1: reboot before arming, ArduPilot 4.6 and older keep the old refusal.
+While another script leaves it no room to hear all that it must, arming is refused, unless ATS_ENABLE is 0.
+Restart of scripting with ATS_NEED 1, or while it is deaf: reboot before arming, ArduPilot 4.6 and older keep the old
+refusal.
 --]]
 
 local KEY, PREFIX = 191, "ATS_" -- the table's key is ours among all scripts, and stored
@@ -343,10 +345,10 @@ do
   end
 
   local function allow_arming(reason)
-    if not auth_id and reason and is_on("NEED") then auth_id = arming:get_aux_auth_id() end
+    if not auth_id and reason then auth_id = arming:get_aux_auth_id() end
     if not auth_id then return end
-    if reason and is_on("NEED") then
-      arming:set_aux_auth_failed(auth_id, reason .. ": fix it or ATS_NEED 0")
+    if reason then
+      arming:set_aux_auth_failed(auth_id, reason)
     else
       arming:set_aux_auth_passed(auth_id)
     end
@@ -409,7 +411,7 @@ do
   end
 
   -- What there is to say, having done what can be done.
-  function guard(dt)
+  function guard(dt, hears)
     watch_feed(dt)
     local was_running = running
     running = is_running()
@@ -421,7 +423,8 @@ do
     end
     tell_policy()
     local reason = trouble()
-    allow_arming(reason)
+    local demand = reason and is_on("NEED") and reason .. ": fix it or ATS_NEED 0"
+    allow_arming(not hears and "anytraverse.lua cannot hear: see messages" or demand)
     well_ms = reason and 0 or later(well_ms, dt)
     if well_ms >= STEADY_MS then accepted = false end
     if reason then return answer(reason, dt) end
@@ -463,7 +466,7 @@ local function update()
   pcall(watch_mode, dt) -- before it listens: what a frame means depends on the mode
   local has_places, full = pcall(register)
   local hears, deaf = pcall(listen)
-  local sound, severity, text, every_ms = pcall(guard, dt)
+  local sound, severity, text, every_ms = pcall(guard, dt, hears and has_places)
   failures = sound and 0 or failures + 1
   if failures >= TRIES then pcall(last_resort) end
   if sound then resorted = false end

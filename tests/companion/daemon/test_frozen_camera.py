@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.frame import Frame
 from companion.calls.mode_monitor import ModeReport
@@ -24,7 +25,8 @@ from companion.vision.freeze_detector import (
     changed_regions,
     luma,
 )
-from tests.companion.daemon.rig import AUTO, MANUAL, PERIOD, MakeRig, Rig, picture
+from companion.wire.ids import Motion
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, PERIOD, MakeRig, Rig, picture
 
 Picture = NDArray[np.uint8]
 
@@ -70,12 +72,12 @@ def dimmed(picture: Picture, contrast: float, haze: float) -> Picture:
 
 def test_only_time_in_motion_without_any_change_counts() -> None:
     frozen = FreezeDetector()
-    assert frozen.seconds(luma(a_picture()), 1.0, moving=True) == 0.0
-    assert frozen.seconds(luma(a_picture()), 1.5, moving=True) == 0.5
-    assert frozen.seconds(luma(a_picture()), 5.0, moving=False) == 0.5
-    assert frozen.seconds(luma(a_picture()), 5.25, moving=True) == 0.75
-    assert frozen.seconds(luma(a_picture(9)), 6.0, moving=True) == 0.0
-    assert frozen.seconds(luma(a_picture(9)), 6.5, moving=True) == 0.5
+    assert frozen.seconds(luma(a_picture()), 1.0) == 0.0
+    assert frozen.seconds(luma(a_picture()), 0.5) == 0.5
+    assert frozen.seconds(luma(a_picture()), 0.0) == 0.5
+    assert frozen.seconds(luma(a_picture()), 0.25) == 0.75
+    assert frozen.seconds(luma(a_picture(9)), 0.75) == 0.0
+    assert frozen.seconds(luma(a_picture(9)), 0.5) == 0.5
 
 
 @pytest.mark.parametrize("buffers", [2, 3, REMEMBERED])
@@ -84,7 +86,7 @@ def test_old_pictures_that_come_in_turn_are_no_change(
 ) -> None:
     frozen = FreezeDetector()
     old = [luma(drive(metres)) for metres in range(buffers)]
-    counted = [frozen.seconds(old[number % buffers], 0.1 * number, moving=True) for number in range(60)]
+    counted = [frozen.seconds(old[number % buffers], 0.1) for number in range(60)]
     assert counted[buffers - 1] == 0.0
     assert counted[-1] == pytest.approx(0.1 * (60 - buffers))
 
@@ -96,17 +98,14 @@ def test_a_still_picture_with_a_clock_compressed_each_time_anew_is_the_same(
     frozen, still = FreezeDetector(), drive(0.0)
     for number in range(20):
         other = quality - 10 * (number % 2)
-        now = 0.1 * number
         seen = luma(compressed(with_a_clock(still, 7.3 * number), other))
-        counted = frozen.seconds(seen, now, moving=True)
-        assert counted == pytest.approx(now)
+        assert frozen.seconds(seen, 0.1) == pytest.approx(0.1 * number)
 
 
 def test_noise_on_a_still_picture_is_the_same_picture(drive: Callable[[float], Picture]) -> None:
     frozen, still = FreezeDetector(), drive(0.0)
     for number in range(10):
-        now = 0.1 * number
-        assert frozen.seconds(luma(with_noise(still, number)), now, moving=True) == pytest.approx(now)
+        assert frozen.seconds(luma(with_noise(still, number)), 0.1) == pytest.approx(0.1 * number)
 
 
 @pytest.mark.parametrize(("contrast", "haze"), [(1.0, 0.0), (0.15, 0.0), (0.2, 160.0)], ids=str)
@@ -131,10 +130,10 @@ def test_what_moves_in_a_corner_of_a_still_picture_is_no_motion_of_the_rover() -
     frozen, still = FreezeDetector(), np.full((480, 640, 3), 90, np.uint8)
     waving = still.copy()
     waving[:80, :400] = 200
-    frozen.seconds(luma(still), 1.0, moving=True)
-    assert frozen.seconds(luma(waving), 2.0, moving=True) == 1.0
+    frozen.seconds(luma(still), 1.0)
+    assert frozen.seconds(luma(waving), 1.0) == 1.0
     waving[:80, :480] = 200
-    assert frozen.seconds(luma(waving), 3.0, moving=True) == 0.0
+    assert frozen.seconds(luma(waving), 1.0) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -194,6 +193,46 @@ def test_a_vehicle_that_may_be_held_is_held_for_a_frozen_camera(make_rig: MakeRi
     assert rig.state == ("FAULT", 1)
     rig.see(1.0, scene=90)
     assert rig.state[0] != "FAULT"
+
+
+def tells(rig: Rig, seconds: float, image: Picture | None, speed: float, throttle: int = 0) -> None:
+    """Speed and throttle are told ten times a second, and the camera delivers `image`, if any."""
+    for _ in range(round(seconds / PERIOD)):
+        place = (0, 470_000_000, 80_000_000, 0, 0, round(100 * speed), 0, 0, 0)
+        rig.stage.send(mavlink.MAVLink_global_position_int_message(*place), (1, 1))
+        rig.stage.send(mavlink.MAVLink_vfr_hud_message(0.0, speed, 0, throttle, 0.0, 0.0), (1, 1))
+        freeze(rig, image, PERIOD) if image is not None else rig.wait(PERIOD)
+
+
+def test_a_rover_that_stands_with_throttle_in_auto_is_held_for_a_still_picture(make_rig: MakeRig) -> None:
+    rig, same = make_rig(), picture()
+    tells(rig, 8.0, same, speed=0.0, throttle=9)
+    assert rig.state == ("OK", 0)
+    tells(rig, 1.0, same, speed=0.0, throttle=30)
+    assert rig.state == ("OK", 0)
+    tells(rig, 1.5, same, speed=0.0, throttle=30)
+    assert rig.stage.mode == HOLD
+    assert any("camera frozen" in text for text in rig.texts)
+    rig.answer(1, Motion.GO)
+    tells(rig, 4.0, same, speed=0.0)
+    assert rig.stage.mode == HOLD, "no go ends that"
+    assert rig.state[0] == "FAULT"
+
+
+def test_time_in_which_the_vehicle_stood_and_no_picture_came_does_not_count(make_rig: MakeRig) -> None:
+    rig, same = make_rig(), picture()
+    rig.stage.mode = MANUAL
+    rig.stage.heartbeat(1)
+    tells(rig, 1.0, same, speed=0.0)
+    tells(rig, 4.0, None, speed=0.0)
+    tells(rig, 0.5, same, speed=1.0)
+    newest = rig.calls.reason_filter.newest
+    assert newest is not None
+    assert newest.bad == ()
+    tells(rig, 1.0, same, speed=1.0)
+    newest = rig.calls.reason_filter.newest
+    assert newest is not None
+    assert [one.figure for one in newest.bad] == ["camera frozen"]
 
 
 def test_a_vision_process_that_starts_anew_does_not_make_an_old_picture_new(make_rig: MakeRig) -> None:

@@ -70,8 +70,8 @@ def test_a_reversed_mission_is_held_before_it_has_backed_a_few_metres(rig: Rig) 
         if backs_since is None and field.rover.speed < -0.3:
             backs_since = field.rover.time
     assert backs_since is not None
-    assert field.rover.time - backs_since < 1.3
-    field.drive(6.0)
+    assert field.rover.time - backs_since < 1.6
+    field.drive(8.0)
     assert field.rover.speed == 0.0
     assert rig.state == ("FAULT", 1)
     assert "H1 FAULT drives backwards" in rig.texts

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.vehicle.course import ASIDE, BACKWARDS, LASTS, OVER, STALE, CourseJudge, unknown
+from companion.vehicle.course import ASIDE, BACKWARDS, LASTS, OVER, STALE, WAY, CourseJudge, unknown
 from companion.vehicle.state import Vehicle
 
 PERIOD, TURN = 0.5, 0.02
@@ -86,17 +86,38 @@ def test_a_course_at_a_standstill_is_noise(heading: float, course: float, speed:
 
 
 @given(ANGLE, MOUNT, st.floats(BACKWARDS + 0.01, 30.0), st.floats(0.1, PERIOD))
-def test_reversing_is_a_fault_half_a_second_after_its_first_report(
+def test_reversing_is_a_fault_half_a_second_and_a_metre_after_its_first_report(
     heading: float, mount: float, speed: float, period: float
 ) -> None:
     drive = Drive(mount=mount)
-    assert drive.on(LASTS - TURN, speed, heading + mount + 180.0, heading, period=period) == ""
-    assert drive.on(3 * TURN, speed, heading + mount + 180.0, heading, period=period) != ""
+    after = max(LASTS, WAY / speed)
+    assert drive.on(after - 2 * TURN, speed, heading + mount + 180.0, heading, period=period) == ""
+    assert drive.on(4 * TURN, speed, heading + mount + 180.0, heading, period=period) != ""
+
+
+@given(st.floats(0.0, PERIOD), st.floats(0.1, 1.0))
+def test_a_rover_that_rolls_back_as_it_stops_at_its_last_waypoint_is_no_fault(
+    before: float, period: float
+) -> None:
+    drive, lasts, most = Drive(), 1.75, 0.64  # 0.7 m, as ArduPilot Rover was seen to do
+    assert drive.on(2.0 + before, 1.0, 0.0, period=period) == ""
+    for turn in range(round(lasts / TURN)):
+        speed = most * math.sin(math.pi * turn * TURN / lasts)
+        assert drive.on(TURN, speed, 180.0, period=period) == ""
+    assert drive.on(3.0, 0.0, None, period=period) == ""
+
+
+def test_each_way_begins_with_the_first_report_of_it() -> None:
+    drive = Drive()
+    for _ in range(5):
+        assert drive.on(2.5, 0.35, 180.0) == ""
+        assert drive.on(0.5, 0.0, None) == ""
 
 
 @given(ANGLE, st.floats(ASIDE + 0.01, 30.0), st.floats(31.0, 180.0), st.sampled_from((-1, 1)))
 def test_driving_out_of_the_view_is_a_fault(heading: float, speed: float, aside: float, side: int) -> None:
-    assert Drive().on(1.0, speed, heading + side * aside, heading) != ""
+    after = max(LASTS, WAY / speed) + 4 * TURN
+    assert Drive().on(after, speed, heading + side * aside, heading) != ""
 
 
 @given(
@@ -130,7 +151,7 @@ def test_no_fault_outlives_a_human_s_mode(
 def test_it_is_named_by_the_vehicle_s_nose_and_judged_by_the_camera_s_axis(
     mount: float, course: float, told: str
 ) -> None:
-    assert Drive(mount=mount).on(1.0, 1.0, course) == told
+    assert Drive(mount=mount).on(2.0, 1.0, course) == told
 
 
 def test_slow_reversing_counts_by_the_speed_along_the_axis() -> None:

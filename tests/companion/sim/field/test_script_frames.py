@@ -230,6 +230,39 @@ class TestAnotherScript:
         board.pass_time(3.0)
         assert board.mode_now == HOLD
 
+    @pytest.mark.parametrize("taken", [[33], []], ids=["all places", "all but the heartbeat's"])
+    @pytest.mark.parametrize("need", [0, 1])
+    def test_that_leaves_it_no_place_makes_it_refuse_arming_until_it_hears_again(
+        self, taken: list[int], need: int
+    ) -> None:
+        board = driving(ATS_NEED=need)
+        board.armed = False
+        board.scripting.open_queue(10, 1)
+        for number in taken:
+            board.scripting.register(number)
+        board.pass_time(5.0, state=State.OK)
+        assert board.scripting.forbids_arming() == "anytraverse.lua cannot hear: see messages"
+        assert DEAF in board.texts(1)
+        board.scripting.open_queue(10, 5)
+        board.pass_time(2.0, state=State.OK)
+        assert board.scripting.forbids_arming() == ""
+
+    def test_that_leaves_it_no_place_forbids_nothing_where_the_script_is_switched_off(self) -> None:
+        board = driving()
+        board.scripting.open_queue(10, 1)
+        board.pass_time(CYCLE)
+        assert board.scripting.forbids_arming()
+        board.parameters["ATS_ENABLE"] = 0.0
+        board.pass_time(CYCLE)
+        assert board.scripting.forbids_arming() == ""
+
+    def test_that_opens_the_queue_with_room_for_all_forbids_no_arming(self) -> None:
+        board = driving()
+        for _ in range(20):
+            board.scripting.open_queue(10, 5)
+            board.pass_time(CYCLE, state=State.OK)
+            assert board.scripting.forbids_arming() == ""
+
     def test_that_opened_the_queue_first_keeps_its_registrations_and_its_memory(self) -> None:
         board = driving()
         board.scripting.boot()

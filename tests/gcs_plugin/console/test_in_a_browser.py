@@ -87,6 +87,28 @@ def test_a_call_is_seen_tapped_named_and_acknowledged_in_four_actions(
     served.until(lambda: tab.locator("#title").inner_text() == "OK")
 
 
+def test_before_its_words_are_read_a_name_is_asked_about_in_red(
+    served: Served, open_page: Callable[..., Any], rover: Any
+) -> None:
+    rover.files = {}
+    tab = open_page()
+    card = tab.locator(CALL)
+    served.until(card.is_visible)
+    card.get_by_label("Its name").fill("Grass")
+    card.get_by_label("Its name").press("Enter")
+    question = card.locator(".turning")
+    assert (
+        "What weight grass has is not read yet. All that fits it becomes not drivable."
+        in question.inner_text()
+    )
+    question.get_by_role("button", name="Keep grass as it is").press("Enter")
+    assert not question.is_visible()
+    card.get_by_label("Its name").press("Enter")
+    question.locator("button.turn").click()
+    served.until(lambda: rover.applied != [])
+    assert len(rover.applied) == 1
+
+
 @pytest.mark.usefixtures("rover")
 def test_a_call_is_saved_by_a_click_and_the_page_inside_opens_from_a_file(
     served: Served, open_page: Callable[..., Any], tmp_path: Path

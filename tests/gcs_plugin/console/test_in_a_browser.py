@@ -55,6 +55,7 @@ def open_page(served: Served) -> Iterator[Callable[..., Any]]:
 @pytest.fixture
 def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallData) -> Any:
     made = tiny_rover(1, thing_call)
+    made.files = {"/state.json": b'{"state": "calling", "words": {"mud": -1}, "given": {}}'}
     served.rovers.append(made)
     return made
 
@@ -65,6 +66,7 @@ def test_a_call_is_seen_tapped_named_and_acknowledged_in_four_actions(
     tab = open_page()
     card = tab.locator(CALL)
     served.until(card.is_visible)
+    served.until(card.get_by_role("button", name="mud", exact=True).is_visible)  # its words are read
     assert "none of its words explains" in card.inner_text()
     assert tab.locator("#title").inner_text() == "CALLING"
     assert "Something in the middle" in tab.locator("#say").text_content()
@@ -186,6 +188,7 @@ def test_by_keyboard_alone_a_frame_is_moved_named_and_sent(
     tab = open_page()
     card = tab.locator(CALL)
     served.until(card.is_visible)
+    served.until(card.get_by_role("button", name="mud", exact=True).is_visible)  # its words are read
     tab.keyboard.press("t")
     for key in ("ArrowLeft", "ArrowLeft", "Shift+ArrowDown", "n"):
         tab.keyboard.press(key)

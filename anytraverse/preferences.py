@@ -53,8 +53,8 @@ def check_weight(word: str, weight: float) -> float:
 
 
 def turns_sign(was: float, now: float) -> bool:
-    """Return whether a weight that changes from `was` to `now` turns its sign. 0 is a sign of its own."""
-    return (was > 0) - (was < 0) != (now > 0) - (now < 0)
+    """Return whether a word of weight `was` and then `now` becomes drivable or not: at 0 it is not."""
+    return (was > 0) != (now > 0)
 
 
 class Preferences(Mapping[str, float]):

@@ -57,7 +57,7 @@ for line in sys.stdin:
     elif word.startswith("AT_"):
         try:
             was, now = parameters.get_param_float(word), float(value or "nan")
-            turns = word.startswith("AT_W_") and was >= -1 and (was > 0, was < 0) != (now > 0, now < 0)
+            turns = word.startswith("AT_W_") and was >= -1 and (was > 0) != (now > 0)
             if turns and -1 <= now <= 1 and line != turning:
                 turning = line
                 print(f"{word} was {was:g}: repeat it to turn it", flush=True)

@@ -65,9 +65,7 @@ def turned(words, known):
     asked = [
         f"{word} was {was[word]:g}"
         for word, weight in words.items()
-        if was[word] is not None
-        and -1 <= weight <= 1
-        and (weight > 0, weight < 0) != (was[word] > 0, was[word] < 0)
+        if was[word] is not None and -1 <= weight <= 1 and (weight > 0) != (was[word] > 0)
     ]
     return f"{', '.join(asked)}: repeat it to turn it" if asked else ""
 

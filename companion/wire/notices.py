@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
+from anytraverse.preferences import turns_sign
 from companion.wire.ids import COMPONENT_ID, MAX_TEXT, PAGE_SENDER, Policy, SenderId
 from companion.wire.packing import shortened
 from companion.wire.texts import REASONS, fit
@@ -225,11 +226,13 @@ _WORD_LINES = 3
 def matched_words(call: int, before: Mapping[str, float], after: Mapping[str, float]) -> list[str]:
     """Reports which words a remembered scene changed: "C12: gravel 1, bush -1 (was -0.5)"; at most 3 texts.
 
-    Words that it put out of use are reported by `out_of_use`. call: 0 without one.
+    Words whose sign it turned come first. Words that it put out of use are reported by `out_of_use`.
+    call: 0 without one.
     """
+    turned_first = sorted(after.items(), key=lambda one: not turns_sign(before.get(one[0], one[1]), one[1]))
     changed = [
         f"{word} {weight:g}{f' (was {before[word]:g})' if word in before else ''}"
-        for word, weight in after.items()
+        for word, weight in turned_first
         if before.get(word) != weight
     ]
     head, lines = f"C{call}: " if call else "There: ", list[list[str]]()

@@ -122,7 +122,7 @@ class RoverDesk:
             "thresholds": self._thresholds(),
             "words": self._words(),
             "words_known": fetched.words_are_known(rover),
-            "given": dict(state.given) if state is not None else {},
+            "given": dict(state.given) if state is not None else None,
             "names": [[word, weight] for word, weight in reversed(fetched.named.items())],
             "known_place": self._known_place(),
             "hold_refused": clean(state.hold_refused) if state is not None else "",

@@ -68,6 +68,12 @@ class Rule:
         return self.nth is None or ordinal == self.nth
 
     @property
+    def changes(self) -> bool:
+        """Whether its answer changes words or scenes, so that a sign may turn."""
+        command = parse(self.answer)
+        return isinstance(command, Reply) and bool(command.changes)
+
+    @property
     def left(self) -> bool:
         """Whether it may be used again."""
         return self.times is None or self.used < self.times
@@ -104,8 +110,11 @@ class Script:
             raise ScriptError(f"a script is a list of 1 to {MAX_RULES} rules: {EXAMPLE}")
         return cls([_rule(number, row) for number, row in enumerate(table, 1)])
 
-    def answer(self, system: int, call: Call, now: float) -> str | None:
-        """Return the line to type for this open call now, or None."""
+    def answer(self, system: int, call: Call, now: float, *, words_read: bool = True) -> str | None:
+        """Return the line to type for this open call now, or None.
+
+        words_read: False until the rover's words are known; an answer with words waits for them.
+        """
         key, stage = (system, call.serial), call.data.stage
         visit = self._visits.get(key)
         if visit is None or visit.stage is not stage:
@@ -113,7 +122,7 @@ class Script:
         for number, rule in enumerate(self._rules):
             if not rule.fits(key, call.data) or number in visit.tried or not rule.left:
                 continue
-            if now - visit.since < rule.after:
+            if now - visit.since < rule.after or (rule.changes and not words_read):
                 return None
             rule.used += 1
             visit.tried.add(number)

@@ -8,10 +8,10 @@ from statistics import median
 from typing import Any
 
 from companion.wire.delivery import Status
-from companion.wire.ids import Reasons, Result
+from companion.wire.ids import Result
 from companion.wire.packing import PayloadError
 from companion.wire.typed_answers import CommandError, WeightMissingError
-from companion.wire.weights import propose, turned
+from companion.wire.weights import own_weight, turned
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
@@ -158,9 +158,9 @@ class Session:
         """Propose the weight that the word has, where a rover knows it."""
         word = " ".join(error.word.lower().split())
         for rover in self._client.rovers.values():
-            found = propose(word, None, rover.words(), rover.given(), Reasons.NONE)
-            if found.was is not None:
-                return WeightMissingError(error.word, f"{word}: {found.weight:g}")
+            weight = own_weight(word, rover.words(), rover.given())
+            if weight is not None:
+                return WeightMissingError(error.word, f"{word}: {weight:g}")
         return error
 
     def _reply(self, reply: Reply, now: float, *, by_person: bool) -> None:
@@ -171,7 +171,8 @@ class Session:
 
     def _refuse_turning(self, answer: Addressed, rover: Rover, *, by_person: bool) -> None:
         """Raise CommandError for an answer that turns a sign, unless a person repeats it."""
-        question = turned(answer.operations, rover.words(), rover.given())
+        read = rover.state_file is not None
+        question = turned(answer.operations, rover.words(), rover.given(), read=read)
         if not by_person:
             if question:
                 raise CommandError(f"{question}. A table turns no sign: type it yourself")
@@ -235,7 +236,7 @@ class Session:
         for call in rover.open_calls():
             if call.data.id in busy:
                 continue
-            line = script.answer(rover.system, call, now)
+            line = script.answer(rover.system, call, now, words_read=rover.state_file is not None)
             if line is not None:
                 typed = f"rover {rover.system} {call.data.id} {line}"
                 self._output.typed(typed)

@@ -43,6 +43,6 @@ def test_no_change_turns_a_sign_without_being_named(
     then = before.using(before.preferences.merged(Preferences.of(after, 2)), {})
     known = {**configured, **used}
     for word, weight in then.preferences.items():
-        turns = word in known and (weight > 0, weight < 0) != (known[word] > 0, known[word] < 0)
+        turns = word in known and (weight > 0) != (known[word] > 0)
         assert (word in before.turned(then)) == turns
     assert len(then.preferences) <= MAX_WORDS

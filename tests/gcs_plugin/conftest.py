@@ -101,7 +101,7 @@ class TinyRover:
         self.policies_asked: list[int] = []
         self.grants = True
         self.sequence = 0
-        self.files: dict[str, bytes] = {}
+        self.files = {"/state.json": b'{"state": "calling", "words": {}, "given": {}}'}
         """By path, what can be fetched; without any, requests for files are not answered."""
         self._open_file = b""
         self._parts: dict[int, dict[int, AnswerMessage]] = {}

@@ -20,7 +20,7 @@ export class Turning {
     Object.assign(this, { what, agreed, refused });
     this.before ??= document.activeElement;
     this.texts.replaceChildren(...turned.map((one) => element("p", {}, turnText(one))));
-    showText(this.keep, `Keep ${turned.map(({ word, was }) => `${word} ${signed(was)}`).join(", ")}`);
+    showText(this.keep, `Keep ${turned.map(({ word, was }) => `${word} ${was === null ? "as it is" : signed(was)}`).join(", ")}`);
     showText(this.turn, `Turn ${turned.map(({ word, weight }) => `${word} to ${signed(weight)}`).join(", ")}${and}`);
     this.part.hidden = false;
     this.keep.focus(); // who presses a key twice turns nothing

@@ -5,17 +5,18 @@ import { capital, signed } from "./wording.js";
 // A word as the rover stores it.
 export const plain = (word) => word.trim().replace(/\s+/g, " ").toLowerCase().normalize("NFC");
 
-// Word -> its own weight: in force, else as it was given last. rover: {words, given, names}, as cards have it.
-export function ownWeights({ words, given = {}, names = [] }) {
+// of: word -> its own weight: in force, else as it was given last. read: whether no other word has one.
+// rover: {words, given, names}, as cards have it; given: null until it was read.
+export function ownWeights({ words, given, names = [] }) {
   const used = words.filter(({ weight }) => weight !== null).map(({ word, weight }) => [word, weight]);
-  return new Map([...[...names].reverse(), ...Object.entries(given), ...used]);
+  return { of: new Map([...[...names].reverse(), ...Object.entries(given ?? {}), ...used]), read: Boolean(given) };
 }
 
 // typed: the weight that somebody chose, null for none. own: as of `ownWeights`. thing: whether the word is for a thing.
 export function propose(word, typed, own, thing) {
-  const was = own.get(plain(word)) ?? null;
+  const was = own.of.get(plain(word)) ?? null;
   const weight = typed ?? was ?? (thing ? -1 : 1);
-  return { weight, was, turns: was !== null && Math.sign(was) !== Math.sign(weight) };
+  return { weight, was, turns: was === null ? !own.read : was > 0 !== weight > 0 };
 }
 
 // The words among these changes that turn their sign, each with what it was and what then becomes drivable or not.
@@ -24,6 +25,4 @@ export function turned(changes, own) {
     .filter(({ turns }) => turns);
 }
 
-export const turnText = ({ word, was, weight }) => `${capital(word)} was ${signed(was)}. All that fits it becomes ${becomes(weight)}.`;
-
-const becomes = (weight) => (weight > 0 ? "drivable" : weight < 0 ? "not drivable" : "neither drivable nor not");
+export const turnText = ({ word, was, weight }) => `${was === null ? `What weight ${word} has is not read yet` : `${capital(word)} was ${signed(was)}`}. All that fits it becomes ${weight > 0 ? "drivable" : "not drivable"}.`;

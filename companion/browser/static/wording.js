@@ -30,7 +30,7 @@ export const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString("e
 export const signed = (weight) => `${weight > 0 ? "+" : weight < 0 ? "−" : ""}${Math.abs(weight)}`;
 
 export function weightText(weight) {
-  if (weight === 0) return "0: says nothing";
+  if (weight === 0) return "0: not drivable";
   const strong = Math.abs(weight) === 1 ? "" : Math.abs(weight) >= 0.5 ? " rather" : " a little";
   return `${signed(weight)}:${strong} ${weight > 0 ? "drive over it" : "never drive over it"}`;
 }

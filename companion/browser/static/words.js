@@ -96,6 +96,7 @@ export class Words {
     const turns = turned(this.staged.list(), this.weights);
     if (turns.length) this.turning.ask(turns, { what: this.question(), agreed: () => this.submit(), refused: () => this.reset() });
     else this.submit();
+    this.show(this.rover); // the slider is drawn as changed, so that it is drawn anew when that is taken back
   }
 
   // Equal while the same words are turned in the same way. What goes with an answer is asked there.

@@ -23,7 +23,7 @@ from companion.web.page import missing
 from companion.wire.answers import AnswerMessage, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, Reasons, Stage
 from companion.wire.typed_answers import operation_of, read_typed
-from companion.wire.weights import propose, turned
+from companion.wire.weights import own_weight, turned
 from tests.companion.web import played
 from tests.gcs_plugin.conftest import THING_CALL, TinyRover
 from tests.gcs_plugin.console.served import MISSING, Served
@@ -94,6 +94,7 @@ class ConsolePage:
     def end_call(self) -> None:
         assert self.rover.call is not None
         self.rover.call = replace(self.rover.call, stage=Stage.CLOSED)
+        self.rover.stage_after = Stage.CLOSED  # words without a call open none
 
     def close(self) -> None:
         self._turns.end()
@@ -368,22 +369,24 @@ BOTH = """async (cases) => {
 
 @pytest.mark.parametrize("page", [RehearsalPage], indirect=True)
 def test_pages_and_terminals_propose_the_same_weights(person: Person) -> None:
-    some = [None, -1.0, -0.5, 0.0, 0.3, 1.0]
+    weights = [-1.0, -0.5, 0.0, 0.3, 1.0]
+    some = [None, *weights]
     cases = [
         (
             "water",
             typed,
             {} if used is None else {"water": used},
-            {} if before is None else {"water": before},
+            before,
             thing,
         )
         for typed in some
         for used in some
-        for before in some
+        for before in (None, {}, *({"water": weight} for weight in weights))
         for thing in (False, True)
     ]
     for case, told in zip(cases, person.tab.evaluate(BOTH, cases), strict=True):
         word, typed, words, given, thing = case
-        found = propose(word, typed, words, given, Reasons.UNKNOWN_OBJECT if thing else PLACE)
-        asks = bool(turned([SetWord(word, found.weight)], words, given))
-        assert told == [found.weight, found.was, found.turns, asks], case
+        own = own_weight(word, words, given or {})
+        weight = next(one for one in (typed, own, -1.0 if thing else 1.0) if one is not None)
+        asks = bool(turned([SetWord(word, weight)], words, given or {}, read=given is not None))
+        assert told == [weight, own, asks, asks], case

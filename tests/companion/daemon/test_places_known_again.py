@@ -242,6 +242,11 @@ def test_the_texts_of_a_match_are_few_fit_and_begin_with_the_place(
         assert line.startswith(f"C{call}: " if call else "There: ")
 
 
+def test_a_word_whose_sign_a_match_turns_is_told_before_others() -> None:
+    after = {**{f"a word of some length {n}": 0.5 for n in range(9)}, "water": 1.0}
+    assert notices.matched_words(12, {"water": -1.0}, after)[0].startswith("C12: water 1 (was -1)")
+
+
 def test_words_that_do_not_fit_are_counted() -> None:
     after = {f"a word of some length {n}": 0.5 for n in range(9)}
     lines = notices.matched_words(12, {}, after)

@@ -2,67 +2,44 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.preferences import turns_sign
 from companion.wire.answers import ForgetWord, SetWord, TapBox
-from companion.wire.ids import Reasons
 from companion.wire.typed_answers import Tap
-from companion.wire.weights import propose, turned
+from companion.wire.weights import own_weight, turned
 
 WEIGHT = st.floats(-1.0, 1.0).map(lambda weight: weight + 0.0)
 WORD = st.sampled_from(["water", "grass", "bush", "mud", "old drum"])
 WORDS = st.dictionaries(WORD, WEIGHT)
-REASONS = st.integers(0, 15).map(Reasons)
-PLACE, THING = Reasons.UNKNOWN_SCENE, Reasons.UNKNOWN_OBJECT
 
 
-def sign(weight: float) -> int:
-    return (weight > 0) - (weight < 0)
-
-
-@given(WORD, WORDS, WORDS, REASONS)
-def test_a_word_that_is_known_proposes_its_own_weight_and_turns_nothing(
-    word: str, in_force: dict[str, float], before: dict[str, float], reasons: Reasons
+@given(WORD, WORDS, WORDS)
+def test_the_weight_in_force_is_a_words_own_before_the_one_given_last(
+    word: str, in_force: dict[str, float], before: dict[str, float]
 ) -> None:
-    found = propose(word, None, in_force, before, reasons)
-    known = {**before, **in_force}
-    assert found.was == known.get(word)
-    assert found.weight == known.get(word, found.weight)
-    assert not found.turns
-
-
-@given(WORD, WEIGHT, WORDS, WORDS, REASONS)
-def test_a_weight_that_was_typed_is_taken_and_a_sign_turns_only_from_a_known_one(
-    word: str, typed: float, in_force: dict[str, float], before: dict[str, float], reasons: Reasons
-) -> None:
-    found = propose(word, typed, in_force, before, reasons)
-    assert found.weight == typed
-    known = {**before, **in_force}
-    assert found.turns == (word in known and sign(known[word]) != sign(typed))
-
-
-@pytest.mark.parametrize(
-    ("reasons", "weight"),
-    [
-        (PLACE, 1.0),
-        (THING, -1.0),
-        (PLACE | THING, -1.0),
-        (Reasons.BLOCKED, -1.0),
-        (PLACE | Reasons.BLOCKED, 1.0),
-        (Reasons.NONE, 1.0),
-    ],
-)
-def test_a_new_word_is_drivable_for_a_place_and_not_for_a_thing(reasons: Reasons, weight: float) -> None:
-    assert propose("log", None, {"grass": 1.0}, {"mud": -1.0}, reasons).weight == weight
+    assert own_weight(word, in_force, before) == {**before, **in_force}.get(word)
 
 
 @given(WEIGHT, WEIGHT)
 def test_a_sign_turned_twice_is_as_it_was(one: float, other: float) -> None:
     assert turns_sign(one, other) == turns_sign(other, one)
-    assert not turns_sign(one, one)
+    assert turns_sign(one, other) == ((one > 0) != (other > 0))
+
+
+def test_a_weight_of_0_is_not_drivable_either() -> None:
+    assert turned([SetWord("water", 0.0)], {"water": -1.0}, {}) == ""
+    assert "mud becomes drivable" in turned([SetWord("mud", 0.1)], {"mud": 0.0}, {})
+    assert "grass becomes not drivable" in turned([SetWord("grass", 0.0)], {"grass": 1.0}, {})
+
+
+def test_before_the_words_are_read_each_unknown_one_may_turn() -> None:
+    changes = [SetWord("water", 1.0), SetWord("grass", 1.0)]
+    assert turned(changes, {"grass": 1.0}, {}, read=False) == (
+        "water is not read yet: repeat it to turn it, then water becomes drivable; nothing was sent"
+    )
+    assert turned(changes, {"grass": 1.0}, {}) == ""
 
 
 @given(WORDS, WORDS, WORDS)
@@ -72,7 +49,7 @@ def test_a_question_names_each_word_that_is_turned_and_no_other(
     asked = turned([SetWord(*change) for change in changes.items()], in_force, before)
     known = {**before, **in_force}
     for word, weight in changes.items():
-        turns = word in known and sign(known[word]) != sign(weight)
+        turns = word in known and (known[word] > 0) != (weight > 0)
         assert (f"{word} was" in asked) == turns
     assert asked.isprintable()
 

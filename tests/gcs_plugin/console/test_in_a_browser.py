@@ -55,6 +55,7 @@ def open_page(served: Served) -> Iterator[Callable[..., Any]]:
 @pytest.fixture
 def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallData) -> Any:
     made = tiny_rover(1, thing_call)
+    made.files = {"/state.json": b'{"state": "calling", "words": {"mud": -1}, "given": {}}'}
     served.rovers.append(made)
     return made
 
@@ -65,6 +66,7 @@ def test_a_call_is_seen_tapped_named_and_acknowledged_in_four_actions(
     tab = open_page()
     card = tab.locator(CALL)
     served.until(card.is_visible)
+    served.until(card.get_by_role("button", name="mud", exact=True).is_visible)  # its words are read
     assert "none of its words explains" in card.inner_text()
     assert tab.locator("#title").inner_text() == "CALLING"
     assert "Something in the middle" in tab.locator("#say").text_content()
@@ -85,6 +87,28 @@ def test_a_call_is_seen_tapped_named_and_acknowledged_in_four_actions(
     served.until(lambda: "From here: drum: -1, go" in said.inner_text() and "done" in said.inner_text())
     served.until(lambda: "The rover drives on" in said.inner_text())
     served.until(lambda: tab.locator("#title").inner_text() == "OK")
+
+
+def test_before_its_words_are_read_a_name_is_asked_about_in_red(
+    served: Served, open_page: Callable[..., Any], rover: Any
+) -> None:
+    rover.files = {}
+    tab = open_page()
+    card = tab.locator(CALL)
+    served.until(card.is_visible)
+    card.get_by_label("Its name").fill("Grass")
+    card.get_by_label("Its name").press("Enter")
+    question = card.locator(".turning")
+    assert (
+        "What weight grass has is not read yet. All that fits it becomes not drivable."
+        in question.inner_text()
+    )
+    question.get_by_role("button", name="Keep grass as it is").press("Enter")
+    assert not question.is_visible()
+    card.get_by_label("Its name").press("Enter")
+    question.locator("button.turn").click()
+    served.until(lambda: rover.applied != [])
+    assert len(rover.applied) == 1
 
 
 @pytest.mark.usefixtures("rover")
@@ -164,6 +188,7 @@ def test_by_keyboard_alone_a_frame_is_moved_named_and_sent(
     tab = open_page()
     card = tab.locator(CALL)
     served.until(card.is_visible)
+    served.until(card.get_by_role("button", name="mud", exact=True).is_visible)  # its words are read
     tab.keyboard.press("t")
     for key in ("ArrowLeft", "ArrowLeft", "Shift+ArrowDown", "n"):
         tab.keyboard.press(key)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 from companion.wire.answers import SetWord, TapBox
 from companion.wire.ids import Motion, Stage
 from companion.wire.payloads import CallData
-from tests.gcs_plugin.terminal.test_session import Make, desk
+from gcs_plugin.terminal.script import Script
+from tests.gcs_plugin.terminal.test_session import Desk, Make, desk
 
 __all__ = ["desk"]
 STATE = {"state": "calling", "words": {"grass": 1, "old water": -1}, "given": {"mud": -0.5, "gravel": 1}}
@@ -61,6 +63,24 @@ def test_a_word_that_no_parameter_holds_or_that_is_out_of_use_is_asked_about_too
         "old water was -1",
         "mud was -0.5",
     ]
+
+
+def test_before_the_words_are_read_a_table_waits_and_a_person_is_asked(
+    tiny_rover: Callable[..., Any], speaker: Callable[..., Any], thing_call: CallData
+) -> None:
+    rover = tiny_rover(1, thing_call)
+    told, rover.files = {"/state.json": json.dumps(STATE).encode()}, {}
+    table = Script.parse('[{"answer": "old water: 1, go"}, {"answer": "go", "kind": "hold"}]')
+    at = Desk(speaker(255, 190), rover, script=table)
+    at.run(3.0)
+    assert (answers(at), at.paper.problems) == ([], [])
+    at.type("7 old water: 1")
+    assert [problem.partition(":")[0] for problem in at.paper.problems] == ["old water is not read yet"]
+    rover.files = told
+    at.run(70.0)
+    assert answers(at) == []
+    assert at.paper.problems[-1].startswith("old water was -1")
+    assert at.paper.problems[-1].endswith("A table turns no sign: type it yourself")
 
 
 def test_a_picture_that_is_asked_for_goes_before_the_words(desk: Make) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from companion.wire.documents import read_state
-from companion.wire.ids import words_hash
+from companion.wire.ids import State, words_hash
 from companion.wire.json_values import DocumentError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
@@ -18,7 +18,7 @@ Twice as long each time that the words in force were others again.
 
 
 class StateFiles:
-    """Reads each rover's file once it is heard, and again when its summary tells of other words.
+    """Reads each rover's file once it has started, and again when its summary tells of other words.
 
     A file that an operator asked for goes first: `stop` before it is fetched.
     """
@@ -40,7 +40,7 @@ class StateFiles:
         if fetch is not None and fetch.settled:
             del self._fetches[system]
             self._take(fetch, rover)
-        elif fetch is None and not _known(rover) and rover.alive(now):
+        elif fetch is None and not _known(rover) and rover.alive(now) and rover.state is not State.STARTING:
             pause = self._pauses.get(system, FIRST_S if rover.state_file is None else AGAIN_S)
             if now - self._asked_at.get(system, float("-inf")) >= pause:
                 self._pauses[system], self._asked_at[system] = min(2 * pause, LONGEST_S), now

@@ -200,7 +200,8 @@ def test_a_drive_on_the_field_with_clipseg(drive: Drive) -> None:
         opened = drive.told("call")
         if opened and not answered:
             answered = opened[0]["id"]
-            drive.operator.type(f"{answered} gravel: 1, go")
+            for _ in range(2):  # it is asked about while the rover's words are not read yet
+                drive.operator.type(f"{answered} gravel: 1, go")
             drive.operator.type(f"{answered} go")
     status = drive.status()
     drive.daemon.process.terminate()

@@ -17,21 +17,18 @@ from anytraverse.perception.builtin.calibration import Calibration
 from anytraverse.perception.builtin.network import network_input, open_network
 from anytraverse.perception.runtime import Runtime
 from anytraverse.training.backbone import pretrained
-from anytraverse.training.calibration import (
-    calibrated,
-    fitted_distances,
-    least_recall,
-    plain,
-    recalibrated,
-    tap_background,
-)
+from anytraverse.training.calibration import fitted_distances, plain, tap_background
 from anytraverse.training.classes import CLASSES
 from anytraverse.training.export import LARGEST, export, read_back
 from anytraverse.training.fitting import Material, Options, Progress, train
 from anytraverse.training.folders import Folder, Split
+from anytraverse.training.joint import recalibrated
 from anytraverse.training.net import GroundNet
 from anytraverse.training.scenes import cosines, fitted_scene, scene_auroc
 from anytraverse.training.scores import VIEWS, Network, class_ranks, outputs, score
+from anytraverse.training.things import ENOUGH, recall, seen
+
+_SEED = 9  # of the things that the network before must notice
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +70,7 @@ def fit_on(
 ) -> Fitted:
     """Train on from a network that a training wrote; with 0 steps only its calibration changes.
 
-    The limits of strangeness stay so low that as many pasted things are noticed as before. The distances, the
+    As many pasted things are noticed as before, or `ENOUGH` of them where it were more. The distances, the
     scene's projection and the background of taps stay as they were: few frames of few places would make them
     worse. Raises TrainingError, PerceiverError.
     """
@@ -82,7 +79,7 @@ def fit_on(
     cutouts = material.kept_cutouts
     path, required = start, None
     if options.steps:
-        required = least_recall(network, validation, before, cutouts)
+        required = recall(seen(network, validation, _SEED, cutouts), before)
         path = _exported(read_back(start), replace(material, real=training), options, folder, progress)
     return Fitted(path, recalibrated(opened(path), validation, before, cutouts, required))
 
@@ -100,7 +97,8 @@ def calibrate(network: Network, training: Folder, made: Folder, validation: Fold
     mean, whitening = tap_background(network, validation)
     start = fitted_distances(network, training, plain(), seed)
     start = replace(start, tap_mean=mean, tap_whitening=whitening)
-    return fitted_scene(network, training, made, validation, calibrated(network, validation, start), seed)
+    ready = recalibrated(network, validation, start, required=ENOUGH)
+    return fitted_scene(network, training, made, validation, ready, seed)
 
 
 def details(model: tuple[Network, Calibration], folder: Folder, others: Folder) -> list[str]:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from anytraverse.perception.builtin.calibration import Calibration
-from anytraverse.training.calibration import recalibrated
 from anytraverse.training.classes import DRIVABLE, UNKNOWN
 from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import BLOCK, Folder
+from anytraverse.training.joint import recalibrated
 from anytraverse.training.scores import SCALE, Network, Score, auroc, maps, outputs, score
 from anytraverse.training.things import ENOUGH, recall, seen
 from anytraverse.training.unknowns import paste_unknowns

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from anytraverse.frame import Image
 from anytraverse.judging import Settings
-from anytraverse.perception import DefaultThresholds
-from anytraverse.perception.builtin.calibration import Calibration
+from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import Outputs
 from anytraverse.perception.builtin.perceiver import GroundNetwork
 from anytraverse.roi import tile_size
@@ -24,13 +23,14 @@ from anytraverse.training.unknowns import paste_thing
 
 THINGS = 400
 """Count of things by which a recall is measured, at least: with 20, one thing would be 5 %."""
-ENOUGH = 0.9
-"""Recall of things that a fit must keep, where it was higher before.
+ENOUGH = 0.95
+"""Recall of things that a fit must keep, where it was higher before: of 400, surely more than .92.
 
 A network to which all ground is strange notices everything: to keep all of that would allow no fit.
 """
-_LOWEST = 1 / 16  # factor of the limits
-_HALVINGS = 6  # so that the factor is found to 4 %
+LEAST = 0.02
+"""Share of the default ROI that a thing covers, at least: a smaller one need not be noticed."""
+_TRIES = 4  # for each thing, until one is large enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +45,16 @@ class Seen:
     aspect: float
 
 
-def pasted(folder: Folder, seed: int, cutouts: Sequence[Cutout] = ()) -> Iterator[tuple[Image, Flags]]:
-    """Paste `THINGS` things, one into each copy of a frame; yield the copy and where the thing is, (h, w).
+def pasted(
+    folder: Folder, seed: int, cutouts: Sequence[Cutout] = (), parts: int = 1
+) -> Iterator[tuple[Image, Flags]]:
+    """Paste things, one into each copy of a frame; yield the copy and where the thing is, (h, w).
 
-    A thing's foot is on drivable ground in the default ROI; frames without any there are left out. Where
-    there are `cutouts` half of the things are of these.
+    A thing's foot is on drivable ground in the default ROI; frames without any there are left out. It covers
+    at least `LEAST` of the ROI. Where there are `cutouts` half of the things are of these. parts: of how many
+    folders this is one, which share `THINGS`.
     """
+    left = -(-THINGS // parts)
     rng = np.random.default_rng([seed, 11])
     bounds = Settings().region.bounds
     chances = []
@@ -58,20 +62,25 @@ def pasted(folder: Folder, seed: int, cutouts: Sequence[Cutout] = ()) -> Iterato
         ground = np.isin(frame.labels, DRIVABLE) & bounds.mask(*frame.labels.shape)
         if ground.any():
             chances.append((frame, np.argwhere(ground)))
-    for index in range(THINGS if chances else 0):
+    for index in range(_TRIES * left if chances else 0):
         frame, feet = chances[index % len(chances)]
         row, column = feet[int(rng.integers(len(feet)))]
         cutout = cutouts[int(rng.integers(len(cutouts)))] if cutouts and index // len(chances) % 2 else None
         picture, names = frame.image.copy(), np.zeros_like(frame.labels)
         paste_thing(picture, names, frame.image, rng, cutout, (float(column), float(row)))
-        if (names == UNKNOWN).any():
+        if (names == UNKNOWN)[bounds.mask(*names.shape)].mean() >= LEAST:
             yield picture, names == UNKNOWN
+            left -= 1
+        if left <= 0:
+            return
 
 
-def seen(network: Network, folder: Folder, seed: int, cutouts: Sequence[Cutout] = ()) -> list[Seen]:
+def seen(
+    network: Network, folder: Folder, seed: int, cutouts: Sequence[Cutout] = (), parts: int = 1
+) -> list[Seen]:
     """Run the network on each frame of `pasted`."""
     found = []
-    for image, where in pasted(folder, seed, cutouts):
+    for image, where in pasted(folder, seed, cutouts, parts):
         outputs = network(image)
         rows, columns = outputs.logits.shape[1:]
         small = cv2.resize(where.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
@@ -82,44 +91,27 @@ def seen(network: Network, folder: Folder, seed: int, cutouts: Sequence[Cutout] 
 
 
 def recall(
-    things: Sequence[Seen], calibration: Calibration, thresholds: DefaultThresholds = GroundNetwork.DEFAULTS
+    things: Sequence[Seen], calibration: Calibration, share: float = GroundNetwork.DEFAULTS.tile_share
 ) -> float:
     """Calculate the share of things that a rover would notice; NaN without any.
 
-    It notices a thing when a tile whose middle is on it has a mean uncertainty above the tile threshold,
-    where every known class has a word.
+    It notices a thing when a tile whose middle is on it has a mean uncertainty above the calibration's tile
+    threshold, where every known class has a word. share: a tile's side over the ROI's width.
     """
     if not things:
         return math.nan
-    return float(np.mean([noticed(thing, calibration, thresholds) for thing in things]))
+    return float(np.mean([noticed(thing, calibration, share) for thing in things]))
 
 
-def noticed(thing: Seen, calibration: Calibration, thresholds: DefaultThresholds) -> bool:
+def noticed(thing: Seen, calibration: Calibration, share: float = GroundNetwork.DEFAULTS.tile_share) -> bool:
     """Return whether a rover would notice a thing: see `recall`."""
+    _, uncertainty = maps(thing.outputs, calibration, thing.where.shape)
+    return worst_on(thing, uncertainty, share) > calibration.tile
+
+
+def worst_on(thing: Seen, uncertainty: Floats, share: float = GroundNetwork.DEFAULTS.tile_share) -> float:
+    """Return the highest mean uncertainty of a tile whose middle is on the thing. uncertainty: (h/4, w/4)."""
     rows, columns = thing.where.shape
-    _, uncertainty = maps(thing.outputs, calibration, (rows, columns))
-    bounds = Settings().region.bounds
-    high, wide = tile_size(rows, columns, bounds, thing.aspect, thresholds.tile_share)
+    high, wide = tile_size(rows, columns, Settings().region.bounds, thing.aspect, share)
     means = np.asarray(cv2.blur(uncertainty, (wide, high)))
-    return bool(means[thing.where].max() > (thresholds.tile or thresholds.roi))
-
-
-def bounded(things: Sequence[Seen], calibration: Calibration, required: float) -> Calibration:
-    """Lower both limits of strangeness by one factor, until a rover notices `required` of these things.
-
-    Nothing changes where it notices as many already.
-    """
-    low, high = _LOWEST, 1.0
-    if not things or recall(things, calibration) >= required:
-        return calibration
-    for _ in range(_HALVINGS):
-        middle = (low * high) ** 0.5
-        if recall(things, _lowered(calibration, middle)) >= required:
-            low = middle
-        else:
-            high = middle
-    return _lowered(calibration, low)
-
-
-def _lowered(calibration: Calibration, factor: float) -> Calibration:
-    return replace(calibration, limits=np.asarray(calibration.limits * factor, dtype=np.float32))
+    return float(means[thing.where].max())

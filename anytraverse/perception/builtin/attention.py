@@ -14,14 +14,16 @@ UNKNOWN = "unknown"
 """The class of things without a name."""
 
 
-def posteriors(outputs: Outputs, calibration: Calibration) -> Floats:
+def posteriors(outputs: Outputs, calibration: Calibration, far: Floats | None = None) -> Floats:
     """Calculate the probabilities of the classes, (C, h, w), of which that of `UNKNOWN` is the strangeness.
 
     The softmax of the calibrated logits divides what is not strange between the classes with a name.
+    far: `distance` of these outputs where it is known already; None: it is calculated.
     """
     shares = softmax(outputs.logits + calibration.bias[:, None, None])
     index = calibration.classes.index(UNKNOWN)
-    strange = strangeness(shares[index], distance(outputs, calibration), calibration)
+    far = distance(outputs, calibration) if far is None else far
+    strange = strangeness(shares[index], far, calibration)
     shares[index] = 0.0
     shares *= (1.0 - strange) / np.maximum(shares.sum(axis=0), 1e-9)
     shares[index] = strange

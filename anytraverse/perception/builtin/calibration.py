@@ -21,7 +21,8 @@ class Calibration:
 
     classes: their names, in the order of the logits. bias (C,): added to the logits.
     distance_mean (M,), distance_whitening (M, M), distance_centres (K, M): see `distance`. limits (2,) and
-    slope: see `strangeness`. tap_mean (T,), tap_whitening (T, T): statistics of the background; see taps.py.
+    slope: see `strangeness`. tile: the threshold of a tile's uncertainty, (0, 1], that was fitted together
+    with bias and limits. tap_mean (T,), tap_whitening (T, T): statistics of the background; see taps.py.
     scene_mean (P,), scene_projection (S, P), scene_threshold: see scene.py. scene_match (n, 2): numbers of
     remembered scenes, and the cosine from which a frame matches one of so many.
     """
@@ -33,6 +34,7 @@ class Calibration:
     distance_centres: Floats
     limits: Floats
     slope: float
+    tile: float
     tap_mean: Floats
     tap_whitening: Floats
     scene_mean: Floats

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from anytraverse.errors import PerceiverError
 from anytraverse.frame import Image
@@ -18,6 +19,11 @@ WIDTH = 256
 STEP = 32
 """Both sides of the network's input are multiples of this."""
 LEAST_HEIGHT, GREATEST_HEIGHT, GREATEST_WIDTH = 128, 256, 512
+
+EXPOSED = 90.0
+"""Mean of a frame's levels, 0 to 255, below which it is brightened: docs/builtin.md says what that does."""
+MOST_GAIN = 16.0
+_BRIGHT_SHARE, _WHITE = 0.95, 235.0
 
 INPUT, OUTPUTS = "frame", ("logits", "features", "eighth", "sixteenth")
 
@@ -53,10 +59,24 @@ def network_size(width: int, height: int) -> tuple[int, int]:
 
 
 def network_input(image: Image) -> Floats:
-    """Resize a frame to the network's input, (1, 3, h, w) float32 RGB 0 to 255."""
+    """Resize a frame to the network's input, (1, 3, h, w) float32 RGB 0 to 255; a dark one is brightened."""
     size = network_size(image.shape[1], image.shape[0])
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    small: NDArray[Any] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    if (gain := exposure_gain(small)) > 1.0:
+        # from the frame itself: the levels of the small one are rounded
+        fine = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        small = np.clip(np.asarray(fine) * np.float32(gain), 0.0, 255.0)
     return np.ascontiguousarray(small.transpose(2, 0, 1)[None], dtype=np.float32)
+
+
+def exposure_gain(image: NDArray[Any]) -> float:
+    """Return the factor, 1 to `MOST_GAIN`, that gives a dark picture the mean brightness `EXPOSED`.
+
+    No more than leaves its bright parts below white: what a lamp lights at night stays as it is.
+    """
+    bright = float(np.quantile(image, _BRIGHT_SHARE))
+    wanted = min(EXPOSED / max(float(image.mean()), 1.0), _WHITE / max(bright, 1.0))
+    return min(max(1.0, wanted), MOST_GAIN)
 
 
 def open_network(model: Path, runtime: Runtime) -> Run:

@@ -77,9 +77,9 @@ class GroundNetwork:
     DEFAULTS = DefaultThresholds(
         roi=0.4,
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
-        tile=0.85,  # docs/builtin.md: recall of things by size against false stops
-        tile_share=0.08,
+        tile_share=0.08,  # docs/builtin.md: recall of things by size against false stops
     )
+    """Of every network; the tile's threshold comes with its calibration."""
 
     def __init__(self, model: Path, runtime: Runtime) -> None:
         """Load `model`, an .onnx file with its .npz beside it, and run it once.
@@ -92,7 +92,7 @@ class GroundNetwork:
         self._run = open_network(model, runtime)
         self._check(model.name)
         match = tuple((round(float(number)), float(least)) for number, least in self._calibration.scene_match)
-        self.defaults = replace(self.DEFAULTS, match=match)
+        self.defaults = replace(self.DEFAULTS, tile=self._calibration.tile, match=match)
 
     def meaning(self, word: str) -> str:
         """Return the concept that a word shares with its synonyms. Raises UnknownWordError."""
@@ -173,7 +173,8 @@ class GroundNetwork:
             or any(found != wanted for found, wanted in shapes.values())
             or not covered <= set(numbers.classes)
             or not (numbers.limits > 0).all()
-            or not (numbers.slope > 0 and -1 < numbers.scene_threshold <= SAME_PLACE)
+            or not (numbers.slope > 0 and 0 < numbers.tile <= 1)
+            or not -1 < numbers.scene_threshold <= SAME_PLACE
         ):
             raise PerceiverError(
                 f"{name} and its .npz are no pair of one training: copy both files again, or fit it again"

@@ -19,55 +19,19 @@ from anytraverse.perception.builtin.scene import SAME_PLACE, scene_vector
 from anytraverse.perception.builtin.taps import learn_tap, likeness, whitened
 from anytraverse.regions import Box
 from anytraverse.training.calibration import (
-    fitted_bias,
     fitted_distances,
-    fitted_limits,
     plain,
     tap_background,
 )
 from anytraverse.training.classes import CLASSES, UNKNOWN
-from anytraverse.training.folders import Folder, Labelled, Labels
+from anytraverse.training.folders import Folder, Labelled
 from anytraverse.training.scenes import cosines, fitted_scene, scene_auroc
-from anytraverse.training.scores import auroc, resized, score
+from anytraverse.training.scores import auroc
 from anytraverse.training.widths import FEATURES, MIDDLE, SCALES
 from tests.anytraverse.training.made_outputs import made
 
 GRASS, TREE = CLASSES.index("grass"), CLASSES.index("high vegetation")
 TAPS = len(plain().tap_mean)
-
-
-def outputs(lean: float, rng: np.random.Generator) -> list[tuple[Outputs, Labels]]:
-    """Logits that know grass from trees, with grass held back by `lean`; distances vary at random."""
-    found = []
-    for _ in range(30):
-        labels = np.where(np.arange(24)[:, None] < 12, TREE, GRASS).astype(np.uint8).repeat(32, axis=1)
-        logits = rng.normal(0, 0.7, (len(CLASSES), 24, 32)).astype(np.float32)
-        logits[GRASS][labels == GRASS] += 4
-        logits[TREE][labels == TREE] += 4
-        logits[GRASS] -= lean
-        eighth = rng.normal(0, 1, (SCALES[8], 12, 16)).astype(np.float32)
-        found.append((made(logits, eighth=eighth), labels))
-    return found
-
-
-def test_a_bias_gives_back_what_the_training_held_back() -> None:
-    results = outputs(1.5, np.random.default_rng(0))
-    bias = fitted_bias(results, plain())
-    assert bias[GRASS] > 0
-    assert score(results, replace(plain(), bias=bias)).iou >= score(results, plain()).iou
-
-
-@pytest.mark.parametrize("allowed", [0.02, 0.1])
-def test_each_limit_is_exceeded_by_the_allowed_share_of_drivable_ground(allowed: float) -> None:
-    results = outputs(0.0, np.random.default_rng(1))
-    limits = fitted_limits(results, plain(), allowed)
-    things, near = [], []
-    for seen, labels in results:
-        powers = np.exp(seen.logits)
-        things.append((powers[UNKNOWN] / powers.sum(axis=0))[labels == GRASS])
-        near.append(resized(distance(seen, plain()), labels.shape)[labels == GRASS])
-    assert (np.concatenate(things) > limits[0]).mean() == pytest.approx(allowed, abs=0.001)
-    assert (np.concatenate(near) > limits[1]).mean() == pytest.approx(allowed, abs=0.001)
 
 
 def test_what_is_at_half_of_both_limits_or_at_one_of_them_is_half_strange() -> None:

@@ -11,15 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.judging import Settings
-from anytraverse.perception import DefaultThresholds
-from anytraverse.training.calibration import calibrated, plain, recalibrated
+from anytraverse.training.calibration import plain
 from anytraverse.training.classes import CLASSES, DRIVABLE
 from anytraverse.training.folders import Folder, Labelled, read_folder
-from anytraverse.training.things import ENOUGH, Seen, bounded, noticed, pasted, recall, seen
+from anytraverse.training.joint import recalibrated
+from anytraverse.training.things import ENOUGH, LEAST, Seen, noticed, pasted, recall, seen
 from tests.anytraverse.training.made_outputs import by_colour, made
 
-LARGE = DefaultThresholds(roi=0.4, scene=0.9, tile=0.65, tile_share=0.25)
-SMALL = DefaultThresholds(roi=0.4, scene=0.9, tile=0.9, tile_share=0.08)
+LARGE = 0.25, 0.65
+"""A tile's side over the ROI's width, and its threshold."""
+SMALL = 0.08, 0.9
 
 
 @pytest.fixture(autouse=True)
@@ -36,6 +37,7 @@ def test_things_stand_on_the_ground_that_would_be_driven_and_repeat_by_seed(tiny
     for (image, where), frame in zip(things, folder.frames, strict=False):
         changed = (image != frame.image).any(axis=2)
         assert changed[where].mean() > 0.9
+        assert where[Settings().region.mask(*where.shape)].mean() >= LEAST
         foot = int(np.flatnonzero(where.any(axis=1))[-1])
         assert foot >= (region.top - 0.1) * len(where)  # a round thing ends above its foot
     again, other = list(pasted(folder, 1)), list(pasted(folder, 2))
@@ -43,7 +45,8 @@ def test_things_stand_on_the_ground_that_would_be_driven_and_repeat_by_seed(tiny
     assert any((a[0] != b[0]).any() for a, b in zip(things, other, strict=False))
 
 
-def test_photographs_of_things_are_half_of_them(tiny_folder: Path) -> None:
+def test_photographs_of_things_are_half_of_them(tiny_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("anytraverse.training.things.LEAST", 0.0)
     folder = read_folder(tiny_folder).of([0])
     vivid = np.full((20, 20, 4), 255, np.uint8)
     plain_ones, photographs = list(pasted(folder, 1)), list(pasted(folder, 1, [vivid]))
@@ -76,12 +79,12 @@ def test_a_thing_is_noticed_when_a_tile_on_it_is_over_the_threshold(
 ) -> None:
     calibration = replace(plain(), limits=np.array([0.1, 1e6], np.float32))
     thing = scene_with(side)
-    assert noticed(thing, calibration, LARGE) == large
-    assert noticed(thing, calibration, SMALL) == small
+    for (share, tile), expected in ((LARGE, large), (SMALL, small)):
+        assert noticed(thing, replace(calibration, tile=tile), share) == expected
 
 
 def test_a_thing_that_is_explained_away_is_not_noticed() -> None:
-    assert recall([scene_with(8)], plain(), LARGE) == 0.0
+    assert recall([scene_with(8)], plain()) == 0.0
 
 
 @settings(max_examples=20)
@@ -93,26 +96,12 @@ def test_lower_limits_never_notice_less(factor: float, limit: float, level: floa
     thing.outputs.logits[-1, thing.where] = level
     higher = replace(plain(), limits=np.array([limit, 1.0], np.float32))
     lower = replace(higher, limits=higher.limits * np.float32(factor))
-    assert recall([thing], lower, LARGE) >= recall([thing], higher, LARGE)
+    assert recall([thing], lower) >= recall([thing], higher)
 
 
-def test_limits_are_lowered_only_as_far_as_the_required_recall_needs(tiny_folder: Path) -> None:
-    things = seen(by_colour, read_folder(tiny_folder), 3)
-    strict = replace(plain(), limits=np.array([0.05, 1e6], np.float32))
-    loose = replace(plain(), limits=np.array([0.7, 1e6], np.float32))
-    required = recall(things, strict)
-    assert recall(things, loose) < required
-    kept = bounded(things, loose, required)
-    assert recall(things, kept) >= required
-    assert strict.limits[0] * 0.95 < kept.limits[0] < loose.limits[0]
-    assert bounded(things, strict, required) is strict
-    assert bounded([], loose, required) is loose
-
-
-def test_a_calibration_that_false_alarms_alone_would_make_blind_keeps_what_it_noticed(
+def test_a_fit_keeps_what_was_noticed_where_ground_looks_strange(
     tiny_folder: Path,
 ) -> None:
-    """The frames hold many places that look strange and are labelled drivable: their limits are high."""
     frames = []
     rng = np.random.default_rng(5)
     for frame in read_folder(tiny_folder).frames[:10]:
@@ -123,7 +112,6 @@ def test_a_calibration_that_false_alarms_alone_would_make_blind_keeps_what_it_no
     folder = Folder(tuple(frames))
     assert all(np.isin(frame.labels[40:], DRIVABLE).all() for frame in frames)
     start = replace(plain(), limits=np.array([0.05, 1e6], np.float32))
-    free, kept = calibrated(by_colour, folder, start), recalibrated(by_colour, folder, start)
+    kept = recalibrated(by_colour, folder, start)
     others = seen(by_colour, folder, 4)
-    assert recall(others, free) < recall(others, start) - 0.2
     assert recall(others, kept) > ENOUGH - 0.1

@@ -9,7 +9,7 @@ import pytest
 
 from anytraverse.perception.builtin.calibration import Calibration
 from anytraverse.perception.builtin.network import network_input, open_network
-from anytraverse.perception.builtin.perceiver import SHIPPED, GroundNetwork
+from anytraverse.perception.builtin.perceiver import SHIPPED
 from anytraverse.perception.builtin.taps import COLOURS
 from anytraverse.perception.runtime import Runtime
 from anytraverse.training.classes import CLASSES
@@ -30,6 +30,7 @@ def test_it_is_small_and_its_calibration_fits() -> None:
     assert calibration.scene_projection.shape == (32, 3 * SCALES[16] + 4 * FEATURES)
     assert 0 < calibration.limits[0] < 1
     assert 1 < calibration.limits[1] < 5  # the median distance of known ground is near 1
+    assert 0.4 < calibration.tile < 0.9
     assert 0 < calibration.scene_threshold < 0.925
     numbers, cosines = calibration.scene_match.T
     assert (np.diff(numbers) > 0).all()
@@ -77,4 +78,4 @@ def test_a_rover_would_notice_most_things_that_are_pasted_into_its_way(
     run = open_network(SHIPPED, Runtime(threads=1))
     calibration = Calibration.load(SHIPPED.with_suffix(".npz"))
     things = seen(lambda image: run(network_input(image)), read_folder(FRAMES).of([4]), 0)
-    assert recall(things, calibration, GroundNetwork.DEFAULTS) > 0.65
+    assert recall(things, calibration) > 0.93

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from anytraverse.errors import PreferencesError
-from anytraverse.history import Embedding, History, Match, cosine
+from anytraverse.history import Embedding, Entry, History, Match, cosine
 from anytraverse.judging import Thresholds
 from anytraverse.memory import Adoption, Examples, Memory
 from anytraverse.preferences import Preferences, Setting
@@ -111,10 +111,13 @@ def refused_memory(
 
 
 def _taught(memory: Memory, adoption: Adoption, newest: Embedding | None, limits: Thresholds) -> History:
-    least = limits.least_match(len(memory.history))
+    scenes = len(memory.history)
+
+    def needed(entry: Entry) -> float:
+        return limits.needed(scenes, entry.widened)
 
     def like(seen: Embedding, history: History) -> set[int]:
-        found = {match.entry.order for match in history.matches(seen, least)}
+        found = {match.entry.order for match in history.matches(seen, needed)}
         return {order for order in found if order <= adoption.clock}
 
     history = memory.history

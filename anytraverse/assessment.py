@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Frame
-from anytraverse.history import Embedding, Entry, Match
+from anytraverse.history import Embedding, Entry, Likeness, Match
+from anytraverse.light import Light
 from anytraverse.perception import Features, Prompt
 from anytraverse.preferences import Preferences
 from anytraverse.roi import RoiFigures, Tile
@@ -19,6 +20,8 @@ Map = NDArray[np.float32]
 
 WORST_TILE = "worst_tile"
 """Figure: the worst tile's uncertainty. Above its threshold, a thing without a word calls."""
+ROI_MEAN = "roi_uncertainty"
+"""Figure: the mean uncertainty of the ROI."""
 NAMED_TILE = "named_tile"
 """Figure: the named tile's strangeness. Above its threshold, a thing named as not drivable holds."""
 NAMED_MEAN = "roi_strangeness"
@@ -130,8 +133,11 @@ class Assessment:
     match: the remembered scene that fits a changed scene, adopted or waiting for more votes.
     undecided: whether a changed scene may still prove to be a remembered one: its match waits for more votes,
     or it misses one by at most the margin of the similarity.
+    likeness: of a changed scene that matches none, the scene that it is most nearly; None where not known.
     adopted: the remembered scene whose words came into force with this frame.
     dropped: words that this put out of use: contradicted by the adopted words, or beyond the limit of 16.
+    asked: the tile that an operator is asked about, where it is another one than the worst.
+    light: the picture's, None where it could not be judged; see `light_name`.
     """
 
     frame: Frame
@@ -144,9 +150,12 @@ class Assessment:
     scene_age: float = 0.0
     match: Match | None = None
     undecided: bool = False
+    likeness: Likeness | None = None
     adopted: Entry | None = None
     dropped: tuple[str, ...] = ()
+    light: Light | None = None
     observation: Observation | None = field(default=None, repr=False)
+    asked: Tile | None = None
 
     @property
     def bad(self) -> tuple[Finding, ...]:
@@ -165,12 +174,12 @@ class Assessment:
 
     @property
     def tile(self) -> Tile | None:
-        """Where to look: the first bad one of the worst tile, the named tile and the corridor's gap.
+        """Where to look: what is asked about, or the first bad one of worst and named tile and gap.
 
         The worst tile where none of them is bad; None without ROI figures. To a person `shown` is shown.
         """
-        if self.roi is None:
-            return None
+        if self.roi is None or self.asked is not None:
+            return self.asked
         bad = {finding.figure for finding in self.bad}
         named = self.roi.named_tile
         if WORST_TILE not in bad and NAMED_TILE in bad and named is not None:

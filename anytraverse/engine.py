@@ -22,6 +22,7 @@ from anytraverse.findings import check_age, find, find_scene, make_maps, roi_fig
 from anytraverse.frame import Frame, is_black, is_image
 from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
+from anytraverse.light import measure_light
 from anytraverse.memory import Memory
 from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint
 from anytraverse.roi import RoiFigures
@@ -91,6 +92,12 @@ class AnyTraverse:
             assessment = self.judge(observation, now)
         match, undecided = self._match(assessment, observation)
         self._matched.append(match is not None)
+        changed = assessment.finding(Reason.UNKNOWN_SCENE)
+        if match is None and changed is not None:
+            like = self.memory.likeness(
+                observation.embedding, changed.value, changed.threshold, self.settings.thresholds.needed
+            )
+            assessment = replace(assessment, likeness=like)
         if match is None and not undecided:
             return assessment
         if match is None or sum(self._matched) < self.settings.votes:
@@ -120,6 +127,7 @@ class AnyTraverse:
             age=age,
             similarity=similarity if similarity is not None and math.isfinite(similarity) else None,
             scene_age=observation.scene_age,
+            light=measure_light(frame.image),
             observation=observation,
         )
         maps = self.maps_of(observation)
@@ -182,11 +190,16 @@ class AnyTraverse:
             self.memory, dropped = changed_memory(self.memory, changes, self.perceiver, call)
             remembered = False
             if call is not None and teaches and is_embedding(call.embedding):
-                move = self._is_at(call.embedding)
+                move, new = self._is_at(call.embedding), self._is_new(call.embedding)
                 place = place or Place()
                 if move:
-                    self._carried = self._carried_on(call.embedding, now, place)
-                self.memory = self.memory.remembering(call.embedding, call_id, place, move=move)
+                    self._carried = self._carried_on(call.embedding, now, place, new=new)
+                nothing_new = (
+                    new and not changes.taps and dict(self.memory.preferences) == dict(before.preferences)
+                )
+                self.memory = self.memory.remembering(
+                    call.embedding, call_id, place, move=move, widen=nothing_new
+                )
                 remembered = True
             outcome = AnswerOutcome(
                 call=self._judge_in_time(call) if call is not None else None,
@@ -274,10 +287,14 @@ class AnyTraverse:
             return similarity
         return max(similarity, carried.similarity(embedding))
 
-    def _carried_on(self, answered: Embedding, now: float, place: Place) -> CarriedPlace | None:
-        """What is carried after an answer: a new place, or the one in which a thing was named."""
+    def _is_new(self, answered: Embedding) -> bool:
+        """Whether a frame shows another place than the one in force."""
         judged = self._carried_similarity(answered, self._similarity(answered))
-        if any(finding.bad for finding in find_scene(judged, self.settings)):
+        return any(finding.bad for finding in find_scene(judged, self.settings))
+
+    def _carried_on(self, answered: Embedding, now: float, place: Place, *, new: bool) -> CarriedPlace | None:
+        """What is carried after an answer: a new place, or the one in which a thing was named."""
+        if new:
             return CarriedPlace(answered, answered, answered, now, place)
         carried = self._carried
         if carried is None or self.memory.reference is not carried.reference:
@@ -298,10 +315,15 @@ class AnyTraverse:
         if Reason.UNKNOWN_SCENE not in assessment.reasons:
             return None, False
         history, limits = self.memory.history, self.settings.thresholds
-        best, least = history.best(observation.embedding), limits.least_match(len(history))
-        if best is None or best.similarity < max(limits.scene, least - limits.similarity_margin):
-            return None, False
-        return best if best.similarity >= least else None, True
+        undecided = False
+        for match in history.nearest(observation.embedding):
+            if match.similarity < limits.scene:
+                break
+            needed = limits.needed(len(history), match.entry.widened)
+            if match.similarity >= needed:
+                return match, True
+            undecided = undecided or match.similarity >= needed - limits.similarity_margin
+        return None, undecided
 
 
 def _refuse_foreign(memory: Memory, model_id: str) -> None:

@@ -7,7 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, WORST_TILE, Finding, Map, Maps, Reason
+from anytraverse.assessment import (
+    CORRIDOR,
+    NAMED_MEAN,
+    NAMED_TILE,
+    ROI_MEAN,
+    WORST_TILE,
+    Finding,
+    Map,
+    Maps,
+    Reason,
+)
 from anytraverse.judging import Settings
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box
@@ -128,6 +138,12 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
     )
 
 
+def tile_outside(maps: Maps, aspect: float, settings: Settings, outside: Mask) -> Tile | None:
+    """Return the worst tile outside a mask, (h, w), with the square that is shown; None where none fits."""
+    tile = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_side, outside=outside)
+    return None if tile is None else _with_square(tile, aspect, settings)
+
+
 def _with_square(tile: Tile, aspect: float, settings: Settings) -> Tile:
     """Return a tile that is smaller than `SHOWN` with the square around it, inside the ROI's bounds."""
     if settings.tile_side >= SHOWN:
@@ -164,7 +180,7 @@ def find(roi: RoiFigures, words: int, similarity: float | None, settings: Settin
     Naming a thing with a word of no positive weight turns `unknown_object` into `blocked`, never into OK.
     """
     limits = settings.thresholds
-    mean = Finding.above(Reason.UNKNOWN_OBJECT, "roi_uncertainty", roi.uncertainty, limits.roi, limits.margin)
+    mean = Finding.above(Reason.UNKNOWN_OBJECT, ROI_MEAN, roi.uncertainty, limits.roi, limits.margin)
     findings = [mean]
     if words == 0:
         findings.append(Finding(Reason.UNKNOWN_OBJECT, "no words", bad=True, clear=False))

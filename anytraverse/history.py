@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -62,6 +61,8 @@ class Entry:
     order: the stamp of its making, unique. matched: the stamp of its last match.
     call_id: the call that was answered; 0 for the first scene, which became the reference without a call.
     refused: embeddings of frames that matched it, and that an operator said show another place, at most 8.
+    widened: the similarity of a frame that called for its place, and whose answer brought no new word: no
+    more is needed to match, see `Thresholds.needed`. None without one.
     """
 
     embedding: Embedding
@@ -72,6 +73,7 @@ class Entry:
     examples: Mapping[str, tuple[Example, ...]] = field(default_factory=dict)
     place: Place = field(default_factory=Place)
     refused: tuple[Embedding, ...] = ()
+    widened: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,19 @@ class Match:
 
     entry: Entry
     similarity: float
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """Holds the scene that a frame of a new place lacks least to count as. Cosines.
+
+    call_id: the call that it was answered at, 0 for a scene without one. similarity: to that scene.
+    needed: from which the frame would have counted as that place.
+    """
+
+    call_id: int
+    similarity: float
+    needed: float
 
 
 def is_embedding(vector: Embedding) -> bool:
@@ -145,13 +160,14 @@ class History(Sequence[Entry]):
         """
         return next(self.nearest(embedding), None)
 
-    def matches(self, embedding: Embedding, least: float) -> list[Match]:
-        """Return the entries that a frame resembles by a cosine of at least `least`, the most similar first.
+    def matches(self, embedding: Embedding, needed: Callable[[Entry], float]) -> list[Match]:
+        """Return the entries that a frame resembles by as much as each needs, the most similar first.
 
+        needed: the least cosine that makes a match with an entry.
         Entries whose embedding is not finite or has another length are left out, and those to which the frame
         is not more similar than to a frame that was refused as another place.
         """
-        return list(takewhile(lambda match: match.similarity >= least, self.nearest(embedding)))
+        return [match for match in self.nearest(embedding) if match.similarity >= needed(match.entry)]
 
     def nearest(self, embedding: Embedding) -> Iterator[Match]:
         """Yield all entries, the most similar first, but for those that `matches` leaves out."""
@@ -178,15 +194,36 @@ class History(Sequence[Entry]):
     def refusing(self, orders: Collection[int], embedding: Embedding) -> History:
         """Return this history with a frame of another place noted at the entries of these stamps.
 
-        An entry that has `MAX_REFUSED` of them already is forgotten: it is no use as a place.
+        They need as much to match as at first. An entry that has `MAX_REFUSED` of them already is forgotten:
+        it is no use as a place.
         """
         entries = []
         for entry in self._entries:
             if entry.order not in orders:
                 entries.append(entry)
             elif len(entry.refused) < MAX_REFUSED:
-                entries.append(replace(entry, refused=(*entry.refused, embedding)))
+                entries.append(replace(entry, refused=(*entry.refused, embedding), widened=None))
         return History(entries, self.limit)
+
+    def widened(self, order: int) -> History:
+        """Return this history with the entry of this stamp, and the one most like it, widened to each other.
+
+        It is called where the answer that made the entry brought no new word.
+        """
+        entry = next(one for one in self._entries if one.order == order)
+        like = next((match for match in self.nearest(entry.embedding) if match.entry.order != order), None)
+        if like is None:
+            return self
+        orders = {order, like.entry.order}
+        return History(
+            [
+                replace(one, widened=min(like.similarity, 1.0 if one.widened is None else one.widened))
+                if one.order in orders
+                else one
+                for one in self._entries
+            ],
+            self.limit,
+        )
 
     def added(self, entry: Entry) -> History:
         """Return this history with one more entry."""

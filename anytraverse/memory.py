@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from itertools import islice
 
-from anytraverse.history import Embedding, Entry, History, Match, Place
+import numpy as np
+
+from anytraverse.history import Embedding, Entry, History, Likeness, Match, Place
 from anytraverse.perception import Example
-from anytraverse.preferences import MAX_WORDS, Preferences, Setting, turns_sign
+from anytraverse.preferences import MAX_WORDS, Preferences, turns_sign
 from anytraverse.synonyms import Meaning, meaning_of, opposed
 
 Examples = Mapping[str, tuple[Example, ...]]
 """Word -> its tapped examples."""
+
+MOST_GIVEN = 256
+"""Words out of use of which a memory knows the weight. Beyond that, those longest out of use go first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +50,8 @@ class Memory:
     settled: word -> the stamp at which it was last set without a call, or forgotten; no remembered scene
     older than that changes it. Words set in answer to a call belong to that call's scene and are not listed,
     nor is a word that is neither in use nor in a remembered scene.
+    given: word -> weight in [-1, 1] that it had last, of the words that are out of use; the newest
+    first, at most `MOST_GIVEN`. A word in force is not listed.
     adoption: the newest match whose words came into force; None without one, and after it was refused.
     """
 
@@ -53,33 +60,35 @@ class Memory:
     configured: Preferences = field(default_factory=Preferences)
     examples: Examples = field(default_factory=dict)
     settled: Mapping[str, int] = field(default_factory=dict)
+    given: Mapping[str, float] = field(default_factory=dict)
     reference: Embedding | None = None
     history: History = field(default_factory=History)
     clock: int = 0
     adoption: Adoption | None = None
 
-    @cached_property
-    def given(self) -> Mapping[str, float]:
-        """Word -> weight of each word in force, configured, or of a remembered scene; the newest set first.
-
-        A word in force has its weight there, another one the weight that was set last.
-        """
-        newest: dict[str, Setting] = {}
-        put_out = [self.adoption.preferences] if self.adoption is not None else []
-        for known in (self.configured, *put_out, *(entry.preferences for entry in self.history)):
-            for word, setting in known.settings.items():
-                if word not in newest or setting.order >= newest[word].order:
-                    newest[word] = setting
-        newest |= self.preferences.settings
-        return {word: newest[word].weight for word in sorted(newest, key=lambda one: -newest[one].order)}
-
     def turned(self, after: Memory) -> dict[str, tuple[float, float]]:
         """Return the words whose sign `after` has turned -> weight given before, weight in force after."""
+        was = {**self.given, **self.preferences}
         return {
-            word: (self.given[word], weight)
+            word: (was[word], weight)
             for word, weight in after.preferences.items()
-            if word in self.given and turns_sign(self.given[word], weight)
+            if word in was and turns_sign(was[word], weight)
         }
+
+    def giving(self, words: Mapping[str, float]) -> Memory:
+        """Return this memory with words counted as given with these weights, but for those in force."""
+        older = {word: weight for word, weight in self.given.items() if word not in words}
+        unused = ((word, one) for word, one in {**words, **older}.items() if word not in self.preferences)
+        return replace(self, given=dict(islice(unused, MOST_GIVEN)))
+
+    @property
+    def matched(self) -> dict[str, tuple[float | None, float | None]]:
+        """Words that the newest match changed -> weight before it, and in force; None: out of use."""
+        if self.adoption is None:
+            return {}
+        before, after = self.adoption.preferences, self.preferences
+        both = {word: (before.get(word), after.get(word)) for word in {**before, **after}}
+        return {word: (was, now) for word, (was, now) in both.items() if was != now}
 
     def using(
         self, preferences: Preferences, examples: Examples, settled: Mapping[str, int] | None = None
@@ -91,23 +100,27 @@ class Memory:
         stamps = {**self.settled, **(settled or {})}
         known = {*preferences, *(word for entry in self.history for word in entry.preferences)}
         known |= set(self.adoption.preferences) if self.adoption is not None else set()
-        return replace(
+        after = replace(
             self,
             preferences=preferences,
             examples={word: kept for word, kept in examples.items() if word in preferences},
             settled={word: at for word, at in stamps.items() if word in known},
         )
+        return after.giving(self.preferences)
 
-    def remembering(self, embedding: Embedding, call_id: int, place: Place, *, move: bool) -> Memory:
+    def remembering(
+        self, embedding: Embedding, call_id: int, place: Place, *, move: bool, widen: bool = False
+    ) -> Memory:
         """Return this memory with the words in force added to H for a scene.
 
-        move: whether the scene becomes the reference. An entry of an earlier answer to the same call is
-        replaced.
+        move: whether the scene becomes the reference. widen: whether the answer brought no new word, see
+        `History.widened`. An entry of an earlier answer to the same call is replaced.
         """
         clock = self.clock + 1
         entry = Entry(embedding, self.preferences, clock, clock, call_id, self.examples, place)
         kept = self.history.without_call(call_id) if call_id else self.history
-        after = replace(self, history=kept.added(entry), clock=clock)
+        history = kept.added(entry)
+        after = replace(self, history=history.widened(clock) if widen else history, clock=clock)
         return after.at(embedding) if move else after
 
     def taught(self, entry: Entry) -> dict[str, float]:
@@ -131,6 +144,30 @@ class Memory:
             if entry.call_id not in but and (entry.call_id or self.taught(entry)):
                 return match
         return None
+
+    def likeness(
+        self,
+        embedding: Embedding,
+        now: float,
+        scene: float,
+        needed: Callable[[int, float | None], float],
+    ) -> Likeness:
+        """Return the scene that a frame of a new place lacks least to count as: that of now, or one of H.
+
+        now: its similarity to the scene of now, scene: what that needs. needed: `Thresholds.needed`. Cosines.
+        """
+        calls = [
+            entry.call_id
+            for entry in self.history
+            if self.reference is not None and np.array_equal(entry.embedding, self.reference)
+        ]
+        like = Likeness(calls[-1] if calls else 0, now, scene)
+        best = self.history.best(embedding)
+        if best is None:
+            return like
+        match = needed(len(self.history), best.entry.widened)
+        other = Likeness(best.entry.call_id, best.similarity, match)
+        return min(like, other, key=lambda one: one.needed - one.similarity)
 
     def at(self, reference: Embedding | None) -> Memory:
         """Return this memory with another reference, to which no match led. None: none, as at first."""
@@ -179,6 +216,7 @@ def resumed_memory(
     lost = {word for word in preferences if word not in memory.examples and meaning_of(word, meaning) is None}
     if lost:
         notices.append(f"words that {model_id} cannot ground are out of use: {_listed(lost)}")
+    memory = memory.giving(preferences)
     preferences = preferences.without(*contradicted, *lost)
     memory = memory.using(preferences, memory.examples, dict.fromkeys((*edited, *removed), clock))
     return replace(memory, configured=configured, clock=clock), notices

@@ -67,6 +67,8 @@ def show_scene(file: str, number: int, out: str | None = None) -> int:
         print(f"word      {word}: {weight:g}{f', tapped {taps} x' if taps else ''}")
     if entry.refused:
         print(f"refused   {len(entry.refused)} frames that an operator said are another place")
+    if entry.widened is not None:
+        print(f"widened   by an answer without a new word to a frame of similarity {entry.widened:.3f}")
     picture = picture_of(folder, entry)
     if picture is None:
         print("picture   none: those of calls are kept, unless [pictures] keep is 0, and imported ones")
@@ -182,7 +184,8 @@ def merged(memory: Memory, scenes: Sequence[Scene], limit: int) -> tuple[Memory,
         added.append(replace(scene, entry=entry))
     entries = [*memory.history, *(scene.entry for scene in added)]
     history = History(entries, max(limit, len(memory.history)))
-    return replace(memory, history=history, clock=clock), added, known, left_out
+    given = {word: weight for one in added for word, weight in one.entry.preferences.items()}
+    return replace(memory, history=history, clock=clock).giving(given), added, known, left_out
 
 
 def _content(entry: Entry) -> tuple[bytes, Preferences]:

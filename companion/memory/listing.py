@@ -10,7 +10,10 @@ from anytraverse.history import Entry
 from companion.memory.pictures import picture_of
 from companion.vehicle.position import place_figures
 
-HEAD = f"{'scene':>5}  {'call':<6}  {'answered':<16}  {'place':<20}  {'picture':<7}  {'refused':>7}  words"
+HEAD = (
+    f"{'scene':>5}  {'call':<6}  {'answered':<16}  {'place':<20}  "
+    f"{'picture':<7}  {'refused':>7}  {'widened':>7}  words"
+)
 
 
 def row(folder: Path, entry: Entry) -> str:
@@ -21,7 +24,8 @@ def row(folder: Path, entry: Entry) -> str:
         for word, weight in entry.preferences.items()
     )
     columns = f"{entry.order:>5}  {call_text(entry):<6}  {time_text(entry):<16}  {place_text(entry):<20}"
-    return f"{columns}  {picture:<7}  {len(entry.refused):>7}  {words}"
+    widened = "no" if entry.widened is None else f"{entry.widened:.3f}"
+    return f"{columns}  {picture:<7}  {len(entry.refused):>7}  {widened:>7}  {words}"
 
 
 def call_text(entry: Entry) -> str:
@@ -54,5 +58,6 @@ def figures(folder: Path, entry: Entry) -> dict[str, Any]:
         "words": dict(entry.preferences),
         "tapped": {word: len(taps) for word, taps in entry.examples.items()},
         "refused": len(entry.refused),
+        "widened": entry.widened,
         "picture": None if picture is None else str(picture),
     }

@@ -124,6 +124,7 @@ def _record(entry: Entry, model_id: str, vectors: dict[bytes, int], picture: byt
         "call": entry.call_id,
         "picture": _encoded(picture) if picture else None,
         **({"refused": [_encoded(_bytes(one)) for one in entry.refused]} if entry.refused else {}),
+        **({"widened": entry.widened} if entry.widened is not None else {}),
     }
 
 
@@ -186,6 +187,7 @@ def _scene(row: Mapping[str, Any], examples: list[Example], expected: Expected) 
         examples={word: tuple(_taps(numbers, examples)) for word, numbers in taps.items()},
         place=_place(row.get("place"), row.get("attitude")),
         refused=tuple(_refused(row.get("refused", []), expected.embedding)),
+        widened=None if row.get("widened") is None else _number(row["widened"], 1.0),
     )
     return Scene(entry, _picture(row.get("picture")))
 

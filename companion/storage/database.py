@@ -20,7 +20,7 @@ class Damaged(JournalError):  # noqa: N818
     """The file's content is damaged, so that it cannot be read as a journal."""
 
 
-VERSION = 4
+VERSION = 5
 _APPLICATION_ID = 0x41547251
 """SQLite's application_id, by which a journal is told from another program's file."""
 _PAGE = 4096
@@ -38,13 +38,21 @@ _ADOPTION = (
     "only INTEGER PRIMARY KEY CHECK (only = 1), stamp INTEGER NOT NULL, call_id INTEGER NOT NULL,"
     " similarity REAL NOT NULL, clock INTEGER NOT NULL, embedding BLOB NOT NULL, reference BLOB, time REAL"
 )
+_GIVEN = (
+    "INSERT INTO words SELECT -4, ROW_NUMBER() OVER (ORDER BY newest DESC), word, weight, newest"
+    " FROM (SELECT word, weight, MAX(stamp) AS newest FROM words"
+    " WHERE word NOT IN (SELECT word FROM words WHERE owner = -1) GROUP BY word)"
+    " ORDER BY newest DESC LIMIT 256"
+)
+"""Counts the words of scenes, of the configuration and of before the newest match as given. The numbers are
+OWNER_GIVEN, OWNER_IN_USE and MOST_GIVEN of this version."""
 _FRAME = "only INTEGER PRIMARY KEY CHECK (only = 1), frame_id INTEGER NOT NULL, png BLOB NOT NULL"
 _TABLES = {
     "memory": "only INTEGER PRIMARY KEY CHECK (only = 1), model_id TEXT NOT NULL, clock INTEGER NOT NULL,"
     " scenes INTEGER NOT NULL, reference BLOB",
     "entries": "stamp INTEGER PRIMARY KEY, matched INTEGER NOT NULL, call_id INTEGER NOT NULL,"
     " embedding BLOB NOT NULL, latitude REAL, longitude REAL, heading REAL, time REAL,"
-    " roll REAL, pitch REAL, yaw REAL",
+    " roll REAL, pitch REAL, yaw REAL, widened REAL",
     "words": "owner INTEGER NOT NULL, position INTEGER NOT NULL, word TEXT NOT NULL, weight REAL NOT NULL,"
     " stamp INTEGER NOT NULL, PRIMARY KEY (owner, position)",
     "vectors": "id INTEGER PRIMARY KEY, model_id TEXT NOT NULL, vector BLOB NOT NULL,"
@@ -70,6 +78,7 @@ _UPGRADES = {
     2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw")),
     FRAME_SINCE: (f"CREATE TABLE frame ({_FRAME})",),
     4: (f"CREATE TABLE refused ({_REFUSED})", f"CREATE TABLE adoption ({_ADOPTION})"),
+    5: ("ALTER TABLE entries ADD COLUMN widened REAL", _GIVEN),
 }
 """Version -> the statements that upgrade a file of the version before."""
 _NEW_TABLES = {"frame", "refused", "adoption"}

@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 
 from anytraverse.history import MAX_REFUSED, Embedding, Entry, History, Place
-from anytraverse.memory import Adoption, Memory
+from anytraverse.memory import MOST_GIVEN, Adoption, Memory
 from anytraverse.perception import Example
-from anytraverse.preferences import Preferences, Setting
+from anytraverse.preferences import Preferences, Setting, check_weight, clean_word
 from companion.storage.database import Damaged
 
 OWNER_IN_USE = -1
 OWNER_CONFIGURED = -2
 OWNER_BEFORE_MATCH = -3
-"""`owner` of the words in use, of the configured ones, and of those in use before the newest match; a
-remembered scene's is its stamp, 0 or more."""
+OWNER_GIVEN = -4
+"""`owner` of the words in use, of the configured ones, of those in use before the newest match, and of those
+that were given and are out of use; a remembered scene's is its stamp, 0 or more."""
 
 Examples = Mapping[str, tuple[Example, ...]]
 Query = Callable[[str], list[tuple[Any, ...]]]
@@ -50,9 +51,10 @@ def read_memory(rows: Query) -> Memory | None:
                 examples=examples.get(stamp, {}),
                 place=_place(*place),
                 refused=tuple(refused.get(stamp, ())),
+                widened=_cosine(widened),
             )
-            for stamp, matched, call_id, embedding, *place in rows(
-                "SELECT stamp, matched, call_id, embedding,"
+            for stamp, matched, call_id, embedding, widened, *place in rows(
+                "SELECT stamp, matched, call_id, embedding, widened,"
                 " latitude, longitude, heading, time, roll, pitch, yaw FROM entries"
             )
         ]
@@ -62,6 +64,7 @@ def read_memory(rows: Query) -> Memory | None:
             configured=Preferences(words.get(OWNER_CONFIGURED)),
             examples=examples.get(OWNER_IN_USE, {}),
             settled=dict(rows("SELECT word, stamp FROM settled")),
+            given=_given(words.get(OWNER_GIVEN, {})),
             reference=None if reference is None else _vector(reference),
             history=History(entries, scenes),
             clock=clock,
@@ -85,6 +88,9 @@ def write_memory(connection: sqlite3.Connection, memory: Memory, stored: Memory 
             connection.execute(f"DELETE FROM {table}")
     _write_words(connection, OWNER_IN_USE, memory.preferences, stored.preferences if stored else None)
     _write_words(connection, OWNER_CONFIGURED, memory.configured, stored.configured if stored else None)
+    if stored is None or list(memory.given.items()) != list(stored.given.items()):
+        given = {word: Setting(weight) for word, weight in memory.given.items()}
+        _replace_words(connection, OWNER_GIVEN, given)
     _write_examples(connection, OWNER_IN_USE, memory.examples, stored.examples if stored else None)
     if stored is None or memory.settled != stored.settled:
         connection.execute("DELETE FROM settled")
@@ -111,6 +117,12 @@ def _read_words(rows: Query) -> dict[int, dict[str, Setting]]:
     ):
         words[owner][word] = Setting(weight, stamp)
     return words
+
+
+def _given(words: Mapping[str, Setting]) -> dict[str, float]:
+    if len(words) > MOST_GIVEN:
+        raise ValueError(f"more than {MOST_GIVEN} words were given")
+    return {clean_word(word): check_weight(word, setting.weight) for word, setting in words.items()}
 
 
 def _read_examples(rows: Query) -> dict[int, dict[str, tuple[Example, ...]]]:
@@ -169,13 +181,17 @@ def _write_adoption(connection: sqlite3.Connection, one: Adoption | None) -> Non
 def _write_words(
     connection: sqlite3.Connection, owner: int, words: Preferences, stored: Preferences | None = None
 ) -> None:
+    if stored is None or list(words.settings.items()) != list(stored.settings.items()):
+        _replace_words(connection, owner, words.settings)
+
+
+def _replace_words(connection: sqlite3.Connection, owner: int, words: Mapping[str, Setting]) -> None:
     rows = [
         (owner, position, word, setting.weight, setting.order)
-        for position, (word, setting) in enumerate(words.settings.items())
+        for position, (word, setting) in enumerate(words.items())
     ]
-    if stored is None or list(words.settings.items()) != list(stored.settings.items()):
-        connection.execute("DELETE FROM words WHERE owner = ?", (owner,))
-        connection.executemany("INSERT INTO words VALUES (?, ?, ?, ?, ?)", rows)
+    connection.execute("DELETE FROM words WHERE owner = ?", (owner,))
+    connection.executemany("INSERT INTO words VALUES (?, ?, ?, ?, ?)", rows)
 
 
 def _write_examples(
@@ -197,7 +213,7 @@ def _write_examples(
 def _write_entry(connection: sqlite3.Connection, entry: Entry) -> None:
     place = entry.place
     connection.execute(
-        "INSERT INTO entries VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "INSERT INTO entries VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         (
             entry.order,
             entry.matched,
@@ -208,6 +224,7 @@ def _write_entry(connection: sqlite3.Connection, entry: Entry) -> None:
             place.heading,
             place.time,
             *(place.attitude or (None, None, None)),
+            entry.widened,
         ),
     )
     _write_words(connection, entry.order, entry.preferences)
@@ -224,6 +241,12 @@ def _place(
     return Place(
         latitude, longitude, heading, time, None if None in angles else (angles[0], angles[1], angles[2])
     )
+
+
+def _cosine(figure: float | None) -> float | None:
+    if figure is not None and not -1.0 <= figure <= 1.0:
+        raise ValueError(f"a scene is widened to {figure}, which is no cosine")
+    return figure
 
 
 def _blob(vector: Embedding) -> bytes:

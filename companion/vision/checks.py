@@ -11,9 +11,10 @@ import numpy as np
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
 from anytraverse.frame import is_intrinsics
-from anytraverse.history import MAX_REFUSED, Entry, History, Place, is_embedding
+from anytraverse.history import MAX_REFUSED, Entry, History, Likeness, Place, is_embedding
 from anytraverse.judging import Settings, Thresholds
-from anytraverse.memory import Adoption, Memory
+from anytraverse.light import Light
+from anytraverse.memory import MOST_GIVEN, Adoption, Memory
 from anytraverse.perception import Example
 from anytraverse.preferences import MAX_WORDS, Preferences
 from anytraverse.regions import Box
@@ -188,6 +189,15 @@ def _check_assessment(seen: Any, settings: Settings, now: float) -> None:
     )
     _need(_number(seen.scene_age) and math.isfinite(seen.scene_age), "a scene's age")
     _need(isinstance(seen.undecided, bool), "whether a scene is undecided")
+    if seen.likeness is not None:
+        like = seen.likeness
+        _need(isinstance(like, Likeness) and _whole(like.call_id), "the scene that a frame is most nearly")
+        cosines = like.similarity, like.needed
+        _need(all(_number(one) and -1.0 <= one <= 1.0 for one in cosines), "how much a scene is alike")
+    if seen.light is not None:
+        _need(isinstance(seen.light, Light), "a picture's light")
+        levels = seen.light.mean, seen.light.darkest
+        _need(all(_number(one) and 0.0 <= one <= 256.0 for one in levels), "a picture's light")
     _need(isinstance(seen.findings, tuple), "findings")
     for finding in seen.findings:
         _check_finding(finding)
@@ -255,6 +265,9 @@ def _check_update(update: Any) -> None:
     _need(_text(memory.model_id) and isinstance(memory.history, History), "a memory")
     _check_words(memory.preferences)
     _check_words(memory.configured)
+    given = memory.given
+    _need(isinstance(given, dict) and len(given) <= MOST_GIVEN and all(map(_text, given)), "given words")
+    _need(all(_number(one) and -1.0 <= one <= 1.0 for one in given.values()), "the weight of a given word")
     _need(memory.reference is None or _is_vector(memory.reference), "a reference")
     _need(all(_text(word) and _whole(at) for word, at in memory.settled.items()), "stamps of words")
     _check_examples(memory.examples)
@@ -272,6 +285,8 @@ def _check_entry(entry: Any) -> None:
     _check_examples(entry.examples)
     right = isinstance(entry.refused, tuple) and len(entry.refused) <= MAX_REFUSED
     _need(right and all(map(_is_vector, entry.refused)), "the refused frames of a scene")
+    wide = entry.widened
+    _need(wide is None or (_number(wide) and -1.0 <= wide <= 1.0), "what a scene is widened to")
     where = entry.place
     _need(isinstance(where, Place) and len(where.attitude or (0, 0, 0)) == 3, "a remembered scene's place")
     known = (where.latitude, where.longitude, where.heading, where.time, *(where.attitude or ()))

@@ -28,8 +28,8 @@ LARGEST = 64 << 20
 _LENGTH = struct.Struct("<I")
 _DATA_MODULES = frozenset(
     {
-        *(f"anytraverse.{name}" for name in ("answers", "assessment", "history", "judging", "memory")),
-        *(f"anytraverse.{name}" for name in ("perception", "preferences", "regions", "roi")),
+        *(f"anytraverse.{name}" for name in ("answers", "assessment", "history", "judging", "light")),
+        *(f"anytraverse.{name}" for name in ("memory", "perception", "preferences", "regions", "roi")),
         "companion.cameras.newest",
         "companion.vision.messages",
     }

@@ -378,3 +378,31 @@ def test_a_scene_that_is_as_it_was_is_not_undecided(make_rover: type[Rover]) -> 
 def test_a_fault_is_not_undecided(make_rover: type[Rover]) -> None:
     rover = make_rover("", memory=memory(GRASS, entry(90, TRAIL_TOO)))
     assert not rover.see(90, captured_at=0.0).undecided
+
+
+def test_a_new_place_tells_which_known_one_it_lacks_least_and_what_it_needs(make_rover: type[Rover]) -> None:
+    many = [entry(angle, GRASS, order) for order, angle in ((5, 90), (6, 120), (7, 150), (8, 180))]
+    rover = make_rover("", settings=Settings(thresholds=MEASURED), memory=memory(GRASS, *many))
+    near = rover.see(62).likeness
+    assert near is not None
+    assert near.call_id == 5
+    assert near.needed == pytest.approx(0.90)
+    assert near.similarity == pytest.approx(math.cos(math.radians(28)), abs=1e-3)
+
+
+def test_a_new_place_that_is_most_nearly_the_one_of_now_needs_what_the_scene_does(
+    make_rover: type[Rover],
+) -> None:
+    now = replace(entry(0, GRASS, 4), embedding=at(0))
+    rover = make_rover("", settings=Settings(thresholds=MEASURED), memory=memory(GRASS, now))
+    near = rover.see(34).likeness
+    assert near is not None
+    assert (near.call_id, near.needed) == (4, 0.85)
+    assert near.similarity == pytest.approx(math.cos(math.radians(34)), abs=1e-3)
+    assert rover.see(0).likeness is None
+
+
+def test_a_reference_that_no_remembered_scene_is_has_no_call(make_rover: type[Rover]) -> None:
+    near = make_rover("", memory=memory(GRASS)).see(90).likeness
+    assert near is not None
+    assert (near.call_id, near.needed) == (0, 0.85)

@@ -65,6 +65,7 @@ def _scenes(draw: st.DrawFn) -> Scene:
         examples={word: draw(_TAPS) for word in sorted(tapped)},
         place=draw(_PLACES),
         refused=tuple(draw(st.lists(_VECTORS, max_size=8))),
+        widened=draw(st.none() | st.floats(-1, 1)),
     )
     return Scene(entry, draw(st.sampled_from([b"", PICTURE])))
 
@@ -74,7 +75,16 @@ def _plain(scene: Scene) -> Any:
     taps = {word: [tap.vector.tolist() for tap in kept] for word, kept in entry.examples.items()}
     words = list(entry.preferences.items())
     refused = [one.tolist() for one in entry.refused]
-    return entry.embedding.tolist(), words, taps, entry.place, entry.call_id, refused, scene.picture
+    return (
+        entry.embedding.tolist(),
+        words,
+        taps,
+        entry.place,
+        entry.call_id,
+        refused,
+        entry.widened,
+        scene.picture,
+    )
 
 
 @settings(max_examples=40, deadline=None)
@@ -202,6 +212,8 @@ def _set(line: int, **values: Any) -> Change:
         (_set(2, refused=["AADAfwAAgD8="]), "not finite"),
         (_set(2, refused=["AACAPwAAgD8="] * 9), "at most 8 refused frames"),
         (_set(2, refused=None), "at most 8 refused frames"),
+        (_set(2, widened=1.5), "1.5"),
+        (_set(2, widened="wide"), "number"),
     ],
 )
 def test_what_is_wrong_is_told_and_nothing_is_imported(tmp_path: Path, change: Change, told: str) -> None:

@@ -42,6 +42,7 @@ _ENTRIES = st.lists(
         examples=_EXAMPLES,
         place=st.builds(Place, _MAYBE, _MAYBE, _MAYBE, _MAYBE),
         refused=st.lists(_VECTORS, max_size=8).map(tuple),
+        widened=st.none() | st.floats(-1, 1),
     ),
     max_size=6,
     unique_by=lambda entry: entry.order,
@@ -69,6 +70,7 @@ _MEMORIES = st.builds(
     history=st.builds(History, _ENTRIES, st.integers(3, 9)),
     clock=_STAMPS,
     adoption=st.none() | _ADOPTIONS,
+    given=st.dictionaries(_WORDS, _WEIGHTS, max_size=20),
 )
 
 
@@ -79,7 +81,7 @@ def _plain(value: Any) -> Any:
             parts = (value.model_id, value.clock, value.history.limit, dict(value.settled))
             words = [list(one.settings.items()) for one in (value.preferences, value.configured)]
             rest = (_plain(value.examples), _plain(value.reference), [_plain(one) for one in value.history])
-            return (*parts, words, *rest, _plain(value.adoption))
+            return (*parts, words, *rest, _plain(value.adoption), list(value.given.items()))
         case Adoption():
             stamps = (value.order, value.call_id, value.similarity, value.clock, value.time)
             vectors = (_plain(value.embedding), _plain(value.reference))

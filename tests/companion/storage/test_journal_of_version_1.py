@@ -11,7 +11,7 @@ import pytest
 
 from anytraverse.history import Entry, History, Place
 from anytraverse.memory import first_memory
-from anytraverse.preferences import Preferences
+from anytraverse.preferences import Preferences, Setting
 from companion.storage import Batch, Journal, JournalError
 from companion.storage.batch import as_json
 
@@ -29,7 +29,7 @@ def entry(order: int, place: Place) -> Entry:
 def made_old(folder: Path) -> None:
     """As version 1 had it."""
     with sqlite3.connect(folder / "journal.db") as connection:
-        for column in ("roll", "pitch", "yaw"):
+        for column in ("roll", "pitch", "yaw", "widened"):
             connection.execute(f"ALTER TABLE entries DROP COLUMN {column}")
         for table in ("frame", "refused", "adoption"):
             connection.execute(f"DROP TABLE {table}")
@@ -72,6 +72,7 @@ def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_ano
     with sqlite3.connect(tmp_path / "journal.db") as connection:
         for table in ("frame", "refused", "adoption"):
             connection.execute(f"DROP TABLE {table}")
+        connection.execute("ALTER TABLE entries DROP COLUMN widened")
         connection.execute("PRAGMA user_version = 2")
     connection.close()
     (tmp_path / "call.png").write_bytes(b"a picture")
@@ -131,6 +132,29 @@ def test_a_journal_of_which_no_copy_can_be_made_is_not_upgraded(
     Journal(tmp_path).close()
 
 
+def test_the_words_that_a_journal_of_version_4_knows_count_as_given(tmp_path: Path) -> None:
+    words = Preferences({"grass": Setting(-0.5, 1), "water": Setting(-1, 1)})
+    scenes = [replace(entry(1, OLD), preferences=words), replace(entry(2, OLD), preferences=Preferences())]
+    newer = replace(entry(3, NEW), preferences=Preferences({"water": Setting(0.5, 3)}))
+    memory = replace(
+        first_memory("m", Preferences.of({"mud": 0.2})), preferences=WORDS, history=History([*scenes, newer])
+    )
+    journal = Journal(tmp_path)
+    journal.commit(Batch(memory=memory))
+    journal.close()
+    with sqlite3.connect(tmp_path / "journal.db") as connection:
+        connection.execute("ALTER TABLE entries DROP COLUMN widened")
+        connection.execute("PRAGMA user_version = 4")
+    connection.close()
+    for _ in range(2):
+        journal = Journal(tmp_path)
+        found = journal.load_memory()
+        journal.close()
+        assert found is not None
+        assert found.preferences == WORDS
+        assert list(found.given.items()) == [("water", 0.5), ("mud", 0.2)]
+
+
 def test_a_journal_of_version_3_opens_and_takes_refused_frames_from_then_on(tmp_path: Path) -> None:
     memory = replace(first_memory("m", WORDS), history=History([entry(1, OLD)]), clock=5)
     journal = Journal(tmp_path)
@@ -139,6 +163,7 @@ def test_a_journal_of_version_3_opens_and_takes_refused_frames_from_then_on(tmp_
     with sqlite3.connect(tmp_path / "journal.db") as connection:
         for table in ("refused", "adoption"):
             connection.execute(f"DROP TABLE {table}")
+        connection.execute("ALTER TABLE entries DROP COLUMN widened")
         connection.execute("PRAGMA user_version = 3")
     connection.close()
     journal = Journal(tmp_path)

@@ -14,7 +14,7 @@ import pytest
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Finding, Maps
 from anytraverse.frame import Frame
-from anytraverse.history import Entry, Place
+from anytraverse.history import Entry, Likeness, Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Adoption
 from anytraverse.preferences import Preferences, Setting
@@ -154,6 +154,8 @@ WRONG: dict[str, Any] = {
     "refused frames that are no tuple": entry_of(refused=[VECTOR]),
     "more refused frames than are kept": entry_of(refused=(VECTOR,) * 9),
     "a refused frame that is not finite": entry_of(refused=(VECTOR * NAN,)),
+    "a scene that is widened to no cosine": entry_of(widened=1.5),
+    "a scene that is widened to no number": entry_of(widened=NAN),
     "a match in force that is none": memory_of(adoption=7),
     "a match without a vector": match_of(embedding=None),
     "a match of a similarity beyond 1": match_of(similarity=1.5),
@@ -184,6 +186,10 @@ WRONG: dict[str, Any] = {
     "a similarity above 1": seen(similarity=1.1),
     "a scene's age of NaN": seen(scene_age=NAN),
     "undecided, perhaps": seen(undecided=1),
+    "alike, without saying what": seen(likeness=(3, 0.9, 0.95)),
+    "alike a scene of no call": seen(likeness=Likeness(-1, 0.9, 0.95)),
+    "alike by NaN": seen(likeness=Likeness(3, NAN, 0.95)),
+    "alike by a text": seen(likeness=Likeness(3, 0.9, "0.95")),  # type: ignore[arg-type]
     "words that are none": seen(words={"grass": 1.0}),
     "a weight above 1": seen(
         words=unmade(Preferences, _settings={"grass": Setting(1.0), "rock": Setting(2.0)})
@@ -239,6 +245,11 @@ WRONG: dict[str, Any] = {
     "a reference of rows": memory_of(reference=np.ones((2, 2), np.float32)),
     "no model": memory_of(model_id=None),
     "words of a memory that are none": memory_of(preferences={"grass": 1.0}),
+    "given words that are none": memory_of(given={1: 1.0}),
+    "more given words than there may be": memory_of(given={f"kind {one}": 1.0 for one in range(257)}),
+    "a given weight that is no number": memory_of(given={"mud": "1"}),
+    "a given weight above 1": memory_of(given={"mud": 1.5}),
+    "a given weight of NaN": memory_of(given={"mud": NAN}),
     "stamps that are none": memory_of(settled={"grass": "now"}),
     "a clock below 0": memory_of(clock=-1),
     "an example that is none": memory_of(examples={"gnome": (VECTOR,)}),

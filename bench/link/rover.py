@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from anytraverse.answers import AnswerOutcome
+from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
@@ -61,14 +61,14 @@ class CountedCalls(OperatorCalls):
         self,
         target: int,
         motion: Motion,
-        changed: bool,
+        changes: Changes,
         outcome: AnswerOutcome | None,
         now: float,
         *,
         go_at: float | None = None,
     ) -> tuple[Result, list[Decision]]:
         """Handles an answer as usual, and stores it in `applied`."""
-        result, decisions = super().apply_answer(target, motion, changed, outcome, now, go_at=go_at)
+        result, decisions = super().apply_answer(target, motion, changes, outcome, now, go_at=go_at)
         self.applied.append(Applied(now, target, motion, result))
         return result, decisions
 
@@ -168,7 +168,7 @@ class Rover(Companion):
     def clear(self) -> bool:
         """Whether no call is open, no thing is accepted and frames are OK: the next thing makes a call."""
         reason_filter = self.calls.reason_filter
-        return self.calls.current_id == 0 and reason_filter.acceptance is None and reason_filter.ok_run > 0
+        return self.calls.current_id == 0 and not reason_filter.things and reason_filter.ok_run > 0
 
 
 def make_ready(vision: VisionClient, child: LoopbackVision) -> None:

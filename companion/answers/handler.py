@@ -61,13 +61,13 @@ class Handled:
 class _PendingAnswer:
     """An answer that waits for the vision process.
 
-    target: the id that the answer was resolved to, 0 for words alone. changed: it teaches words. number: its
+    target: the id that the answer was resolved to, 0 for words alone. changes: what it teaches. number: its
     running number. at: when it was received, monotonic seconds.
     """
 
     answer: Answer
     target: int
-    changed: bool
+    changes: Changes
     number: int
     at: float
 
@@ -111,7 +111,7 @@ class AnswerHandler:
             self._last_cancelled = self._last_sent
             # The words may wait for the vision process; the stay must not.
             if answer.operations and target:
-                _, decisions = self._calls.apply_answer(target, Motion.STAY, False, None, now)  # noqa: FBT003
+                _, decisions = self._calls.apply_answer(target, Motion.STAY, Changes(), None, now)
         handled = self._apply(answer, target, now)
         handled.decisions[:0] = decisions
         return handled
@@ -150,7 +150,7 @@ class AnswerHandler:
             return self._reply(
                 answer, call.id, Result.BUSY, "the call's frame is being judged: send it again"
             )
-        pending = _PendingAnswer(answer, target, bool(changes), self._last_sent + 1, now)
+        pending = _PendingAnswer(answer, target, changes, self._last_sent + 1, now)
         go = answer.motion is Motion.GO
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
@@ -197,7 +197,7 @@ class AnswerHandler:
         if pending.target:
             motion = Motion.NONE if late or cancelled else pending.answer.motion
             result, decisions = self._calls.apply_answer(
-                pending.target, motion, pending.changed, outcome, now, go_at=pending.at
+                pending.target, motion, pending.changes, outcome, now, go_at=pending.at
             )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None
@@ -256,14 +256,7 @@ class AnswerHandler:
 
     def _apply_motion(self, answer: Answer, target: int, now: float) -> Handled:
         """Apply an answer without words at once, since no frame needs to be judged again."""
-        result, decisions = self._calls.apply_answer(
-            target,
-            answer.motion,
-            False,  # noqa: FBT003
-            None,
-            now,
-            go_at=now,
-        )
+        result, decisions = self._calls.apply_answer(target, answer.motion, Changes(), None, now, go_at=now)
         newest = self._calls.reason_filter.newest
         text = outcome_text(self._calls, target, result, decisions, None, newest, None)
         changed, go = result is not Result.STALE, self._go(answer, now)

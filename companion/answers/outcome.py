@@ -9,7 +9,7 @@ from anytraverse.assessment import Assessment, Reason
 from anytraverse.memory import Memory
 from companion.calls.decisions import Call, CallClosed, Decision, GoLapsed
 from companion.calls.machine import OperatorCalls
-from companion.telemetry.summary import blocked_text
+from companion.telemetry.summary import blocked_text, still_open_text
 from companion.wire import texts
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Kind, Result, Stage
@@ -50,9 +50,8 @@ def outcome_text(
     call = calls.call if calls.current_id == target else None
     closed = closed_call(decisions, target)
     if result is Result.NOT_COVERED and call_frame is not None:
-        if Reason.UNKNOWN_OBJECT in call_frame.reasons or call_frame.roi is None:
-            return texts.still_unknown(target, call_frame.roi.uncertainty if call_frame.roi else None)
-        return texts.still_new(target, call_frame.similarity)
+        reasons = call_frame.reasons if call_frame.roi is not None else {Reason.UNKNOWN_OBJECT}
+        return still_open_text(target, call_frame, reasons)
     if closed is not None:
         return texts.closed(Kind.CALL, target, closed.outcome)
     kind = calls.kind

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from anytraverse.answers import AnswerOutcome
+from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Reason
-from companion.calls.acceptance import Acceptance, blocked_by_name, scene_of
+from anytraverse.preferences import clean_word
+from companion.calls.answered_things import MOST
+from companion.calls.cover import blocked_by_name
 from companion.calls.decisions import Call, CallState
 from companion.calls.reason_filter import ReasonFilter
+from companion.calls.thing import REASONS_OF_THINGS, scene_of
 from companion.wire.ids import Motion, Result
 
 
@@ -16,7 +19,7 @@ def answer_call(
     call: Call,
     reason_filter: ReasonFilter,
     motion: Motion,
-    changed: bool,
+    changes: Changes,
     outcome: AnswerOutcome | None,
     now: float,
     travelled: float | None,
@@ -25,33 +28,37 @@ def answer_call(
 ) -> Result:
     """Apply an answer to `call`, and return the result to acknowledge.
 
-    A go without words accepts the call's reasons; a later answer revokes that. After any other answer the
-    call's frame, judged again, decides whether the call is answered.
-    changed: the answer teaches words. outcome: the frames judged again. travelled: metres driven, or None.
-    clear: the reasons are gone, and "clear now, go?" is asked. Then a go with words answers the call, too,
-    even if the words do not cover the thing that is gone. But it accepts nothing: the thing may come back,
-    and the words may say that it is not drivable.
+    A go without words, or with words above 0, accepts the call's reasons; a later answer revokes that. Of a
+    thing in a new place only a tap above 0 says that, since words may name the place. A word
+    of 0 or below that names the thing makes it block. After any other answer the call's frame, judged again,
+    decides whether the call is answered.
+    outcome: the frames judged again. travelled: metres driven, or None.
+    clear: the reasons are gone, and "clear now, go?" is asked. Then a go with any words answers the call,
+    even if they do not cover the thing that is gone. Words of 0 or below accept nothing: it may come back.
     """
+    things, changed = reason_filter.things, bool(changes)
     call.quiet = call.quiet or motion is Motion.STAY
     call.learnt = call.learnt or (outcome is not None and outcome.remembered)
-    if motion is Motion.GO and (not changed or clear):
-        if outcome is not None and outcome.call is not None:
-            call.seen = outcome.call
+    judged = outcome is not None and outcome.call is not None
+    if outcome is not None and outcome.call is not None:
+        call.seen = things.pointed(outcome.call)
+    word = _forbidding(call, changes, judged=judged)
+    if word and call.thing is not None:
+        things.name(call.thing, word)
+    covered = (judged or bool(word)) and not _uncovered_reasons(call, blocked=things.blocking(call.id))
+    accepts = not changed or _drivable(call, changes)
+    if motion is Motion.GO and (accepts or clear):
         if not call.answered:
-            call.state = CallState.ACCEPTED
-            if not changed:
-                reason_filter.accept(
-                    call.reasons, _scope(call, reason_filter, now, travelled), now, travelled
-                )
-            reason_filter.restart_after_answer(now)
+            call.state = CallState.ANSWERED if changed and covered else CallState.ACCEPTED
+        if accepts and not things.blocking(call.id):
+            reason_filter.accept(call.thing, call.reasons, now, travelled)
+        reason_filter.restart_after_answer(now)
         return Result.APPLIED
+    things.revoke(call.id)
     if call.state is CallState.ACCEPTED:
         call.state = CallState.OPEN
-        reason_filter.revoke_acceptance()
-    if outcome is None or outcome.call is None:
+    if not (judged or word):
         return Result.NOT_COVERED if changed else Result.APPLIED
-    call.seen = outcome.call
-    covered = not _uncovered_reasons(call)
     if covered and not call.answered:
         reason_filter.restart_after_answer(now)
     if covered:
@@ -61,44 +68,70 @@ def answer_call(
     return Result.NOT_COVERED if call.state is CallState.NOT_COVERED else Result.APPLIED
 
 
-def _uncovered_reasons(call: Call) -> frozenset[Reason]:
+def _drivable(call: Call, changes: Changes) -> bool:
+    """Whether this answer says of the call's thing that it is drivable: words above 0, and nothing else.
+
+    In a new place words may name the place and not the thing in it, so there the thing must be tapped.
+    """
+    weights = [*changes.weights.values(), *(tap.weight for tap in changes.taps)]
+    if not weights or min(weights) <= 0.0:
+        return False
+    if call.reasons == {Reason.UNKNOWN_OBJECT} or Reason.UNKNOWN_OBJECT not in call.reasons:
+        return True
+    return call.thing is not None and any(call.thing.overlaps(tap.box) for tap in changes.taps)
+
+
+def _forbidding(call: Call, changes: Changes, *, judged: bool) -> str:
+    """Return the word of this answer that says of the call's thing that it is not drivable, "" without one.
+
+    It was tapped so, or the call's frame, judged again, finds the word in some of it.
+    """
+    thing, seen = call.thing, call.seen
+    if thing is None or Reason.UNKNOWN_OBJECT not in call.reasons:
+        return ""
+    for tap in changes.taps:
+        if tap.weight <= 0.0 and thing.overlaps(tap.box):
+            return clean_word(tap.word)
+    named = seen.roi.named_tile if judged and seen is not None and seen.roi is not None else None
+    if seen is None or named is None or Reason.BLOCKED not in seen.reasons:
+        return ""
+    word = list(seen.words)[named.word]
+    forbidden = {clean_word(name) for name, weight in changes.weights.items() if weight <= 0.0}
+    return word if word in forbidden and thing.overlaps(named.tile.box) else ""
+
+
+def _uncovered_reasons(call: Call, *, blocked: bool) -> frozenset[Reason]:
     """Return the call's reasons that its frame, judged again, still has.
 
-    A frame that was not judged keeps all of them. An unknown scene is covered once the scene is in H.
+    A frame that was not judged keeps all of them. An unknown scene is covered once the scene is in H, and a
+    thing once it blocks by its name, `blocked`, even if the word finds only a part of it.
     """
     seen = call.seen
     if seen is None or seen.roi is None or Reason.FAULT in seen.reasons:
         return frozenset(call.reasons)
-    return (seen.reasons & call.reasons) - ({Reason.UNKNOWN_SCENE} if call.learnt else set())
-
-
-def _scope(call: Call, reason_filter: ReasonFilter, now: float, travelled: float | None) -> Acceptance | None:
-    if call.scope is None and call.seen is not None:
-        return Acceptance.of(call.seen, frozenset(call.reasons), reason_filter.numbers, now, travelled)
-    return call.scope
+    learnt = {Reason.UNKNOWN_SCENE} if call.learnt else set[Reason]()
+    return (seen.reasons & call.reasons) - learnt - ({Reason.UNKNOWN_OBJECT} if blocked else set())
 
 
 def accept_taken_over(
     call: Call | None, reason_filter: ReasonFilter, now: float, travelled: float | None
 ) -> None:
-    """Accept what is in the way when a human takes over, who has seen it. For faults see `Faults.accept`."""
-    newest = reason_filter.newest
-    unanswered = call.reasons if call is not None and not call.answered else set[Reason]()
+    """Accept all that is in the way when a human takes over, who has seen it. For faults: `Faults.accept`."""
+    things, newest = reason_filter.things, reason_filter.newest
+    unanswered = frozenset(call.reasons) if call is not None and not call.answered else frozenset[Reason]()
     reasons = (reason_filter.reasons(now) | unanswered) - {Reason.FAULT}
     if Reason.BLOCKED in reasons and newest is not None and blocked_by_name(newest):
         # In the next frame the same thing may lose its name, and count as unknown.
         reasons |= {Reason.UNKNOWN_OBJECT}
-    scope = call.scope if call is not None else None
-    if scope is not None and scope.thing is None and Reason.UNKNOWN_OBJECT in reasons:
-        # The call was for a scene alone. Without a thing it would cover no object: accept what is seen now.
-        scope = None
-    if scope is not None and newest is not None:
-        scope = replace(scope, scene=scene_of(newest))
-        if Reason.BLOCKED in reasons:
-            # What blocks the way may be another thing than the call's: accept it as it is now.
-            blocked = Acceptance.of(
-                newest, frozenset({Reason.BLOCKED}), reason_filter.numbers, now, travelled
-            )
-            scope = scope.joined(blocked)
-    reason_filter.accept(reasons, scope, now, travelled)
+    for thing in things.things:
+        if thing.blocked_by:
+            reason_filter.accept(thing, REASONS_OF_THINGS, now, travelled)
+    if unanswered and call is not None and call.thing is not None:
+        scene = scene_of(newest) if newest is not None else None
+        reason_filter.accept(replace(call.thing, scene=scene), unanswered, now, travelled)
+    for _ in range(MOST):
+        known = things.cover(newest).covered if newest is not None else frozenset[Reason]()
+        if newest is not None and reasons <= things.accepted and newest.reasons & reasons <= known:
+            break
+        reason_filter.accept(None, reasons, now, travelled)
     reason_filter.restart_after_answer(now)

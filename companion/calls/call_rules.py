@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from anytraverse.assessment import Assessment, Reason
-from companion.calls.acceptance import Acceptance
 from companion.calls.decisions import Call, CallClosed, CallOpened, Decision
 from companion.calls.hold_rules import HoldController
 from companion.calls.mode_monitor import ModeMonitor
@@ -40,8 +39,8 @@ class CallController:
         """Record a further frame in the open call, and track its thing."""
         if self.call is not None:
             self.call.add(seen)
-            if self.call.scope is not None:
-                self.call.scope.watch(seen, self._numbers)
+            if self.call.thing is not None:
+                self._reason_filter.things.watch(self.call.thing, seen)
 
     def settle(self, reasons: frozenset[Reason], now: float) -> list[Decision]:
         """Advance the call, and return the decisions."""
@@ -74,7 +73,8 @@ class CallController:
         return [CallClosed(call)]
 
     def _open(self, reasons: frozenset[Reason], seen: Assessment, now: float) -> list[Decision]:
-        scope = Acceptance.of(seen, reasons, self._numbers, now, self._monitor.newest.travelled)
-        self.call = Call(self._take_id(), seen.frame.id, set(reasons), now, seen, scope)
+        thing, seen = self._reason_filter.things.asked(seen, reasons)
+        thing.call = self._take_id()
+        self.call = Call(thing.call, seen.frame.id, set(reasons), now, seen, thing)
         self.call.add(seen)
         return [CallOpened(self.call), *self._holding.rename(self.call.id)]

@@ -7,9 +7,9 @@ from enum import Enum
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Place
-from companion.calls.acceptance import Acceptance
 from companion.calls.faults import FaultAcceptance
 from companion.calls.hold import Hold, HoldEvent
+from companion.calls.thing import Thing
 from companion.wire.ids import Outcome
 
 
@@ -23,7 +23,7 @@ class CallState(Enum):
     ANSWERED = "answered"
     """Words that cover the call's reasons."""
     ACCEPTED = "accepted"
-    """A go without words, or with words once the reasons were gone."""
+    """A go without words, with words above 0, or with any words once the reasons were gone."""
 
 
 @dataclass
@@ -33,7 +33,7 @@ class Call:
     seen: the assessment of the call's frame, which is fixed when the call opens. None after a restart, until
     that frame is judged again.
     reasons: all reasons of the call, including later ones.
-    scope: what a go without words would accept. It tracks the thing while the call is open.
+    thing: what is asked about. It is tracked while the call is open.
     learnt: an answer entered the call's scene in the history. quiet: "stay" ended the escalation of the text.
     gone_since: since when there are no reasons, monotonic seconds; None while there are.
     worst: highest mean uncertainty of the ROI while the call is open. worst_frame_id: the frame that had it.
@@ -45,7 +45,7 @@ class Call:
     reasons: set[Reason]
     opened_at: float
     seen: Assessment | None
-    scope: Acceptance | None = None
+    thing: Thing | None = None
     state: CallState = CallState.OPEN
     learnt: bool = False
     quiet: bool = False

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from anytraverse.answers import AnswerOutcome
+from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
 from companion.calls.answer_rules import accept_taken_over, answer_call
@@ -112,7 +112,7 @@ class OperatorCalls:
             return []
         decisions: list[Decision] = [*self.shadow.stop(now)]
         if before is Policy.OFF:
-            self.reason_filter.revoke_acceptance()
+            self.reason_filter.things.forget()
         self.reason_filter.faults.revoke()
         self.monitor.forget_reboot()
         if policy is not Policy.HOLD:
@@ -145,7 +145,7 @@ class OperatorCalls:
         self,
         target: int,
         motion: Motion,
-        changed: bool,
+        changes: Changes,
         outcome: AnswerOutcome | None,
         now: float,
         *,
@@ -153,7 +153,7 @@ class OperatorCalls:
     ) -> tuple[Result, list[Decision]]:
         """Apply an answer to `target`, an id that `resolve` returned. Returns its result, too.
 
-        changed: it taught words. outcome: the call's frame and the newest frame, judged again; None where
+        changes: what it taught. outcome: the call's frame and the newest frame, judged again; None where
         neither was. go_at: when the answer was received. A go in it then has no effect before `confirm_go`.
         None: it counts at once.
         """
@@ -165,7 +165,7 @@ class OperatorCalls:
                 self.call,
                 self.reason_filter,
                 motion,
-                changed,
+                changes,
                 outcome,
                 now,
                 self.monitor.newest.travelled,
@@ -173,6 +173,8 @@ class OperatorCalls:
             )
         if motion is Motion.LOOK_AGAIN:
             self.reason_filter.reset_reasons()
+            self.reason_filter.things.forget_blocking()
+        self.reason_filter.things.forget_blocking(tap.box for tap in changes.taps if tap.weight > 0.0)
         if outcome is not None and outcome.newest is not None:
             self.reason_filter.replace_newest(outcome.newest, now)
         at = now if go_at is None else go_at

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 
 from anytraverse.assessment import Assessment, Reason
-from companion.calls.acceptance import Acceptance
+from companion.calls.answered_things import AnsweredThings
+from companion.calls.cover import Cover
 from companion.calls.faults import Fault, Faults
-from companion.calls.masks import Mask
 from companion.calls.numbers import Numbers
+from companion.calls.thing import Thing
 
 
 class Debounce:
@@ -49,7 +49,6 @@ class Debounce:
 
 
 CALLS_FOR_WORDS = frozenset({Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT})
-_REASONS_OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 
 
 class ReasonFilter:
@@ -59,7 +58,7 @@ class ReasonFilter:
     debouncing of one is over. A frame's age counts from its capture: a frame that is older than T is not OK
     and ends no reason.
 
-    acceptance: what the operator accepted, None without one. ok_run: OK frames in a row.
+    things: what was answered about, and is not gone. ok_run: OK frames in a row.
     not_ok_at: when it was last not OK: because of a frame, because none came, or because of another fault.
     faults: the faults that stand, of the view and of the rest, and what a human accepted of them.
     """
@@ -67,7 +66,7 @@ class ReasonFilter:
     def __init__(self, numbers: Numbers, now: float) -> None:
         self.numbers = numbers
         self.newest: Assessment | None = None
-        self.acceptance: Acceptance | None = None
+        self.things = AnsweredThings(numbers)
         self.faults = Faults(numbers)
         self.ok_run = 0
         self.was_ok = False
@@ -78,7 +77,7 @@ class ReasonFilter:
         self._ok = False
         self._debounced = {reason: Debounce(numbers.votes, numbers.window) for reason in Reason}
         self._not_accepted: frozenset[Reason] = frozenset()
-        """The newest frame's reasons that are not accepted."""
+        """The newest frame's reasons that are not accepted, and those of things that block."""
 
     def add_frame(
         self, seen: Assessment, now: float, travelled: float | None, *, memory_stored: bool = True
@@ -90,13 +89,8 @@ class ReasonFilter:
         """
         self.tick(now)
         self._seen_at = max(self._seen_at, _captured(seen, now))
-        thing = self._judge_newest(seen, now)
-        acceptance = self.acceptance
-        if acceptance is not None:
-            if (seen.reasons - self._not_accepted) & _REASONS_OF_THINGS:
-                acceptance.follow(thing)
-            if acceptance.ended(seen, self.numbers, now, travelled):
-                self.acceptance = None
+        cover = self._judge_newest(seen, now)
+        self.things.follow(seen, cover, now, travelled)
         for debounce, bad, clear in self._votes(seen, now):
             debounce.add(bad=bad, clear=clear)
         if self._ok:
@@ -156,41 +150,34 @@ class ReasonFilter:
         self._ok_at = now
 
     def accept(
-        self, reasons: Iterable[Reason], scope: Acceptance | None, now: float, travelled: float | None
+        self, thing: Thing | None, reasons: Iterable[Reason], now: float, travelled: float | None
     ) -> None:
-        """Accept `reasons` within the limits of `scope`. None: as far as the newest frame shows them."""
+        """Accept `reasons` of a thing. None: of what the newest frame shows."""
         reasons = frozenset(reasons)
-        if not reasons:
+        if thing is None and self.newest is not None:
+            thing, _ = self.things.asked(self.newest, reasons)
+        if not reasons or thing is None:
             return
-        if scope is not None:
-            scope = replace(scope, reasons=reasons, since=now, travelled=travelled, clear_frames=0)
-        elif self.newest is not None:
-            scope = Acceptance.of(self.newest, reasons, self.numbers, now, travelled)
-        self.acceptance = scope
+        self.things.accept(thing, reasons, now, travelled)
         for reason in reasons:
             self._debounced[reason].reset()
-
-    def revoke_acceptance(self) -> None:
-        """Forget what the operator accepted."""
-        self.acceptance = None
 
     def restart_ok_run(self) -> None:
         """Count OK frames from now on."""
         self.ok_run = 0
 
-    def _judge_newest(self, seen: Assessment, now: float) -> Mask | None:
-        """Decide whether the frame is OK. Returns the mask of the accepted thing in it, see `Acceptance`."""
-        covered, thing = frozenset[Reason](), None
-        if self.acceptance is not None:
-            covered, thing = self.acceptance.covers(seen, self.numbers)
-        self.newest, self._not_accepted = seen, seen.reasons - covered
+    def _judge_newest(self, seen: Assessment, now: float) -> Cover:
+        """Decide whether the frame is OK. Return what the things explain in it."""
+        cover = self.things.cover(seen)
+        self.newest = seen
+        self._not_accepted = seen.reasons - cover.covered | self.things.block(seen)
         self._ok = bool(seen.findings) and not self._not_accepted and not self._is_old(seen, now)
         self.was_ok = self.was_ok or self._ok
         if self._ok:
             self._ok_at = max(self._ok_at, _captured(seen, now))
         else:
             self.not_ok_at, self.ok_run = now, 0
-        return thing
+        return cover
 
     def _is_old(self, seen: Assessment, now: float) -> bool:
         return now - seen.frame.captured_at > self.numbers.freshness

@@ -343,7 +343,7 @@ class Daemon:
         elif judged.changed and (scenes := judged.memory.history) and not scenes[-1].call_id:
             # it has become the first reference
             self.records.first_scene(seen, scenes[-1], self.calls.state(now))
-        if self.records.replace_lost_frame(seen, now):
+        if self.records.replace_lost_frame(seen):
             self._link.send_text(texts.frame_lost(self.calls.current_id), WARNING, now)
         if seen.dropped:
             self._link.send_text(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
@@ -379,7 +379,7 @@ class Daemon:
     def _applied(self, applied: Applied, now: float) -> None:
         self.persistence.save_memory(applied.memory)
         if self.records.is_call_frame(applied.token):
-            self.records.call_frame_judged(applied, now)
+            self.records.call_frame_judged(applied)
             return
         handled = self.answer_handler.applied(applied, now)
         if handled.refused:

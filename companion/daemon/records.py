@@ -14,7 +14,6 @@ from typing import Any
 from anytraverse.assessment import Assessment
 from anytraverse.history import Entry
 from companion.answers.handler import Reply
-from companion.calls.acceptance import Acceptance
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.daemon.persistence import Persistence
@@ -23,6 +22,7 @@ from companion.storage.batch import record_of
 from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name, scene_picture
 from companion.storage.writer import Writer
 from companion.system.atomic_write import write_atomically
+from companion.telemetry.summary import why
 from companion.vision.client import Applied, Judged, VisionClient
 from companion.vision.messages import Drawn
 from companion.wire.ids import State
@@ -181,7 +181,7 @@ class Records:
         """Whether an `Applied` is the outcome of a stored frame given to vision, and not of an answer."""
         return token is _CALL_FRAME or token is None
 
-    def call_frame_judged(self, applied: Applied, now: float) -> None:
+    def call_frame_judged(self, applied: Applied) -> None:
         """Take the assessment of the restored call's frame. Without one, the frame may be lost."""
         call, seen = self._calls.call, applied.outcome.call if applied.outcome is not None else None
         if call is None:
@@ -189,9 +189,9 @@ class Records:
         if seen is None:
             self._frame_lost = not self._vision.has_stored_frame(call.frame_id)
         elif seen.frame.id == call.frame_id:
-            self._resume_call(call, seen, now)
+            self._resume_call(call, seen)
 
-    def replace_lost_frame(self, seen: Assessment, now: float) -> bool:
+    def replace_lost_frame(self, seen: Assessment) -> bool:
         """Make `seen` the frame of the open call, if the call's own frame is lost. Whether it did."""
         call = self._calls.call
         lost = self._frame_lost and call is not None and call.seen is None
@@ -199,7 +199,7 @@ class Records:
             return False
         self._frame_lost = False
         call.frame_id = seen.frame.id
-        self._resume_call(call, seen, now)
+        self._resume_call(call, seen)
         return True
 
     def frame_judged(self, judged: Judged) -> None:
@@ -236,19 +236,18 @@ class Records:
             log.warning("the frame of call %d is lost: %s", call.id, error)
             return None
 
-    def _resume_call(self, call: Call, seen: Assessment, now: float) -> None:
+    def _resume_call(self, call: Call, seen: Assessment) -> None:
         if call.seen is not None:
             return
-        call.seen = seen
-        call.scope = Acceptance.of(
-            seen, frozenset(call.reasons), self._calls.numbers, now, self._calls.monitor.newest.travelled
-        )
+        call.thing, call.seen = self._calls.reason_filter.things.asked(seen, frozenset(call.reasons))
+        call.thing.call = call.id
         self._publish(call, seen, State.CALLING, f"C{call.id} after a restart")
 
     def _publish(self, call: Call, seen: Assessment, state: State, title: str) -> None:
         self._store_and_draw(call.id, seen, state, title)
         answers = list(self._answers[1]) if call.id == self._answers[0] else []
-        figures = {**record_of(call), "nearest": self._nearest(call.id, seen)}
+        told = why(seen, call.reasons)
+        figures = {**record_of(call), "why": told, "nearest": self._nearest(call.id, seen)}
         job = partial(self._files.begin_record, call.id, figures, answers, self._remembered())
         self._writer.queue_job("record", job)
 

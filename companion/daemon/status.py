@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from dataclasses import asdict
+from itertools import islice
 from statistics import median
 from typing import Any
 
@@ -197,9 +198,8 @@ class Status:
 
     def _given(self) -> dict[str, float]:
         """Return word -> weight of the words that are out of use, and are still known: the newest ones."""
-        memory = self._vision.memory
-        unused = [word for word in memory.given if word not in memory.preferences]
-        return {word: round(memory.given[word], _DIGITS) for word in unused[:MOST_GIVEN]}
+        newest = islice(self._vision.memory.given.items(), MOST_GIVEN)
+        return {word: round(weight, _DIGITS) for word, weight in newest}
 
     def _known_place(self) -> dict[str, Any] | None:
         """Return which remembered scene is in force by a match, and what it changed; None: none is."""
@@ -208,15 +208,14 @@ class Status:
         if adoption is None or adoption.reference is None:
             return None
         entry = next((one for one in memory.history if one.order == adoption.order), None)
-        before, after = adoption.preferences, memory.preferences
-        changed = [word for word in {**before, **after} if before.get(word) != after.get(word)]
+        limits = self._calls.numbers.judging.thresholds
         return {
             "scene": adoption.order,
             "call": adoption.call_id or None,
             "similarity": round(adoption.similarity, _DIGITS),
-            "needed": round(self._calls.numbers.judging.thresholds.least_match(len(memory.history)), _DIGITS),
+            "needed": round(limits.needed(len(memory.history), entry.widened if entry else None), _DIGITS),
             "since": None if adoption.time is None else round(adoption.time, 2),
-            "changed": {word: [before.get(word), after.get(word)] for word in changed},
+            "changed": {word: list(both) for word, both in memory.matched.items()},
             "picture": "" if entry is None else scene_picture(entry),
         }
 
@@ -251,6 +250,7 @@ def _open(current: CallData) -> dict[str, Any]:
         "holding": current.holding,
         "age": current.age_s,
         "frame_id": current.frame_id,
+        "why": current.why,
         "worst_tile_box": current.worst_tile_box
         and [round(side, _DIGITS) for side in current.worst_tile_box],
         **{name: value and round(value, _DIGITS) for name, value in figures.items()},

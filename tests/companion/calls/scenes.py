@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from anytraverse.answers import AnswerOutcome
+from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
 from anytraverse.findings import find, make_maps, roi_figures
 from anytraverse.frame import Frame
@@ -321,8 +321,9 @@ class Scene:
             outcome = AnswerOutcome(self.judged(call.frame_id), self.judged(self.frame), remembered=teaches)
         elif words:
             outcome = AnswerOutcome(None, self.judged(self.frame))
+        number = self.calls.current_id if target is None else target
         result, decisions = self.calls.apply_answer(
-            self.calls.current_id if target is None else target, motion, bool(words), outcome, self.now
+            number, motion, Changes(dict(words or {})), outcome, self.now
         )
         self.keep(decisions)
         return result

@@ -47,7 +47,7 @@ def test_the_call_and_its_hold_stay_and_nothing_is_accepted_or_commanded(
     held.run(30.0, DRUM)
     assert held.closed() == []
     assert (held.call.id, held.hold.id) == (1, 1)
-    assert held.calls.reason_filter.acceptance is None
+    assert not held.calls.reason_filter.things
     assert held.modes() == [HOLD]
     assert held.events().count(HoldEvent.REBOOTED) == 1
     assert HoldEvent.TAKEN_OVER not in held.events()
@@ -66,7 +66,7 @@ def test_and_so_is_one_that_only_its_clock_shows(held: Scene) -> None:
     held.human(MANUAL, armed=False)
     held.run(5.0, DRUM)
     assert held.events() == [HoldEvent.CONFIRMED, HoldEvent.REBOOTED]
-    assert (held.call.id, held.calls.reason_filter.acceptance) == (1, None)
+    assert (held.call.id, held.calls.reason_filter.things.things) == (1, [])
 
 
 def test_it_is_not_told_to_stand_because_of_us_before_it_holds_again(held: Scene) -> None:
@@ -111,7 +111,7 @@ def test_the_mode_that_the_transmitters_switch_sets_after_the_boot_is_nobodys(he
     held.human(into, armed=False)
     held.run(5.0, DRUM)
     assert held.closed() == []
-    assert held.calls.reason_filter.acceptance is None
+    assert not held.calls.reason_filter.things
     assert not held.hold.standing
     held.human(into)
     held.run(1.0, DRUM)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from anytraverse.answers import AnswerOutcome
+from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Reason
 from anytraverse.regions import Box
 from companion.calls.decisions import CallState
@@ -107,7 +107,7 @@ def test_a_revoked_go_leaves_the_call_open_and_forgets_words_that_did_not_cover_
     accepted = held.call.state
     held.answer(Motion.STAY)
     assert (accepted, held.call.state) == (CallState.ACCEPTED, CallState.OPEN)
-    assert held.calls.reason_filter.acceptance is None
+    assert not held.calls.reason_filter.things
     held.run(5.0, DRUM)
     assert (held.modes(), held.closed()) == ([HOLD], [])
 
@@ -118,7 +118,7 @@ def test_words_with_go_resume_after_five_ok_frames(held: Scene) -> None:
     held.run(1.5, DRUM)
     assert held.autopilot.mode == AUTO
     assert held.closed() == [(1, Outcome.ANSWERED)]
-    assert held.calls.reason_filter.acceptance is None
+    assert not held.calls.reason_filter.things
 
 
 def test_after_words_without_go_the_hold_stands_and_asks_clear_now_go(held: Scene) -> None:
@@ -134,10 +134,11 @@ def test_after_words_without_go_the_hold_stands_and_asks_clear_now_go(held: Scen
     assert held.closed() == [(1, Outcome.ANSWERED)]
 
 
-def test_a_go_after_the_words_accepts_nothing_beyond_them(held: Scene) -> None:
+def test_a_go_after_the_words_accepts_the_thing_as_a_go_with_them_does(held: Scene) -> None:
     held.answer(words=DRIVABLE)
+    assert not held.calls.reason_filter.things
     held.go()
-    assert held.calls.reason_filter.acceptance is None
+    assert held.calls.reason_filter.things.accepted == {Reason.UNKNOWN_OBJECT}
 
 
 def test_go_with_words_that_forbid_the_thing_waits_until_it_is_removed(hold: Scene) -> None:
@@ -218,7 +219,7 @@ def test_an_answered_place_is_known_even_when_the_rover_is_elsewhere_by_then(rep
 def test_a_place_that_was_not_remembered_is_not_known(report: Scene) -> None:
     report.run(0.5, ELSEWHERE)
     outcome = AnswerOutcome(report.judged(report.call.frame_id), report.judged(report.frame))
-    result, _ = report.calls.apply_answer(1, Motion.NONE, True, outcome, report.now)  # noqa: FBT003
+    result, _ = report.calls.apply_answer(1, Motion.NONE, Changes({"sand": 1.0}), outcome, report.now)
     assert result is Result.NOT_COVERED
 
 

@@ -208,7 +208,11 @@ class Calls(RuleBasedStateMachine):
         calls = self.scene.calls
         drives = self.armed and self.mode in self.kind.holdable and self.scene.now - self.heard_at < SILENCE
         late = self.scene.now - max(self.good_at, self.excused_at) > T + 1e-6
-        if calls.policy is Policy.HOLD and drives and late and not calls.fault_accepted(self.scene.now):
+        # A human may have accepted the fault, also while the autopilot counts as silent.
+        accepted = calls.reason_filter.standing_faults(self.scene.now) and Reason.FAULT not in (
+            calls.reason_filter.reasons(self.scene.now)
+        )
+        if calls.policy is Policy.HOLD and drives and late and not accepted:
             assert calls.hold is not None
 
     @invariant()
@@ -238,8 +242,7 @@ class Calls(RuleBasedStateMachine):
         scene.frame += 1
         scene.frames[scene.frame], scene.view = view, view
         seen = scene.judged(scene.frame)
-        acceptance = scene.calls.reason_filter.acceptance
-        accepted = acceptance.reasons if acceptance is not None else frozenset()
+        accepted = scene.calls.reason_filter.things.accepted
         self._books(good=seen.reasons <= accepted)
         self._check(scene.calls.assessed(seen, self.scene.now))
 
@@ -312,6 +315,7 @@ class Calls(RuleBasedStateMachine):
                 self.hold = hold.id
             case HoldMoved(hold, event):
                 assert hold.id == self.hold
+                self.before = hold.mode_before  # a reboot may have changed it
                 if event.value in ("taken over", "resumed", "dropped"):
                     self.hold = self.go_at = None
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from anytraverse.assessment import Reason
 from anytraverse.findings import is_open
 from anytraverse.regions import Box
-from companion.calls.acceptance import Acceptance
+from companion.calls.answered_things import AnsweredThings
 from companion.wire.ids import Policy
 from tests.companion.calls.scenes import AUTO, HEIGHT, HOLD, WIDTH, Scene, Thing, View
 
@@ -200,20 +200,18 @@ def test_nothing_new_that_closes_the_way_is_covered_further_than_a_tile_from_wha
     scene = Scene(tile=tile)
     numbers, there = scene.numbers, new.mask(HEIGHT, WIDTH)
     assume(not is_open(~there, WIDTH / HEIGHT, numbers.judging))
-    accepted, shown = None, View()
+    things, shown = AnsweredThings(numbers), View()
     for places in frames:
         shown = view(name, *places)
         scene.show(shown)
         seen = scene.judged(scene.frame)
-        if accepted is None:
-            accepted = Acceptance.of(seen, THINGS, numbers, 0.0, None)
+        if not things:
+            things.accept(things.asked(seen, THINGS)[0], THINGS, 0.0, None)
         else:
-            covered, thing = accepted.covers(seen, numbers)
-            if seen.reasons and seen.reasons <= covered:
-                accepted.follow(thing)
-    assert accepted is not None
-    assert accepted.thing is not None
-    assume(accepted.uncertainty + numbers.accepted_rise < 0.9 and not (near(accepted.thing) & there).any())
+            things.follow(seen, things.cover(seen), 0.0, None)
+    (accepted,) = things.things
+    assert accepted.mask is not None
+    assume(accepted.level + numbers.accepted_rise < 0.9 and not (near(accepted.mask) & there).any())
     scene.show(View((*shown.things, Thing(new, new_name))))
     seen = scene.judged(scene.frame)
-    assert seen.reasons - accepted.covers(seen, numbers)[0]
+    assert seen.reasons - things.cover(seen).covered

@@ -34,7 +34,7 @@ def test_stay_takes_a_go_back_that_is_not_fulfilled_yet(held: Scene) -> None:
     held.go()
     held.answer(Motion.STAY)
     assert held.calls.go_at is None
-    assert held.calls.reason_filter.acceptance is None
+    assert not held.calls.reason_filter.things
     held.run(10.0, DRUM)
     assert held.autopilot.mode == HOLD
     assert held.calls.stage() is Stage.OPEN

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from anytraverse.answers import Changes
 from anytraverse.regions import Box
 from companion.calls.decisions import GoLapsed, HoldMoved, SetMode
 from companion.calls.hold import HoldEvent, HoldState
@@ -116,12 +117,12 @@ def test_the_way_back_is_tried_three_times_then_failed_and_needs_another_go(held
 def test_a_revoked_go_that_the_disk_has_at_last_does_not_confirm_a_later_one(held: Scene) -> None:
     held.run(2.0, CLEAR)
     first = held.now
-    held.keep(held.calls.apply_answer(1, Motion.GO, changed=False, outcome=None, now=first, go_at=first)[1])
+    held.keep(held.calls.apply_answer(1, Motion.GO, Changes(), None, now=first, go_at=first)[1])
     held.run(0.2, CLEAR)
     held.answer(Motion.STAY)
     held.run(0.2, CLEAR)
     second = held.now
-    held.keep(held.calls.apply_answer(1, Motion.GO, changed=False, outcome=None, now=second, go_at=second)[1])
+    held.keep(held.calls.apply_answer(1, Motion.GO, Changes(), None, now=second, go_at=second)[1])
     held.keep(held.calls.confirm_go(first, held.now))
     held.run(2.0, CLEAR)
     assert held.modes() == [HOLD], "the second go is not in the journal yet"
@@ -159,7 +160,7 @@ def test_a_go_on_a_blocked_way_does_not_drive_over_it(blocked: Scene) -> None:
     blocked.go()
     blocked.run(30.0)
     assert blocked.modes() == [HOLD]
-    assert blocked.calls.reason_filter.acceptance is None
+    assert not blocked.calls.reason_filter.things
 
 
 def test_a_way_that_is_open_by_less_than_the_margin_is_not_driven_yet(blocked: Scene) -> None:

@@ -13,7 +13,8 @@ from anytraverse.judging import Settings
 from anytraverse.regions import Box
 from anytraverse.roi import Mask, RoiFigures
 from companion.calls import masks
-from companion.calls.acceptance import Acceptance
+from companion.calls.answered_things import AnsweredThings
+from companion.calls.thing import Thing as AskedThing
 from companion.wire.ids import Outcome, Policy, Stage
 from tests.companion.calls.scenes import (
     ACROSS,
@@ -45,14 +46,13 @@ NEARER = (
 
 def ended(scene: Scene) -> bool:
     """Whether nothing is accepted any more."""
-    return scene.calls.reason_filter.acceptance is None
+    return not scene.calls.reason_filter.things
 
 
-def box_of(accepted: Acceptance | None) -> Box:
+def box_of(accepted: AskedThing) -> Box:
     """Around what is accepted."""
-    assert accepted is not None
-    assert accepted.thing is not None
-    box = Box.around(accepted.thing)
+    assert accepted.mask is not None
+    box = Box.around(accepted.mask)
     assert box is not None
     return box
 
@@ -88,7 +88,7 @@ def test_what_is_accepted_grows_and_moves_down_the_image_with_the_thing(accepted
     for box in NEARER:
         accepted.run(0.2, View((Thing(box),)))
     assert accepted.opened() == [1]
-    box = box_of(accepted.calls.reason_filter.acceptance)
+    box = box_of(accepted.calls.reason_filter.things.things[0])
     assert box.top > AHEAD.top
     assert box.right - box.left > AHEAD.right - AHEAD.left
 
@@ -255,7 +255,8 @@ def test_an_accepted_thing_and_a_blocked_way_hold_for_the_way(accepted: Scene) -
 def test_after_a_restart_the_frame_of_the_call_says_what_a_go_accepts(held: Scene) -> None:
     held.restarted()
     held.run(0.5, DRUM)
-    held.call.seen = held.judged(held.call.frame_id)
+    seen = held.judged(held.call.frame_id)
+    held.call.thing, held.call.seen = held.calls.reason_filter.things.asked(seen, seen.reasons)
     other = View((Thing(BESIDE),))
     held.run(0.5, other)
     held.go()
@@ -349,9 +350,10 @@ def test_the_search_for_the_accepted_thing_is_bounded_whatever_the_size_of_the_m
         return plain(seed, within, steps)
 
     monkeypatch.setattr("companion.calls.tracking.connected", recorded)
-    accepted = Acceptance.of(seen, seen.reasons, report.numbers, 0.0, None)
-    box = box_of(accepted)
-    assert accepted.covers(seen, report.numbers)[0] == {Reason.UNKNOWN_OBJECT}
+    things = AnsweredThings(report.numbers)
+    things.accept(things.asked(seen, seen.reasons)[0], seen.reasons, 0.0, None)
+    box = box_of(things.things[0])
+    assert things.cover(seen).covered == {Reason.UNKNOWN_OBJECT}
     assert searched
     assert all(max(*shape, steps) <= 96 for shape, steps in searched)
     assert box.contains(AHEAD.left, AHEAD.top)

@@ -127,9 +127,9 @@ def test_a_call_that_an_answer_closes_says_so(report: Scene) -> None:
 
 def test_words_that_do_not_cover_are_told_with_the_figure(held: Scene) -> None:
     talk = Talk(held)
-    talk.say(1, GO, puddle=1.0)
+    talk.say(1, GO, puddle=-1.0)
     talk.seen()
-    assert talk.last == (Result.NOT_COVERED, "C1 stays open: still unknown 12%")
+    assert talk.last == (Result.NOT_COVERED, "C1 stays open: unknown 95%, over 25% calls")
     assert talk.said[-1].stage is Stage.OPEN
 
 
@@ -280,7 +280,7 @@ def test_but_not_for_ever(held: Scene) -> None:
     held.restarted()
     held.run(11.0, DRUM)
     talk = Talk(held)
-    talk.say(1, GO, drum=1.0)
+    talk.say(1, drum=1.0)
     talk.eyes.jobs[0] = (*talk.eyes.jobs[0][:2], False, True)
     talk.seen()
     assert talk.last == (Result.NOT_COVERED, "C1 noted: still open")

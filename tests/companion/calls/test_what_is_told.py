@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from anytraverse.assessment import Reason
-from anytraverse.history import Place
+from anytraverse.assessment import ROI_MEAN, Finding, Reason
+from anytraverse.history import Likeness, Place
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.calls.decisions import HoldShown
 from companion.calls.faults import Fault
-from companion.telemetry.summary import call_data, current_data, current_text, flags, milliseconds, summary
+from companion.telemetry.summary import (
+    call_data,
+    current_data,
+    current_text,
+    flags,
+    milliseconds,
+    summary,
+    why,
+)
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.payloads import CallData, Summary
 from tests.companion.calls.scenes import (
@@ -59,29 +69,57 @@ def test_with_nothing_open_nothing_is_told(report: Scene) -> None:
 
 def test_a_call_for_a_thing_says_what_and_how_to_answer(report: Scene) -> None:
     report.run(1.0, DRUM)
-    assert text(report) == "C1 unknown thing ahead 12%: go/stay/word"
+    assert text(report) == "C1 unknown 95% in yellow frame, over 25% calls"
 
 
 def test_a_call_for_a_place_says_so(report: Scene) -> None:
     report.run(1.0, ELSEWHERE)
-    assert text(report) == "C1 new place 0.50: go/stay/word"
+    assert text(report) == "C1 new place, .50, .85 needed: go/stay/word"
+
+
+def test_data_have_the_words_of_all_figures_which_the_payload_has_no_room_for(report: Scene) -> None:
+    report.run(1.0, View((Thing(AHEAD),), turned=60.0))
+    made = current_data(report.calls, Preferences.of(report.words), Place(), "", report.now)
+    assert made is not None
+    assert made.why == "new place, .50, .85 needed; unknown 95% in yellow frame, over 25% calls"
+    assert CallData.unpack(made.pack()).why == ""
+
+
+def test_a_new_place_names_the_one_that_it_is_most_nearly(report: Scene) -> None:
+    report.run(1.0, ELSEWHERE)
+    call = report.calls.call
+    assert call is not None
+    assert call.seen is not None
+    call.seen = replace(call.seen, likeness=Likeness(3, 0.914, 0.94))
+    assert text(report) == "C1 new place, .91 like C3, .94 needed: go/word"
+
+
+def test_a_mean_over_its_limit_is_told_as_the_regions(report: Scene) -> None:
+    mean = Finding.above(Reason.UNKNOWN_OBJECT, ROI_MEAN, 0.42, 0.3, 0.03)
+    report.show(CLEAR)
+    seen = report.calls.reason_filter.newest
+    assert seen is not None
+    thing = {Reason.UNKNOWN_OBJECT}
+    assert why(replace(seen, findings=(mean,)), thing) == "unknown 42% in region, over 30% calls"
+    assert why(seen, {Reason.UNKNOWN_OBJECT, Reason.UNKNOWN_SCENE, Reason.BLOCKED}) == ""
+    assert why(None, {Reason.UNKNOWN_SCENE}) == ""
 
 
 def test_a_call_for_both_says_both(report: Scene) -> None:
     report.run(1.0, View((Thing(AHEAD),), turned=60.0))
-    assert text(report) == "C1 new place, unknown thing 12%: go/stay/word"
+    assert text(report) == "C1 new place, unknown 95%, over 25% calls: go/word"
 
 
 def test_words_that_did_not_cover_are_told_with_the_figure(report: Scene) -> None:
     report.run(1.0, DRUM)
     report.answer(words={"puddle": -1.0})
-    assert text(report) == "C1 stays open: still unknown 12%"
+    assert text(report) == "C1 stays open: unknown 95%, over 25% calls"
 
 
 def test_the_largest_id_and_the_longest_fault_fit(report: Scene) -> None:
     report.calls.last_id = 0xFFFE
     report.run(1.0, View((Thing(AHEAD),), turned=60.0))
-    assert text(report).startswith("C65535 new place, unknown thing 12%: go/stay/word")
+    assert text(report).startswith("C65535 new place, unknown 95%, over 25% calls")
     assert text(report) == text(report).strip()
 
 
@@ -142,6 +180,8 @@ def test_a_go_that_waits_says_what_for(hold: Scene) -> None:
     hold.run(1.0)
     assert text(hold) == "C1 blocked by drum: waiting"
     hold.show(CLEAR, CLEAR)
+    assert text(hold) == "C1 blocked by drum: waiting"
+    hold.show(*[CLEAR] * 5)
     assert text(hold) == "C1 go given: waiting for a clear view"
 
 
@@ -232,7 +272,7 @@ def test_a_call_that_a_restart_found_open_is_told_without_figures(held: Scene) -
     held.restarted()
     told = data(held)
     assert (told.id, told.roi_uncertainty, told.worst_tile_box) == (1, None, None)
-    assert text(held) == "C1 unknown thing ahead ?%: go/stay/word"
+    assert text(held) == "C1 unknown thing ahead: go/stay/word"
 
 
 def test_data_survive_whatever_is_not_known_or_too_much(report: Scene) -> None:

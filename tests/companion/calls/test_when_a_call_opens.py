@@ -132,7 +132,7 @@ def test_the_frame_of_a_call_is_fixed_when_it_is_announced(report: Scene) -> Non
 def test_a_worse_frame_is_added_to_the_record(report: Scene) -> None:
     report.run(0.5, DRUM)
     assert (report.call.worst, report.call.worst_frame_id) == (
-        report.call.scope and report.call.scope.uncertainty,
+        report.call.thing and report.call.thing.level,
         report.call.frame_id,
     )
     report.run(0.5, View((Thing(AHEAD), Thing(BESIDE))))

@@ -85,6 +85,16 @@ def test_a_call_tells_the_answered_scene_most_like_its_frame_and_its_words(
     assert (then["call"], then["words"]) == (1, {"drum": 0.5, "grass": 0.8})
 
 
+def test_a_call_tells_in_text_record_and_state_which_place_it_missed_and_by_how_much(back: Rig) -> None:
+    back.see(2.0, scene=40)
+    missed = "new place, low sun or haze, .76, .85 needed"  # the camera films one bright colour
+    assert f"C2 {missed}" in back.texts
+    opened = back.served.tree.open("/calls/2.json")
+    assert json.loads(opened.read(0, opened.size))["why"] == missed
+    state = back.served.tree.open("/state.json")
+    assert json.loads(state.read(0, state.size))["open"]["why"] == missed
+
+
 def test_only_words_that_the_place_changes_are_told(rig: Rig) -> None:
     rig.see(2.0, "drum", scene=90)
     rig.answer(1, Motion.GO, SetWord("drum", 0.5), SetWord("grass", 0.8))

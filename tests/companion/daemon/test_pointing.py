@@ -175,7 +175,7 @@ def test_the_video_stands_still_with_the_place_marked_while_it_is_asked(viewer: 
     assert viewer.pictures[0].frame < rig.calls.call.frame_id
     assert {one.frame for one in viewer.pictures[-3:]} == {rig.calls.call.frame_id}
     still = viewer.draws[-1]
-    assert still.title.startswith("C1 unknown thing ahead")
+    assert still.title.startswith("C1 unknown ")
     assert still.video is not None
     assert still.video.place is not None
     assert still.video.note == "STILL PICTURE. Tap it: obstacle -1. Then go, or stay"

@@ -82,7 +82,7 @@ def test_it_holds_nothing_and_teaches_nothing(rig: Rig) -> None:
     assert rig.vision.words == before
     assert rig.engine.memory.history == memory.history
     assert rig.engine.memory.reference is memory.reference
-    assert rig.calls.reason_filter.acceptance is None
+    assert not rig.calls.reason_filter.things
     assert rig.stage.mode == AUTO
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from companion.answers.answer import Answer, Via
-from companion.wire.answers import ForgetWord, SetWord, TapBox
+from companion.wire.answers import ForgetCall, ForgetWord, SetWord, TapBox
 from companion.wire.ids import PAGE_SENDER, Motion
 from tests.anytraverse.conftest import AHEAD
 from tests.companion.daemon.rig import Rig
@@ -21,6 +21,14 @@ def test_a_word_turned_by_an_answer_is_told_with_its_sender(held: Rig) -> None:
     held.word(1, "rock", 0.5, Motion.GO)
     held.see(0.5, "drum")
     assert turned(held) == ["rock turned: -1 to +0.5, by 255/190"]
+
+
+def test_an_undo_that_turns_a_word_back_is_told(held: Rig) -> None:
+    held.word(1, "rock", 0.5, Motion.GO)
+    held.see(0.5, "drum")
+    held.answer(0, Motion.NONE, ForgetCall(1), SetWord("rock", -1.0), transaction=9)
+    held.see(0.5)
+    assert turned(held)[1:] == ["rock turned: +0.5 to -1, by 255/190"]
 
 
 def test_a_tap_that_turns_a_word_is_told(held: Rig) -> None:

@@ -1,0 +1,188 @@
+"""Holds one thing that an operator is asked about, or has answered about, and tracks it. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from anytraverse.assessment import CORRIDOR, NAMED_TILE, Assessment, Maps, Reason
+from anytraverse.history import Embedding, cosine
+from anytraverse.regions import Box
+from companion.calls.masks import Mask, coarse, joined
+from companion.calls.numbers import Numbers
+from companion.calls.tracking import sized, track
+
+REASONS_OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
+_WIDENS = 1.5
+"""A thing that comes nearer becomes wider and higher alike. Another one beside it makes the mask wider over
+its height, by more than this factor.
+"""
+_LITTLE = 0.25
+"""Of the ROI: where less of it lies outside the things, means are still taken over this share."""
+
+
+@dataclass
+class Thing:
+    """One object in one place, and what was said of it. A place without an object has no mask.
+
+    reasons: what is asked, or was accepted, of it. mask: where it is, grown by one cell: (h, w) bool, coarse.
+    uncertainty, strangeness: highest accepted means over the ROI outside of all things, in [0, 1] (see
+    `Maps`). So the thing may come nearer, and fill more of the ROI. level: mean uncertainty of the whole ROI
+    as accepted: single pixels up to it may be driven over, too.
+    shape: width over height of the mask, in cells, at its narrowest, and smoothed; infinite before.
+    scene: embedding of its place, None where that is not known. call: id of the call that asks about it.
+    since: when it was accepted, monotonic seconds. travelled: metres driven then, None where not known.
+    blocked_by: the word of weight 0 or below that names it: it blocks. "" where it does not.
+    clear_frames: frames in a row that do not show it.
+    """
+
+    reasons: frozenset[Reason]
+    scene: Embedding | None = None
+    call: int = 0
+    since: float = 0.0
+    travelled: float | None = None
+    mask: Mask | None = None
+    uncertainty: float = 0.0
+    strangeness: float = 0.0
+    level: float = 0.0
+    shape: float = math.inf
+    blocked_by: str = ""
+    clear_frames: int = field(default=0, compare=False)
+
+    def extend(self, mask: Mask) -> None:
+        """Add `mask`, (h, w), to the thing."""
+        self.mask = joined(self.mask, coarse(mask))
+
+    def moved(self, seen: Assessment, numbers: Numbers, *, at_once: bool = False) -> Mask | None:
+        """Return the thing's mask in this frame, or the last mask where nothing of it is found.
+
+        at_once: all that is connected, as when it is asked about. Otherwise a mask that becomes much wider,
+        and not as much higher, is not of the thing alone: another one stands beside it, outside of the last
+        mask.
+        """
+        if self.mask is None or seen.maps is None:
+            return self.mask
+        blocks = Reason.BLOCKED in self.reasons
+        found = track(self.mask, seen, seen.maps, numbers, blocks=blocks, at_once=at_once)
+        if at_once or _shape(found) <= _WIDENS * self.shape:
+            return found
+        # What leaves the picture below looks wider than it is; beside what spans the ROI there is no room.
+        bounds, columns = numbers.judging.region.bounds, np.flatnonzero(self.mask.any(axis=0))
+        left, right = (int(side * (self.mask.shape[1] - 1)) for side in (bounds.left, bounds.right))
+        spans = columns.size > 0 and columns[0] <= left and columns[-1] >= right
+        return found if spans or found[-1].any() else self.mask
+
+    def follow(self, mask: Mask | None) -> None:
+        """Move to where `moved` found it."""
+        self.mask = mask
+        now = math.inf if mask is None else _shape(mask)
+        self.shape = now if math.isinf(self.shape) else min(self.shape, (self.shape + now) / 2)
+
+    def measure(self, seen: Assessment, inside: Mask, numbers: Numbers) -> None:
+        """Raise the accepted figures to those of a frame with the things `inside`, (h, w)."""
+        if seen.roi is None or seen.maps is None:
+            return
+        uncertainty, strangeness = means_outside(seen.maps, inside, numbers)
+        self.uncertainty = max(self.uncertainty, uncertainty)
+        # Without a name it was not accepted, so what has one is compared with what had none.
+        named = Reason.BLOCKED in self.reasons or bool(self.blocked_by)
+        self.strangeness = max(self.strangeness, strangeness if named else uncertainty)
+        self.level = max(self.level, seen.roi.uncertainty)
+
+    def is_place(self, seen: Assessment, numbers: Numbers) -> bool:
+        """Whether the frame shows the accepted place."""
+        here = scene_of(seen)
+        if here is None or self.scene is None or Reason.UNKNOWN_SCENE not in self.reasons:
+            return False
+        return cosine(self.scene, here) >= numbers.judging.thresholds.scene
+
+    def in_roi(self, seen: Assessment, numbers: Numbers) -> Mask:
+        """Return what of its mask lies in the ROI, in the size of the frame's maps, (h, w)."""
+        inside = sized(self.mask, seen)
+        return inside & numbers.judging.region.mask(*inside.shape)
+
+    def overlaps(self, box: Box) -> bool:
+        """Whether a box, in fractions of the frame, shows some of it."""
+        return self.mask is not None and bool((self.mask & box.mask(*self.mask.shape)).any())
+
+    def ended(
+        self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None, *, shown: bool
+    ) -> bool:
+        """Whether the thing is gone, or an acceptance has used up its time or its distance.
+
+        What blocks ends only when it is gone: its outline has left the ROI, or is as drivable as a corridor,
+        or its word has another sign or is not in use. shown: the frame has a reason that this may explain.
+        It counts frames, so call it once a frame.
+        """
+        if self.blocked_by and seen.words.get(self.blocked_by, 1.0) > 0.0:
+            return True
+        if Reason.FAULT not in seen.reasons:
+            self.clear_frames = 0 if self._stays(seen, numbers, shown=shown) else self.clear_frames + 1
+        if self.clear_frames >= numbers.ok_frames:
+            return True
+        if self.blocked_by:
+            return False
+        way = None if travelled is None or self.travelled is None else travelled - self.travelled
+        return now - self.since >= numbers.accepted_for or (way or 0.0) >= numbers.accepted_distance
+
+    def _stays(self, seen: Assessment, numbers: Numbers, *, shown: bool) -> bool:
+        if not self.blocked_by:
+            return shown
+        if seen.maps is None:
+            return True
+        here = self.in_roi(seen, numbers)
+        return bool(here.any()) and float(seen.maps.drivable[here].mean()) < numbers.judging.corridor.share
+
+
+def _shape(mask: Mask) -> float:
+    """Return the width over the height of what is set in a mask, in cells; 0 where nothing is."""
+    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
+    return float((np.ptp(columns) + 1) / (np.ptp(rows) + 1)) if columns.size else 0.0
+
+
+def means_outside(maps: Maps, inside: Mask, numbers: Numbers) -> tuple[float, float]:
+    """Return the mean uncertainty and strangeness over the ROI outside the mask `inside`, (h, w).
+
+    Where tiles have no threshold, these means alone find another thing: then they are over the whole ROI.
+    """
+    region = numbers.judging.region.mask(*inside.shape)
+    outside = region if numbers.judging.thresholds.tile is None else region & ~inside
+    count = max(int(outside.sum()), round(_LITTLE * int(region.sum())), 1)
+    return float(maps.uncertainty[outside].sum()) / count, float(maps.strangeness[outside].sum()) / count
+
+
+def union(masks: Sequence[Mask | None], seen: Assessment) -> Mask:
+    """Return the union of masks in the size of the frame's maps, (h, w)."""
+    whole = sized(None, seen)
+    for mask in masks:
+        whole = whole | sized(mask, seen)
+    return whole
+
+
+def boxes_of(seen: Assessment, reasons: frozenset[Reason]) -> list[Box]:
+    """Return a box for each thing that is asked about: the worst tile, the corridor's gap, the named tile."""
+    roi = seen.roi
+    if roi is None or seen.tile is None:
+        return []
+    bad = {(one.reason, one.figure) for one in seen.bad}
+    boxes = []
+    if Reason.UNKNOWN_OBJECT in reasons | seen.reasons or Reason.BLOCKED in reasons:
+        boxes.append(seen.tile.box)
+    if roi.corridor.gap is not None and any((reason, CORRIDOR) in bad for reason in reasons):
+        boxes.append(roi.corridor.gap.box)
+    if (Reason.BLOCKED, NAMED_TILE) in bad and Reason.BLOCKED in reasons and roi.named_tile is not None:
+        boxes.append(roi.named_tile.tile.box)
+    return boxes
+
+
+def scene_of(seen: Assessment) -> Embedding | None:
+    """Return the embedding of the frame's scene, None where the frame could not be judged."""
+    return seen.observation.embedding if seen.observation is not None else None
+
+
+def unexplained_in_roi(maps: Maps, numbers: Numbers) -> Mask:
+    """Return the mask of what is neither known nor drivable in the ROI, (h, w)."""
+    return ~maps.known & ~maps.drivable & numbers.judging.region.mask(*np.shape(maps.drivable))

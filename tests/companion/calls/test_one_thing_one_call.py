@@ -1,0 +1,246 @@
+"""Rule 6: what was answered about a thing holds for all of it, until it is gone; another thing must call."""
+
+from __future__ import annotations
+
+import pytest
+
+from anytraverse.answers import AnswerOutcome, Changes, Tap
+from anytraverse.assessment import Reason
+from anytraverse.regions import Box
+from companion.calls.answered_things import MOST
+from companion.wire.ids import Motion, Outcome, Policy, Result
+from tests.companion.calls.scenes import (
+    AHEAD,
+    AUTO,
+    BESIDE,
+    CLEAR,
+    DRUM,
+    HOLD,
+    Scene,
+    Thing,
+    View,
+)
+
+FAR = Thing(Box(0.34, 0.60, 0.42, 0.67))
+TENT = Thing(BESIDE, "tent")
+BLOCKED = {Reason.BLOCKED}
+
+
+def tapped(scene: Scene, weight: float, box: Box = AHEAD, motion: Motion = Motion.NONE) -> Result:
+    """Tap with a word that the perceiver then does not find anywhere."""
+    changes = Changes(taps=(Tap(scene.frame, box, "gnome", weight),))
+    scene.words["gnome"] = weight
+    call = scene.calls.call
+    again = scene.judged(call.frame_id) if call is not None else None
+    outcome = AnswerOutcome(again, scene.judged(scene.frame))
+    result, decisions = scene.calls.apply_answer(scene.calls.current_id, motion, changes, outcome, scene.now)
+    scene.keep(decisions)
+    return result
+
+
+def nearer(scene: Scene, *beside: Thing) -> None:
+    """Come nearer to the drum, at some 2 m/s."""
+    for step in range(20):
+        box = Box(0.40 - 0.004 * step, 0.68 + 0.006 * step, 0.52 + 0.004 * step, 0.80 + 0.010 * step)
+        scene.run(0.2, View((Thing(box), *beside)))
+
+
+@pytest.fixture
+def named(held: Scene) -> Scene:
+    """Standing before a drum that was tapped as a gnome: -1, and is not found by that."""
+    assert tapped(held, -1.0) is Result.APPLIED
+    held.run(1.0)
+    return held
+
+
+def test_what_was_tapped_as_not_drivable_blocks_and_does_not_call_though_it_is_not_found(
+    named: Scene,
+) -> None:
+    named.run(30.0)
+    assert named.opened() == [1]
+    assert named.calls.reason_filter.reasons(named.now) == BLOCKED
+    assert named.autopilot.mode == HOLD
+
+
+def test_neither_time_nor_distance_ends_what_blocks(named: Scene) -> None:
+    named.autopilot.travelled = 0.0
+    named.run(25.0)
+    named.autopilot.travelled = 50.0
+    named.run(2.0)
+    assert named.calls.reason_filter.reasons(named.now) == BLOCKED
+    assert named.opened() == [1]
+
+
+def test_it_blocks_until_five_frames_show_drivable_ground_there(named: Scene) -> None:
+    named.show(CLEAR, CLEAR, CLEAR, CLEAR, DRUM, CLEAR, CLEAR, CLEAR, CLEAR)
+    assert named.calls.reason_filter.things
+    named.show(CLEAR)
+    assert not named.calls.reason_filter.things
+
+
+def test_a_go_waits_until_it_is_gone(named: Scene) -> None:
+    named.go()
+    named.run(5.0)
+    assert named.autopilot.mode == HOLD
+    named.run(2.0, CLEAR)
+    assert named.autopilot.mode == AUTO
+
+
+def test_it_is_followed_as_it_comes_nearer(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    tapped(report, -1.0)
+    nearer(report)
+    assert report.opened() == [1]
+    assert report.calls.reason_filter.reasons(report.now) == BLOCKED
+
+
+def test_another_thing_beside_what_blocks_calls(named: Scene) -> None:
+    named.run(1.0, View((Thing(AHEAD), TENT)))
+    assert named.opened() == [1, 2]
+
+
+@pytest.mark.parametrize("weight", [1.0, None])
+def test_it_does_not_block_once_its_word_has_another_sign_or_is_not_in_use(
+    named: Scene, weight: float | None
+) -> None:
+    named.words.pop("gnome")
+    if weight is not None:
+        named.words["gnome"] = weight
+    named.run(1.0)
+    assert named.calls.reason_filter.reasons(named.now) == {Reason.UNKNOWN_OBJECT}
+
+
+def test_look_again_ends_what_blocks(named: Scene) -> None:
+    named.run(1.0)
+    named.answer(Motion.LOOK_AGAIN)
+    assert not named.calls.reason_filter.things
+
+
+@pytest.mark.parametrize(("box", "blocks"), [(AHEAD, False), (BESIDE, True)])
+def test_a_tap_above_zero_on_it_ends_it(named: Scene, box: Box, blocks: bool) -> None:
+    named.words["moss"] = 1.0
+    changes = Changes(taps=(Tap(named.frame, box, "moss", 1.0),))
+    named.calls.apply_answer(named.calls.current_id, Motion.NONE, changes, None, named.now)
+    assert bool(named.calls.reason_filter.things) is blocks
+
+
+def test_a_word_that_finds_a_part_of_the_thing_blocks_all_of_it(hold: Scene) -> None:
+
+    thing = Thing(Box(0.36, 0.66, 0.56, 0.90), mistaken=0.4)
+    hold.run(1.0, View((thing,)))
+    assert hold.answer(words={"gnome": -1.0}) is Result.APPLIED
+    hold.run(2.0)
+    assert hold.opened() == [1]
+    assert hold.calls.reason_filter.reasons(hold.now) == BLOCKED
+
+
+@pytest.mark.parametrize("tap", [True, False])
+def test_a_word_above_zero_with_a_go_accepts_the_thing_though_it_is_not_found(held: Scene, tap: bool) -> None:
+    if tap:
+        assert tapped(held, 1.0, motion=Motion.GO) is Result.APPLIED
+    else:
+        assert held.go({"puddle": 1.0}) is Result.APPLIED
+    held.run(3.0, DRUM)
+    assert held.autopilot.mode == AUTO
+    assert held.opened() == [1]
+    assert held.closed() == [(1, Outcome.ACCEPTED)]
+
+
+def test_words_for_a_new_place_do_not_accept_the_thing_in_it(hold: Scene) -> None:
+    there = View((Thing(AHEAD),), turned=60.0)
+    hold.run(1.0, there)
+    assert hold.call.reasons == {Reason.UNKNOWN_OBJECT, Reason.UNKNOWN_SCENE}
+    assert hold.go({"gravel": 1.0}) is Result.NOT_COVERED
+    hold.run(5.0, there)
+    assert hold.autopilot.mode == HOLD
+    assert not hold.calls.reason_filter.things
+
+
+def test_a_word_above_zero_without_a_go_accepts_nothing(held: Scene) -> None:
+    assert held.answer(words={"puddle": 1.0}) is Result.NOT_COVERED
+    assert not held.calls.reason_filter.things
+
+
+def test_several_goes_count_together(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    report.go()
+    both = View((Thing(AHEAD), TENT))
+    report.run(1.0, both)
+    assert report.opened() == [1, 2]
+    assert report.call.seen is not None
+    assert report.call.seen.tile is not None
+    assert BESIDE.contains(*report.call.seen.tile.box.centre), "it asks about the other one"
+    report.go()
+    report.run(5.0, both)
+    assert report.opened() == [1, 2]
+    report.run(1.0, View((*both.things, FAR)))
+    assert report.opened() == [1, 2, 3]
+
+
+def test_of_many_things_the_newest_count(report: Scene) -> None:
+    for _ in range(MOST + 3):
+        report.run(0.5, DRUM)
+        seen = report.judged(report.frame)
+        things = report.calls.reason_filter.things
+        things.accept(things.asked(seen, seen.reasons)[0], seen.reasons, report.now, None)
+    assert len(things.things) == MOST
+
+
+@pytest.mark.parametrize("tile", [0.25, 0.65, 0.85])
+def test_an_accepted_thing_that_fills_more_of_the_region_is_not_asked_about_again(tile: float) -> None:
+    scene = Scene(Policy.HOLD, tile=tile)
+    scene.run(1.0)
+    scene.run(1.0, DRUM)
+    scene.go()
+    nearer(scene)
+    assert scene.autopilot.mode == AUTO
+    assert scene.opened() == [1]
+
+
+def test_an_accepted_thing_that_fills_the_picture_is_no_new_place_and_a_place_behind_it_is(
+    report: Scene,
+) -> None:
+    large = Thing(Box(0.28, 0.66, 0.72, 0.95))
+    report.run(1.0, View((large,)))
+    report.go()
+    report.run(3.0, View((large,), turned=60.0))
+    assert report.opened() == [1]
+    report.run(1.0, View(turned=60.0))
+    assert report.opened() == [1, 2]
+
+
+def test_a_small_accepted_thing_does_not_hide_a_new_place(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    report.go()
+    report.run(1.0, View((Thing(AHEAD),), turned=60.0))
+    assert report.opened() == [1, 2]
+    assert report.call.reasons == {Reason.UNKNOWN_SCENE}
+
+
+@pytest.mark.parametrize("tile", [0.25, 0.65, 0.85])
+def test_a_second_thing_beside_it_still_holds(tile: float) -> None:
+    scene = Scene(Policy.HOLD, tile=tile)
+    scene.run(1.0)
+    scene.run(1.0, DRUM)
+    scene.go()
+    nearer(scene)
+    nearer(scene, Thing(Box(0.33, 0.62, 0.41, 0.74), "tent"))
+    assert scene.autopilot.mode == HOLD
+    assert scene.opened() == [1, 2]
+
+
+def test_whoever_takes_over_has_accepted_all_that_stood_and_nothing_else(held: Scene) -> None:
+    all_of_it = View((Thing(AHEAD), TENT, Thing(Box(0.34, 0.84, 0.40, 0.94), "box")))
+    held.run(1.0, all_of_it)
+    held.human(AUTO)
+    held.run(5.0)
+    assert held.autopilot.mode == AUTO
+    held.run(1.0, View((*all_of_it.things, FAR)))
+    assert held.autopilot.mode == HOLD
+
+
+def test_whoever_takes_over_before_what_blocks_is_not_held_for_it(named: Scene) -> None:
+    named.human(AUTO)
+    named.run(5.0)
+    assert named.autopilot.mode == AUTO
+    assert named.opened() == [1]

@@ -62,6 +62,14 @@ def undoing(answers: Sequence[Answered], undone: Pending | None) -> tuple[Operat
     return (ForgetCall(taught[0].pending.target), *restored)
 
 
+def undone_words(operations: Sequence[Operation]) -> dict[str, float] | None:
+    """Return word -> weight of the words that undoing sets, so that a page sees which it turns.
+
+    operations: what `undoing` returned. None where nothing is left to undo.
+    """
+    return {one.word: one.weight for one in operations if isinstance(one, SetWord)} if operations else None
+
+
 def said(motion: Motion, operations: Sequence[Operation]) -> str:
     """Word an answer."""
     return ", ".join([*map(_operation, operations), *([_MOTIONS[motion]] if motion in _MOTIONS else [])])

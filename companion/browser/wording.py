@@ -59,17 +59,17 @@ def points(call: CallData | CallRecord) -> bool:
 
 
 def figures(call: CallData | CallRecord) -> str:
-    """Give the figures behind the reason."""
-    shown = []
-    if call.roi_uncertainty is not None:
+    """Give the figures behind the reason: what the rover says of them, else those that it tells."""
+    shown = [call.why] if call.why else []
+    if not call.why and call.roi_uncertainty is not None:
         shown.append(f"{percent(call.roi_uncertainty)} of the region of interest unexplained")
-    if call.worst_tile is not None and points(call):
+    if not call.why and call.worst_tile is not None and points(call):
         shown.append(f"{percent(call.worst_tile)} in the yellow frame")
     if call.drivable_share is not None:
         shown.append(f"{percent(call.drivable_share)} of the known ground drivable")
-    if call.similarity is not None:
+    if not call.why and call.similarity is not None:
         shown.append(f"{call.similarity:.2f} like the place it knows")
-    return ", ".join(shown)
+    return "; ".join(shown) if call.why else ", ".join(shown)
 
 
 def what_to_do(call: CallData) -> str:

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from anytraverse.assessment import CORRIDOR, NAMED_TILE, WORST_TILE, Assessment, Reason
+from anytraverse.assessment import (
+    CORRIDOR,
+    NAMED_MEAN,
+    NAMED_TILE,
+    ROI_MEAN,
+    WORST_TILE,
+    Assessment,
+    Reason,
+)
 from anytraverse.history import Place
+from anytraverse.light import light_name
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Region
 from companion.calls.decisions import CallState
 from companion.calls.machine import OperatorCalls
 from companion.wire import texts
+from companion.wire.call_figures import place_figures, thing_figures
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.packing import Fractions
 from companion.wire.payloads import SECTORS, CallData, Summary
@@ -21,6 +31,15 @@ _FLAGS = {
     Reason.BLOCKED: Reasons.BLOCKED,
     Reason.FAULT: Reasons.FAULT,
 }
+
+
+_PARTS = {
+    WORST_TILE: "yellow frame",
+    NAMED_TILE: "yellow frame",
+    ROI_MEAN: "region",
+    NAMED_MEAN: "region",
+}
+"""Figure that calls for a thing -> the part of the picture that it is of."""
 
 
 def flags(reasons: Iterable[Reason]) -> Reasons:
@@ -121,6 +140,7 @@ def call_data(
 ) -> CallData:
     """Make the payload of a call or hold. Its figures are those of the frame `seen`."""
     roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
+    reasons = frozenset(reasons)
     place_asked = place_of(kind, seen) if seen is not None else None
     return CallData(
         id=number,
@@ -130,6 +150,7 @@ def call_data(
         reasons=flags(reasons),
         holding=holding,
         test=False,
+        why=why(seen, reasons),
         frame_id=frame_id,
         age_s=max(0, round(age)),
         roi=fractions(region.bounds),
@@ -182,6 +203,8 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
         return _unanswered_text(number, call.reasons, call.seen, tried=call.state is CallState.NOT_COVERED)
     if Reason.BLOCKED in reasons:
         blocked = newest is not None and Reason.BLOCKED in newest.reasons
+        if words := [] if blocked else calls.reason_filter.things.words:
+            return texts.blocked_by(number, words[-1], kind)
         shown = calls.hold.seen if calls.hold is not None and not blocked else None
         return blocked_text(shown or newest, number, kind)
     if calls.go_at is not None:
@@ -213,14 +236,54 @@ def fault_name(newest: Assessment | None, silent: list[str]) -> str:
     return finding.figure if finding is not None else "no fresh frame"
 
 
-def _unanswered_text(number: int, reasons: Iterable[Reason], seen: Assessment | None, *, tried: bool) -> str:
-    uncertainty = seen.roi.uncertainty if seen is not None and seen.roi is not None else None
-    similarity = seen.similarity if seen is not None else None
-    reasons = frozenset(reasons)
+def why(seen: Assessment | None, reasons: Iterable[Reason]) -> str:
+    """Word the figures that call, and what they lack, of these reasons: "" where none is known."""
+    found, light = [], _light(seen)
+    place, thing = _place_figures(seen), _thing_figures(seen)
+    if Reason.UNKNOWN_SCENE in reasons and place[0] is not None:
+        found.append(place_figures(*place, light))
+    if Reason.UNKNOWN_OBJECT in reasons and thing[0] is not None:
+        found.append(thing_figures(*thing, light))
+    return "; ".join(found)
+
+
+def still_open_text(number: int, seen: Assessment, reasons: Iterable[Reason]) -> str:
+    """Return the text that says that an answer's words do not cover what the call shows."""
     if Reason.UNKNOWN_OBJECT not in reasons:
-        return (texts.still_new if tried else texts.unknown_scene)(number, similarity)
-    if tried:
-        return texts.still_unknown(number, uncertainty)
+        return texts.still_new(number, *_place_figures(seen)[:2])
+    return texts.still_unknown(number, *_thing_figures(seen)[:2])
+
+
+def _light(seen: Assessment | None) -> str:
+    return light_name(seen.light) if seen is not None else ""
+
+
+def _place_figures(seen: Assessment | None) -> tuple[float | None, float | None, int | None]:
+    """Return how much a place is like the known one that it lacks least, how much it needs, which it is."""
+    if seen is None:
+        return None, None, None
+    if seen.likeness is not None:
+        return seen.likeness.similarity, seen.likeness.needed, seen.likeness.call_id
+    scene = seen.finding(Reason.UNKNOWN_SCENE)
+    return (None, None, None) if scene is None else (scene.value, scene.threshold, None)
+
+
+def _thing_figures(seen: Assessment | None) -> tuple[float | None, float | None, str]:
+    """Return how unknown a thing is, what calls, and where: of the yellow frame first, else of the region."""
+    bad = seen.bad if seen is not None else ()
+    found = {one.figure: one for one in bad if one.reason is Reason.UNKNOWN_OBJECT}
+    for figure, of in _PARTS.items():
+        if figure in found:
+            return found[figure].value, found[figure].threshold, of
+    return None, None, ""
+
+
+def _unanswered_text(number: int, reasons: Iterable[Reason], seen: Assessment | None, *, tried: bool) -> str:
+    reasons = frozenset(reasons)
+    if tried and seen is not None:
+        return still_open_text(number, seen, reasons)
+    if Reason.UNKNOWN_OBJECT not in reasons:
+        return texts.unknown_scene(number, *_place_figures(seen), _light(seen))
     if Reason.UNKNOWN_SCENE in reasons:
-        return texts.unknown_both(number, uncertainty)
-    return texts.unknown_object(number, uncertainty)
+        return texts.unknown_both(number, *_thing_figures(seen)[:2])
+    return texts.unknown_object(number, *_thing_figures(seen), _light(seen))

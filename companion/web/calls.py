@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from companion.browser import wording
-from companion.browser.given import Answered, undoing
+from companion.browser.given import Answered, undoing, undone_words
 from companion.wire.delivery import Pending
 from companion.wire.documents import (
     PICTURES,
@@ -122,7 +122,7 @@ def _more(
         "said": [{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
         "answers": [one.document() for one in here.answers],
         "first": wording.first_answer(record, None) if record is not None and here.too_late else "",
-        "undo": bool(undoing(here.answers, here.undone)),
+        "undo": undone_words(undoing(here.answers, here.undone)),
         "undone": here.undone.told if here.undone is not None else None,
         "nearest": nearest,
     }

@@ -16,7 +16,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.preferences import MAX_WORDS, check_weight, clean_word
 from companion.wire.ids import Kind, Outcome, Reasons, Stage, words_hash
 from companion.wire.json_values import DocumentError, list_of, mapping_of, number_of, read_object, text_of
-from companion.wire.packing import Fractions
+from companion.wire.packing import Fractions, clean
 from companion.wire.parameters import MAX_PARAMETERS, ROI
 from companion.wire.parameters import MAX_WORDS as MOST_IN_VOCABULARY
 from companion.wire.payloads import CallData
@@ -102,10 +102,14 @@ class GivenAnswer:
 
 @dataclass(frozen=True)
 class CallRecord:
-    """A call as its rover recorded it. outcome: "" while it is open. picture, raw, large: paths, or ""."""
+    """A call as its rover recorded it. outcome: "" while it is open. picture, raw, large: paths, or "".
+
+    why: as of `CallData`.
+    """
 
     id: int
     reasons: Reasons
+    why: str
     roi_uncertainty: float | None
     worst_tile: float | None
     worst_tile_box: Fractions | None
@@ -181,6 +185,7 @@ def record_from(told: Mapping[str, Any]) -> CallRecord:
     return CallRecord(
         id=int(number),
         reasons=_reasons(told.get("reasons")),
+        why=clean(text_of(told.get("why"))),
         roi_uncertainty=number_of(told.get("roi_uncertainty"), 0, 1),
         worst_tile=number_of(told.get("worst_tile"), 0, 1),
         worst_tile_box=_box(told.get("worst_tile_box")),
@@ -233,6 +238,7 @@ def _open_call(
         word_count=len(words),
         words=words_hash(words),
         picture=_picture(shown.get("picture")),
+        why=clean(text_of(shown.get("why"))),
     )
 
 

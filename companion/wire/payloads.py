@@ -135,6 +135,8 @@ class CallData:
     age_s: since it was announced. latitude, longitude: degrees; heading: degrees from north; None unknown.
     word_count, words: number and hash of the words in use.
     picture: its path on the file server, at most 60 bytes; "" for none.
+    why: the figures that call, and what they lack, in words; "" where not known. The payload has no room for
+    it: its text says it, and its files do.
     """
 
     id: int
@@ -158,6 +160,7 @@ class CallData:
     word_count: int
     words: int
     picture: str = ""
+    why: str = ""
 
     def pack(self) -> bytes:
         """Pack into the payload's bytes."""

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 
+from companion.wire.call_figures import place_figures, thing_figures
 from companion.wire.ids import MAX_TEXT, Kind, Outcome
 from companion.wire.packing import shortened
 
 _ANSWERS = "go/stay/word"
+_TWO = "go/word"
 _OUTCOMES = {
     Outcome.NONE: "over",
     Outcome.ANSWERED: "answered, thank you",
@@ -47,23 +49,30 @@ def percent(share: float | None) -> str:
     return f"{min(1.0, max(0.0, share)):.0%}"
 
 
-def _similarity(value: float | None) -> str:
-    return "" if value is None or not math.isfinite(value) else f" {min(1.0, max(-1.0, value)):.2f}"
+def unknown_object(call: int, share: float | None, limit: float | None, of: str, light: str = "") -> str:
+    """Calls for a thing ahead that no word explains. share, limit, of, light: as for `thing_figures`."""
+    short = f"C{call} {thing_figures(share, limit, '')}"
+    return _asking(f"C{call} {thing_figures(share, limit, of, light)}", short)
 
 
-def unknown_object(call: int, uncertainty: float | None) -> str:
-    """Calls for a thing ahead that no word explains. uncertainty: in [0, 1]."""
-    return fit(f"C{call} unknown thing ahead {percent(uncertainty)}: {_ANSWERS}")
+def unknown_scene(
+    call: int, similarity: float | None, needed: float | None, like: int | None, light: str = ""
+) -> str:
+    """Calls for a place unlike the known ones. similarity, needed, like, light: as for `place_figures`."""
+    short = f"C{call} {place_figures(similarity, needed, None)}"
+    return _asking(f"C{call} {place_figures(similarity, needed, like, light)}", short)
 
 
-def unknown_scene(call: int, similarity: float | None) -> str:
-    """Calls for a place unlike the known ones. similarity: cosine to the reference scene."""
-    return fit(f"C{call} new place{_similarity(similarity)}: {_ANSWERS}")
+def unknown_both(call: int, share: float | None, limit: float | None) -> str:
+    """Calls for a new place with an unknown thing in it. share, limit: as for `thing_figures`."""
+    known = thing_figures(share, limit, "")
+    return _asking(f"C{call} new place, {known}", f"C{call} new place, unknown thing")
 
 
-def unknown_both(call: int, uncertainty: float | None) -> str:
-    """Calls for a new place with an unknown thing in it."""
-    return fit(f"C{call} new place, unknown thing {percent(uncertainty)}: {_ANSWERS}")
+def _asking(text: str, short: str) -> str:
+    """Return what fits of a text, or of a short one, with the answers behind it where there is room."""
+    forms = [f"{text}: {_ANSWERS}", f"{text}: {_TWO}", text, f"{short}: {_ANSWERS}", short]
+    return next((form for form in forms if len(form.encode()) <= MAX_TEXT), fit(short))
 
 
 def trial_call(call: int) -> str:
@@ -71,14 +80,14 @@ def trial_call(call: int) -> str:
     return fit(f"C{call} TEST call, nothing is wrong: {_ANSWERS}")
 
 
-def still_unknown(call: int, uncertainty: float | None) -> str:
-    """Reports that the answer's words do not cover the thing."""
-    return fit(f"C{call} stays open: still unknown {percent(uncertainty)}")
+def still_unknown(call: int, share: float | None, limit: float | None) -> str:
+    """Reports that the answer's words do not cover the thing. share, limit: as for `thing_figures`."""
+    return fit(f"C{call} stays open: {thing_figures(share, limit, '')}")
 
 
-def still_new(call: int, similarity: float | None) -> str:
-    """Reports that the answer does not cover the place."""
-    return fit(f"C{call} stays open: still a new place{_similarity(similarity)}")
+def still_new(call: int, similarity: float | None, needed: float | None) -> str:
+    """Reports that the answer does not cover the place. similarity, needed: as for `place_figures`."""
+    return fit(f"C{call} stays open: {place_figures(similarity, needed, None)}")
 
 
 def answered_waiting(kind: Kind, number: int) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from anytraverse.preferences import turns_sign
-from companion.wire.answers import SetWord, TapBox
+from companion.wire.answers import OtherPlace, SetWord, TapBox
 from companion.wire.typed_answers import Tap
 
 
@@ -18,19 +18,31 @@ def own_weight(word: str, in_force: Mapping[str, float], given: Mapping[str, flo
 
 
 def turned(
-    changes: Iterable[object], in_force: Mapping[str, float], given: Mapping[str, float], *, read: bool = True
+    changes: Iterable[object],
+    in_force: Mapping[str, float],
+    given: Mapping[str, float],
+    matched: Mapping[str, tuple[float | None, float | None]],
+    *,
+    read: bool = True,
 ) -> str:
     """Return a question for a person about the words that these changes turn, "" where they turn none.
 
+    matched: word -> weight before and after the newest match, None: out of use. "other place" takes it back.
     read: False while `in_force` and `given` may lack words: then one that they lack may turn, too.
     """
-    was, becomes = [], []
+    weights: list[tuple[str, float]] = []
     for change in changes:
         if isinstance(change, SetWord | Tap | TapBox):
-            own = own_weight(change.word, in_force, given)
-            if turns_sign(own, change.weight) if own is not None else not read:
-                was.append(f"{change.word} {'is not read yet' if own is None else f'was {own:g}'}")
-                becomes.append(f"{change.word} becomes {'drivable' if change.weight > 0 else 'not drivable'}")
+            weights.append((change.word, change.weight))
+        elif isinstance(change, OtherPlace):
+            both = matched.items()
+            weights += [(word, back) for word, (back, now) in both if back is not None and now is not None]
+    was, becomes = [], []
+    for word, weight in weights:
+        own = own_weight(word, in_force, given)
+        if turns_sign(own, weight) if own is not None else not read:
+            was.append(f"{word} {'is not read yet' if own is None else f'was {own:g}'}")
+            becomes.append(f"{word} becomes {'drivable' if weight > 0 else 'not drivable'}")
     if not was:
         return ""
     it = "it" if len(was) == 1 else "them"

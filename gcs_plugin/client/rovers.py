@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pymavlink.dialects.v20.common import MAV_SEVERITY_WARNING
 
 from companion.wire.answers import Acknowledgement
+from companion.wire.call_figures import asked
 from companion.wire.documents import StateFile
 from companion.wire.ids import (
     CHANGING_RESULTS,
@@ -130,6 +131,8 @@ class Rover:
         self._idle_since: float | None = None
         self._serial = 0
         self._summary_at = 0.0
+        self._asked = 0, ""
+        """Id of the call whose text came last, and why it is open, in the rover's words."""
 
     def alive(self, now: float) -> bool:
         """Return whether the last heartbeat of its companion is younger than 3 s."""
@@ -234,6 +237,8 @@ class Rover:
     def handle_call(self, data: CallData, now: float) -> list[ev.Event]:
         """Take in the data of a call or hold; a mere repeat makes no event."""
         known = self.calls.get(data.id)
+        number, why = self._asked
+        data = replace(data, why=why if number == data.id else "")
         if known is not None and not _is_another_call(known, data, now):
             return self._update_call(known, data, now)
         self._make_room()
@@ -260,7 +265,16 @@ class Rover:
     def handle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         """Take in a STATUSTEXT of the companion."""
         self.texts.append((now, severity, text))
+        self._hear_why(text)
         return [ev.TextReceived(self.system, severity, text)]
+
+    def _hear_why(self, text: str) -> None:
+        """Keep what a text says of an open call's figures: the call's data has no room for it."""
+        if found := asked(text):
+            self._asked = found
+            call = self.calls.get(found[0])
+            if call is not None and call.open and call.data.kind is Kind.CALL:
+                call.data = replace(call.data, why=found[1])
 
     def handle_vehicle_text(self, severity: int, text: str, now: float) -> list[ev.Event]:
         """Report the autopilot's texts of WARNING or worse, except repeats of the companion's texts."""

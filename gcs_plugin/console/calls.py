@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from companion.browser import wording as browser_wording
-from companion.browser.given import Answered, undoing
+from companion.browser.given import Answered, undoing, undone_words
 from companion.wire.answers import Operation
+from companion.wire.call_figures import asked
 from companion.wire.delivery import Pending
 from companion.wire.documents import CallRecord
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage
@@ -25,7 +26,7 @@ SHOWN = 24
 """Calls of a rover that are shown, the newest ones."""
 MOST_SAID = 12
 _ABOUT = re.compile(r"[CH](\d{1,5}) ", re.ASCII)
-_ASKS = ("go/stay/word", "go?")
+_ASKS = ("/word", "go?")
 _DRIVES = frozenset({"AUTO", "GUIDED", "AUTO.MISSION", "OFFBOARD"})
 _CLOSED_BY_ANSWER = (Outcome.ANSWERED, Outcome.ACCEPTED)
 
@@ -105,7 +106,7 @@ class Stories:
 
     def hear(self, text: str, wall: float) -> None:
         """Take in a text of the companion, which may be about a call. Those that only ask are left out."""
-        about = None if text.endswith(_ASKS) else _ABOUT.match(text)
+        about = None if text.endswith(_ASKS) or asked(text) else _ABOUT.match(text)
         story = self.by_id.get(int(about[1])) if about else None
         if story is not None and (not story.said or story.said[-1][1] != clean(text)):
             story.said.append((wall, clean(text)))
@@ -188,7 +189,7 @@ class Stories:
             "size": _frame_size(story),
             "answers": [one.document() for one in story.answers],
             "said": [{"at": round(at, 2), "text": text} for at, text in story.said],
-            "undo": bool(self.undo(story.id)),
+            "undo": undone_words(self.undo(story.id)),
             "undone": None if story.undone is None else story.undone.told,
         }
         if call is None:

@@ -171,8 +171,10 @@ class Session:
 
     def _refuse_turning(self, answer: Addressed, rover: Rover, *, by_person: bool) -> None:
         """Raise CommandError for an answer that turns a sign, unless a person repeats it."""
-        read = rover.state_file is not None
-        question = turned(answer.operations, rover.words(), rover.given(), read=read)
+        state = rover.state_file
+        matched = state.known_place.changed if state is not None and state.known_place is not None else {}
+        read = state is not None
+        question = turned(answer.operations, rover.words(), rover.given(), matched, read=read)
         if not by_person:
             if question:
                 raise CommandError(f"{question}. A table turns no sign: type it yourself")

@@ -56,13 +56,27 @@ _TEST_OUTCOMES = {
 
 
 def why(call: CallData) -> str:
-    """Word all reasons of a call with their figures: `unknown thing ahead, 38% unexplained, ...`."""
+    """Word all reasons of a call with their figures: `unknown 91% in yellow frame, over 85% calls, ...`."""
     return "; ".join(_reasons(call)) or "no reason given"
 
 
 def _reasons(call: CallData) -> Iterator[str]:
     if call.test:
         yield "TEST, nothing is wrong"
+    asks = call.reasons & (Reasons.UNKNOWN_OBJECT | Reasons.UNKNOWN_SCENE)
+    if asks and call.why:
+        points = call.reasons & Reasons.UNKNOWN_OBJECT and call.worst_tile_box
+        yield call.why + (f", {where(call.worst_tile_box)}" if points and call.worst_tile_box else "")
+    elif asks:
+        yield from _asking(call)
+    if call.reasons & Reasons.BLOCKED:
+        yield f"blocked by what it knows, {percent(call.drivable_share)} of the known ground drivable"
+    if call.reasons & Reasons.FAULT:
+        yield "fault: no picture that can be judged"
+
+
+def _asking(call: CallData) -> Iterator[str]:
+    """Word why a call asks by its figures, where the rover's own text of it was not received."""
     if call.reasons & Reasons.UNKNOWN_OBJECT:
         worst = (
             f", most {where(call.worst_tile_box)} ({percent(call.worst_tile)})" if call.worst_tile_box else ""
@@ -71,10 +85,6 @@ def _reasons(call: CallData) -> Iterator[str]:
     if call.reasons & Reasons.UNKNOWN_SCENE:
         known = "" if call.similarity is None else f", {call.similarity:.2f} like a known one"
         yield f"new place{known}"
-    if call.reasons & Reasons.BLOCKED:
-        yield f"blocked by what it knows, {percent(call.drivable_share)} of the known ground drivable"
-    if call.reasons & Reasons.FAULT:
-        yield "fault: no picture that can be judged"
 
 
 def fitting_answers(call: CallData, before: str = "") -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -76,6 +77,22 @@ def test_what_the_link_announces_the_client_knows(both: Callable[..., Both], thi
     pair.client.request_parameters(1)
     pair.run(3.0)
     assert rover.words() == {"grass": 1.0}
+
+
+FIGURES = "unknown 71% in yellow frame, over 25% calls"
+
+
+def test_why_a_call_is_open_is_known_from_its_text(both: Callable[..., Both], thing_call: CallData) -> None:
+    pair = both()
+    pair.link.link.announce(replace(thing_call, id=8, frame_id=5000), f"C8 {FIGURES}", pair.link.now)
+    pair.run(3.0)
+    rover = pair.client.rovers[1]
+    assert (rover.calls[7].data.why, rover.calls[8].data.why) == ("", FIGURES)
+    assert pair.of(ev.CallOpened)[-1].call.why == FIGURES
+    again = "C8 stays open: new place, .62, .85 needed"
+    pair.link.link.announce(replace(thing_call, id=8, frame_id=5000), again, pair.link.now)
+    pair.run(16.0)
+    assert rover.calls[8].data.why == "new place, .62, .85 needed"
 
 
 def test_an_answer_in_parts_arrives_whole_and_its_acknowledgement_comes_back(

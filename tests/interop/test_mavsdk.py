@@ -70,5 +70,5 @@ def test_the_example_shows_a_call_and_answers_it(stage: Any, address: str, start
     example.ask("AT_W_BUSH 1", ": repeat it to turn it")
     example.ask("go", "go: denied")
     stage.control.start()
-    example.wait_for(": go/stay/word")
+    example.wait_for("% calls")
     example.ask_until("stay", "stay: done")

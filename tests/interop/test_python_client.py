@@ -25,7 +25,7 @@ def test_the_client_written_from_the_specification_hears_sets_and_answers(
     client.ask("go", "stale")
     client.ask("command go", "MAV_RESULT 2")
     stage.control.start()
-    client.wait_for(": go/stay/word")
+    client.wait_for("% calls")
     call = client.wait_for("'stage': 1")
     assert re.search(r"'reasons': [123],", call)
     client.ask("get /calls/1.json", '"unknown')

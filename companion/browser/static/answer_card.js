@@ -8,7 +8,7 @@ import { ownWeights, plain, propose, turned } from "./weights.js";
 import { capital, signed, weightText } from "./wording.js";
 
 const READ = 2; // seconds for which a call that took another's place, or has other reasons, takes no answer: it may be meant for the one before
-const AND = { go: ", and go", stay: ", and stay", look: ", and look again", none: "" };
+const AND = { go: ", and go", stay: ", and stay", look: ", and look again", none: "", undo: ", and undo" };
 
 export class AnswerCard extends CallView {
   // send: posts, and returns a promise of "" or of what is wrong. staged: words set by sliders for this answer.
@@ -152,6 +152,7 @@ export class AnswerCard extends CallView {
 
   // Equal for answers that turn the same words in the same way.
   question(motion, changes) {
+    if (motion === "undo") return this.data.undo && JSON.stringify([motion, turned(this.undone(), this.weights)]);
     return this.data.open ? JSON.stringify([motion, changes, turned(changes, this.weights)]) : null;
   }
 
@@ -208,7 +209,17 @@ export class AnswerCard extends CallView {
     this.refresh();
   }
 
-  async takeBack() {
+  undone() {
+    return Object.entries(this.data.undo).map(([word, weight]) => ({ word, weight }));
+  }
+
+  async takeBack(agreed = null) {
+    if (!this.data.undo) return;
+    const what = this.question("undo"), turns = turned(this.undone(), this.weights);
+    if (turns.length && what !== agreed) {
+      this.motion = "undo";
+      return this.turning.ask(turns, { what, and: AND.undo, agreed: () => this.takeBack(what) });
+    }
     showText(this.problem, await this.post("undo", { rover: this.system, call: this.data.id }));
   }
 }

@@ -1,6 +1,8 @@
 // The remembered place whose words are in force by a match.
 
 import { changed, element, showFacts, showText } from "./elements.js";
+import { Turning } from "./turning.js";
+import { turned } from "./weights.js";
 import { clock } from "./wording.js";
 
 // known: as in /state.json.
@@ -21,26 +23,38 @@ export function place(known, { answers = false } = {}) {
 
 export class KnownPlace {
   // refuse: called with the number of its call, 0 for none, when it is another place; returns a promise of "" or of what is
-  // wrong. null where nobody may answer.
-  constructor(heading, refuse = null) {
+  // wrong. null where nobody may answer. say: reads aloud.
+  constructor(heading, refuse = null, say = null) {
+    this.refuse = refuse;
     this.answers = refuse !== null;
+    this.turning = new Turning(say);
     this.title = element(heading);
     this.note = element("p", { className: "note" });
     this.picture = element("img", { alt: "The remembered place whose words are in force", onload: () => this.showPicture(true), onerror: () => this.showPicture(false) });
     this.facts = element("dl", { className: "facts" });
     this.problem = element("p", { className: "problem" });
-    const other = refuse && element("button", { type: "button", className: "plain", onclick: async () => showText(this.problem, await refuse(this.call)) }, "It is another place");
+    const other = refuse && element("button", { type: "button", className: "plain", onclick: () => this.takeBack() }, "It is another place");
     this.part = element("figure", { className: "place", hidden: true }, element("div", { className: "frame pane" }, this.picture, this.note),
-      element("figcaption", {}, this.title, this.facts, other, this.problem));
+      element("figcaption", {}, this.title, this.facts, other, this.turning.part, this.problem));
+  }
+
+  // Words that the match set are as before it again.
+  async takeBack(agreed = null) {
+    const both = Object.entries(this.known.changed ?? {}).filter(([, [was, now]]) => was != null && now != null);
+    const own = { of: new Map(both.map(([word, [, now]]) => [word, now])), read: true };
+    const turns = turned(both.map(([word, [weight]]) => ({ word, weight })), own), what = JSON.stringify(this.known);
+    if (turns.length && what !== agreed) return this.turning.ask(turns, { what, and: ", as before", agreed: () => this.takeBack(what) });
+    showText(this.problem, await this.refuse(this.known.call ?? 0));
   }
 
   // known: null where no place is in force.
   show(known) {
     this.part.hidden = !known;
     changed(this.part, known ?? null, () => {
+      this.known = known;
+      this.turning.withdraw();
       if (!known) return;
       const { title, picture, rows } = place(known, this);
-      this.call = known.call ?? 0;
       showText(this.title, title);
       showFacts(this.facts, rows);
       this.showPicture(false);

@@ -11,7 +11,8 @@ export class Turning {
     this.texts = element("div");
     this.keep = element("button", { type: "button", onclick: () => this.over(this.refused) });
     this.turn = element("button", { type: "button", className: "turn", onclick: () => this.over(this.agreed) });
-    this.part = element("div", { className: "turning", role: "group", "aria-label": "Turn a sign?", hidden: true },
+    this.part = element("div", { className: "turning", role: "group", "aria-label": "Turn a sign?", hidden: true,
+      onkeydown: (event) => { if (event.key === "Escape") this.over(this.refused); } },
       this.texts, element("div", { className: "motions" }, this.keep, this.turn));
   }
 

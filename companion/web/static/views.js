@@ -38,7 +38,7 @@ let known = null, words = null, cards = null, lastMinute = null; // until it is 
 
 // send: posts an answer; null where the page only shows.
 export function begin(send) {
-  known = new KnownPlace("h3", send && ((call) => send("answer", { motion: "none", changes: [{ other_place: call }] })));
+  known = new KnownPlace("h3", send && ((call) => send("answer", { motion: "none", changes: [{ other_place: call }] })), say);
   words = new Words("", send, () => cards.byKey.forEach((card) => card.refresh()));
   cards = new Cards(() => (send ? new AnswerCard("", send, say, words.staged, "h2") : new CallView()));
   document.getElementById("views").append(known.part);

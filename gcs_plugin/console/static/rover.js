@@ -26,7 +26,7 @@ export class RoverView {
     this.uncertainty = new TimePlot("Unexplained", { above: true, at: 2 });
     this.fan = new Fan();
     this.words = new Words(system, send, () => this.refreshCards());
-    this.place = new KnownPlace("h4", (call) => send("answer", { rover: system, motion: "none", changes: [{ other_place: call }] }));
+    this.place = new KnownPlace("h4", (call) => send("answer", { rover: system, motion: "none", changes: [{ other_place: call }] }), say);
     this.track = new Track((key) => this.cards.byKey.get(key)?.look());
     this.policy = element("div", { className: "policies", role: "group", "aria-label": "Policy" });
     this.policyText = element("p", { className: "faint" });

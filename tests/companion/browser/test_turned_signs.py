@@ -20,8 +20,16 @@ from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
 from companion.drives.rehearsal import AskedCall, Rehearsal
 from companion.web.page import missing
-from companion.wire.answers import AnswerMessage, Operation, SetWord, TapBox
-from companion.wire.ids import Motion, Reasons, Stage
+from companion.wire.answers import (
+    Acknowledgement,
+    AnswerMessage,
+    ForgetCall,
+    Operation,
+    OtherPlace,
+    SetWord,
+    TapBox,
+)
+from companion.wire.ids import Motion, Reasons, Result, Stage
 from companion.wire.typed_answers import operation_of, read_typed
 from companion.wire.weights import own_weight, turned
 from tests.companion.web import played
@@ -52,6 +60,7 @@ class PageUnderTest(Protocol):
 
     def become(self, reasons: Reasons) -> None: ...
     def end_call(self) -> None: ...
+    def have_words(self, words: dict[str, float]) -> None: ...
     def close(self) -> None: ...
 
 
@@ -96,6 +105,10 @@ class ConsolePage:
         self.rover.call = replace(self.rover.call, stage=Stage.CLOSED)
         self.rover.stage_after = Stage.CLOSED  # words without a call open none
 
+    def have_words(self, words: dict[str, float]) -> None:
+        state = {"state": "ok", "words": words, "given": GIVEN, "vocabulary": []}
+        self.rover.files = {"/state.json": json.dumps(state).encode()}
+
     def close(self) -> None:
         self._turns.end()
         self.served.close()
@@ -103,6 +116,9 @@ class ConsolePage:
 
 class RoversOwnPage:
     def __init__(self, folder: Path) -> None:
+        (folder / "calls").mkdir()
+        record = {"id": 7, "reasons": ["unknown_scene"], "answers": []}
+        (folder / "calls" / "7.json").write_text(json.dumps(record))
         self.stage = played.Stage(folder, token=played.TOKEN)
         self.sent: list[tuple[Motion, tuple[Operation, ...]]] = []
         self.stage.page.answer = self._answer
@@ -118,6 +134,8 @@ class RoversOwnPage:
         message = AnswerMessage.unpack(payload)
         if (message.motion, message.operations) not in self.sent:
             self.sent.append((message.motion, message.operations))
+        done = Acknowledgement.without_figures(message.transaction, message.target, Result.APPLIED, "noted")
+        self.stage.page.acknowledge(done)
 
     def become(self, reasons: Reasons) -> None:
         names = [str(one.name).lower() for one in Reasons if one and one in reasons]
@@ -125,6 +143,9 @@ class RoversOwnPage:
 
     def end_call(self) -> None:
         self.stage.news["state"]["open"] = None
+
+    def have_words(self, words: dict[str, float]) -> None:
+        self.stage.news["state"]["words"] = words
 
     def close(self) -> None:
         self._turns.end()
@@ -135,7 +156,7 @@ class RehearsalPage:
     def __init__(self, _folder: Path) -> None:
         from companion.drives.browser_desk import BrowserDesk
 
-        memory = Memory("m", Preferences.of(WORDS), Preferences.of({**WORDS, **GIVEN}))
+        memory = Memory("m", Preferences.of(WORDS), given=GIVEN)
         thresholds = SimpleNamespace(scene=0.9)
         judge = SimpleNamespace(
             engine=SimpleNamespace(memory=memory, settings=SimpleNamespace(thresholds=thresholds))
@@ -163,6 +184,9 @@ class RehearsalPage:
         self.desk._tell(1, "asking")
 
     def end_call(self) -> None:
+        raise NotImplementedError
+
+    def have_words(self, words: dict[str, float]) -> None:
         raise NotImplementedError
 
     def close(self) -> None:
@@ -356,6 +380,64 @@ def test_by_mouse_a_slider_that_turns_a_word_is_asked_about_too(person: Person) 
     person.until(lambda: person.page.sent[1:] == [(Motion.NONE, (SetWord("water", 0.5),))])
 
 
+@pytest.mark.parametrize("page", [ConsolePage, RoversOwnPage], indirect=True)
+def test_undoing_an_answer_turns_a_sign_back_only_by_a_second_button(person: Person) -> None:
+    person.word.fill("water")
+    person.weight.fill("1")
+    person.go.click()
+    person.question.locator("button.turn").click()
+    person.until(lambda: len(person.page.sent) == 1)
+    person.page.have_words({**WORDS, "water": 1.0})
+    person.page.end_call()
+    card = person.tab.locator(".call").first
+    undo, question = card.get_by_role("button", name="Undo"), card.locator(".turning")
+    person.until(lambda: person.tab.locator(CALL).count() == 0)
+    person.until(undo.is_visible)
+    slider = person.tab.get_by_role("slider", name="Weight of water")
+    person.until(lambda: slider.input_value() == "1")
+    undo.click()
+    person.until(question.is_visible)
+    assert "Water was +1. All that fits it becomes not drivable." in question.inner_text()
+    person.shoot(f"undo-{type(person.page).__name__}")
+    assert person.focus() == "Keep water +1"
+    time.sleep(1.5)
+    assert question.is_visible(), "news of the rover does not take it away"
+    person.keys("Escape")
+    person.until(lambda: not question.is_visible())
+    undo.focus()
+    person.keys("Enter")
+    person.until(question.is_visible)
+    person.keys("Enter")
+    person.until(lambda: not question.is_visible())
+    time.sleep(0.5)
+    assert len(person.page.sent) == 1
+    undo.click()
+    question.get_by_role("button", name="Turn water to −1, and undo").click()
+    person.until(lambda: person.page.sent[1:] == [(Motion.NONE, (ForgetCall(7), SetWord("water", -1.0)))])
+    person.until(lambda: not undo.is_visible())
+
+
+@pytest.mark.parametrize("page", [RoversOwnPage], indirect=True)
+def test_refusing_a_known_place_turns_a_sign_back_only_by_a_second_button(person: Person) -> None:
+    assert isinstance(person.page, RoversOwnPage)
+    changed = {"water": [-1, 1], "grass": [0.5, 1], "mud": [-1, None], "sand": [None, 1]}
+    person.page.have_words({**WORDS, "water": 1.0, "sand": 1.0})
+    person.page.stage.news["state"]["known_place"] = {"call": 5, "similarity": 0.97, "changed": changed}
+    place = person.tab.locator(".place")
+    other, question = place.get_by_role("button", name="It is another place"), place.locator(".turning")
+    person.until(other.is_visible)
+    other.click()
+    person.until(question.is_visible)
+    assert question.locator("p").all_inner_texts() == ["Water was +1. All that fits it becomes not drivable."]
+    question.get_by_role("button", name="Keep water +1").click()
+    person.until(lambda: not question.is_visible())
+    time.sleep(0.5)
+    assert person.page.sent == []
+    other.click()
+    question.locator("button.turn").click()
+    person.until(lambda: person.page.sent == [(Motion.NONE, (OtherPlace(5),))])
+
+
 BOTH = """async (cases) => {
   const { ownWeights, propose, turned } = await import("/weights.js");
   return cases.map(([word, typed, words, given, thing]) => {
@@ -388,5 +470,5 @@ def test_pages_and_terminals_propose_the_same_weights(person: Person) -> None:
         word, typed, words, given, thing = case
         own = own_weight(word, words, given or {})
         weight = next(one for one in (typed, own, -1.0 if thing else 1.0) if one is not None)
-        asks = bool(turned([SetWord(word, weight)], words, given or {}, read=given is not None))
+        asks = bool(turned([SetWord(word, weight)], words, given or {}, {}, read=given is not None))
         assert told == [weight, own, asks, asks], case

@@ -41,7 +41,7 @@ class Stage:
         self.news: dict[str, Any] = {
             "told": "",
             "status": {"state": "ok", "frames": 7, "policy": "hold", "computer": {"memory_free": 512}},
-            "state": {"state": "ok", "words": {"grass": 1.0}},
+            "state": {"state": "ok", "words": {"grass": 1.0}, "given": {}},
             "check": {
                 "ok": True,
                 "age": 2.0,

@@ -119,7 +119,7 @@ def test_a_call_is_answered_on_the_page_and_the_answer_stands_in_its_record(comp
     (shown,) = (
         one for one in json.loads(companion.get("/shown-calls.json")[1])["calls"] if one["id"] == opened["id"]
     )
-    assert (len(shown["answers"]), shown["said"], shown["undo"]) == (1, [], True), "it stands there once"
+    assert (len(shown["answers"]), shown["said"], shown["undo"]) == (1, [], {}), "it stands there once"
     assert companion.post("/undo", {"call": opened["id"] + 1})[0] == 409
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -33,6 +34,7 @@ STATE: dict[str, Any] = {
         "holding": True,
         "age": 12,
         "frame_id": 4711,
+        "why": "unknown 71% in yellow frame, over 25% calls",
         "worst_tile_box": [0.41, 0.55, 0.6, 0.81],
         "roi_uncertainty": 0.38,
         "worst_tile": 0.71,
@@ -51,6 +53,7 @@ STATE: dict[str, Any] = {
 RECORD: dict[str, Any] = {
     "id": 7,
     "reasons": ["unknown_scene"],
+    "why": "new place, .91 like C3, .94 needed",
     "place": {"latitude": 47.1, "longitude": 8.2},
     "nearest": {"call": 3, "similarity": 0.91, "words": {"drum": -1}, "picture": "/calls/3.jpg"},
     "raw": "/calls/7-raw.jpg",
@@ -84,7 +87,8 @@ def test_an_open_call_is_read_as_its_data_on_the_wire_would_be() -> None:
     assert (call.id, call.kind, call.stage, call.frame_id, call.age_s) == (7, Kind.CALL, Stage.OPEN, 4711, 12)
     assert (call.reasons, call.holding, call.picture) == (Reasons.UNKNOWN_OBJECT, True, "/calls/7.jpg")
     assert call.roi == (0.3, 0.5, 0.7, 0.95)
-    assert CallData.unpack(call.pack()) == call
+    assert call.why == "unknown 71% in yellow frame, over 25% calls"
+    assert CallData.unpack(call.pack()) == replace(call, why="")
     assert state.words == {"grass": 1.0, "dirt path": 0.5}
     assert state.known_place is not None
     assert state.known_place.changed == {"gravel": (None, 1.0)}
@@ -96,6 +100,7 @@ def test_a_record_says_who_answered() -> None:
     assert record.answers[0].operations == ("gravel: 1",)
     assert (record.latitude, record.longitude) == (47.1, 8.2)
     assert record.nearest == NearestScene(3, 0.91, {"drum": -1.0}, "/calls/3.jpg")
+    assert record.why == "new place, .91 like C3, .94 needed"
     assert (record.raw, record.large) == ("/calls/7-raw.jpg", "")
 
 

@@ -12,12 +12,14 @@ from anytraverse.roi import Corridor
 from companion.wire import notices, texts
 from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
 
+FRAME = "yellow frame"
 NUMBER = st.integers(0, 0xFFFF)
 FIGURE = st.none() | st.floats()
 FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text", "most", "why"}
 ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "connection": st.from_regex(r"[a-z][a-z0-9_-]{0,11}", fullmatch=True),
     "call": NUMBER,
+    "light": st.sampled_from(["", "dark", "low sun or haze"]),
     "number": NUMBER,
     "item": NUMBER,
     "kind": st.sampled_from(Kind),
@@ -46,8 +48,14 @@ ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "rate": st.floats(0.1, 60.0),
     "configured": st.floats(0.5, 60.0),
     **dict.fromkeys(
-        ("uncertainty", "similarity", "drivable", "share", "seconds", "metres", "speed", "fits"), FIGURE
+        (
+            *("uncertainty", "similarity", "needed", "drivable", "share", "limit", "seconds", "metres"),
+            *("speed", "fits"),
+        ),
+        FIGURE,
     ),
+    "like": st.none() | NUMBER,
+    "of": st.sampled_from(["yellow frame", "region", ""]),
     **dict.fromkeys(FREE, st.text(max_size=80)),
 }
 FUNCTIONS: list[Callable[..., str]] = [
@@ -105,30 +113,48 @@ def test_a_text_of_figures_alone_is_never_cut(function: Callable[..., str], data
     assert len(whole.encode()) <= MAX_TEXT
 
 
-def test_the_longest_ids_and_figures_leave_the_answers_readable() -> None:
+def test_a_text_that_has_no_room_for_the_answers_still_tells_the_figures() -> None:
+    thing, place = texts.unknown_object(7, 0.91, 0.85, FRAME), texts.unknown_scene(65535, -1.0, 1.0, 65535)
+    assert thing == "C7 unknown 91% in yellow frame, over 85% calls"
+    assert place == "C65535 new place, -1.00 like C65535, 1.00 needed"
+    assert texts.unknown_both(65535, 1.0, 1.0) == "C65535 new place, unknown 100%, over 100% calls"
+
+
+def test_where_the_figures_leave_room_the_answers_are_named() -> None:
     for text in (
-        texts.unknown_object(65535, 1.0),
-        texts.unknown_scene(65535, -1.0),
-        texts.unknown_both(65535, 1.0),
+        texts.unknown_object(65535, 1.0, 1.0, FRAME),
+        texts.unknown_object(65535, None, None, ""),
+        texts.unknown_scene(65535, None, None, None),
+        texts.unknown_both(65535, None, None),
         texts.trial_call(65535),
     ):
-        assert text.endswith(": go/stay/word")
+        assert text.endswith("/word")
+    assert texts.unknown_scene(812, 0.91, 0.94, 731).endswith(": go/word")
 
 
 def test_texts_say_what_happened_and_what_to_do() -> None:
-    assert texts.unknown_object(7, 0.384) == "C7 unknown thing ahead 38%: go/stay/word"
-    assert texts.unknown_scene(8, 0.62) == "C8 new place 0.62: go/stay/word"
+    assert texts.unknown_object(7, 0.914, 0.85, FRAME) == "C7 unknown 92% in yellow frame, over 85% calls"
+    assert texts.unknown_object(7, 0.384, 0.3, "region") == (
+        "C7 unknown 39% in region, over 30% calls: go/word"
+    )
+    assert texts.unknown_scene(8, 0.918, 0.94, 3) == "C8 new place, .91 like C3, .94 needed: go/word"
+    assert texts.unknown_scene(8, 0.62, 0.85, 0) == "C8 new place, .62 like a known one, .85 needed"
+    assert texts.unknown_scene(8, 0.62, 0.85, None) == "C8 new place, .62, .85 needed: go/stay/word"
+    assert texts.unknown_both(8, 0.91, 0.85) == "C8 new place, unknown 91%, over 85% calls: go/word"
     assert texts.blocked(9, 0.12) == "H9 blocked 12% drivable: waiting"
     assert texts.clear(Kind.HOLD, 9) == "H9 clear now, go?"
-    assert texts.still_unknown(7, 0.34) == "C7 stays open: still unknown 34%"
+    assert texts.still_unknown(7, 0.34, 0.25) == "C7 stays open: unknown 34%, over 25% calls"
+    assert texts.still_new(7, 0.62, 0.85) == "C7 stays open: new place, .62, .85 needed"
     assert texts.hold_failed(Kind.HOLD, 9) == "H9 HOLD FAILED: STOP BY HAND"
     assert texts.closed(Kind.CALL, 7, Outcome.ACCEPTED) == "C7 closed: accepted this once"
 
 
 @pytest.mark.parametrize("figure", [None, float("nan"), float("inf")])
 def test_an_unknown_figure_shows_as_unknown(figure: float | None) -> None:
-    assert texts.unknown_object(7, figure) == "C7 unknown thing ahead ?%: go/stay/word"
-    assert texts.unknown_scene(8, figure) == "C8 new place: go/stay/word"
+    assert texts.unknown_object(7, figure, 0.85, FRAME) == "C7 unknown thing ahead: go/stay/word"
+    assert texts.unknown_object(7, 0.85, figure, FRAME) == "C7 unknown thing ahead: go/stay/word"
+    assert texts.unknown_scene(8, figure, 0.9, 3) == "C8 new place: go/stay/word"
+    assert texts.unknown_scene(8, 0.9, figure, 3) == "C8 new place: go/stay/word"
 
 
 def test_a_long_word_is_cut_between_characters() -> None:

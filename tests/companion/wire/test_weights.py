@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.preferences import turns_sign
-from companion.wire.answers import ForgetWord, SetWord, TapBox
+from companion.wire.answers import ForgetWord, OtherPlace, SetWord, TapBox
 from companion.wire.typed_answers import Tap
 from companion.wire.weights import own_weight, turned
 
@@ -29,24 +29,24 @@ def test_a_sign_turned_twice_is_as_it_was(one: float, other: float) -> None:
 
 
 def test_a_weight_of_0_is_not_drivable_either() -> None:
-    assert turned([SetWord("water", 0.0)], {"water": -1.0}, {}) == ""
-    assert "mud becomes drivable" in turned([SetWord("mud", 0.1)], {"mud": 0.0}, {})
-    assert "grass becomes not drivable" in turned([SetWord("grass", 0.0)], {"grass": 1.0}, {})
+    assert turned([SetWord("water", 0.0)], {"water": -1.0}, {}, {}) == ""
+    assert "mud becomes drivable" in turned([SetWord("mud", 0.1)], {"mud": 0.0}, {}, {})
+    assert "grass becomes not drivable" in turned([SetWord("grass", 0.0)], {"grass": 1.0}, {}, {})
 
 
 def test_before_the_words_are_read_each_unknown_one_may_turn() -> None:
     changes = [SetWord("water", 1.0), SetWord("grass", 1.0)]
-    assert turned(changes, {"grass": 1.0}, {}, read=False) == (
+    assert turned(changes, {"grass": 1.0}, {}, {}, read=False) == (
         "water is not read yet: repeat it to turn it, then water becomes drivable; nothing was sent"
     )
-    assert turned(changes, {"grass": 1.0}, {}) == ""
+    assert turned(changes, {"grass": 1.0}, {}, {}) == ""
 
 
 @given(WORDS, WORDS, WORDS)
 def test_a_question_names_each_word_that_is_turned_and_no_other(
     changes: dict[str, float], in_force: dict[str, float], before: dict[str, float]
 ) -> None:
-    asked = turned([SetWord(*change) for change in changes.items()], in_force, before)
+    asked = turned([SetWord(*change) for change in changes.items()], in_force, before, {})
     known = {**before, **in_force}
     for word, weight in changes.items():
         turns = word in known and (known[word] > 0) != (weight > 0)
@@ -55,12 +55,20 @@ def test_a_question_names_each_word_that_is_turned_and_no_other(
 
 
 def test_a_question_says_what_it_was_what_to_do_and_what_becomes_drivable() -> None:
-    assert turned([SetWord("water", 1.0)], {"water": -1.0}, {}) == (
+    assert turned([SetWord("water", 1.0)], {"water": -1.0}, {}, {}) == (
         "water was -1: repeat it to turn it, then water becomes drivable; nothing was sent"
     )
     box = (0.1, 0.1, 0.5, 0.5)
     both = [Tap("grass", -1.0), TapBox(3, box, "mud", 0.5), ForgetWord("bush")]
-    assert turned(both, {"grass": 1.0, "bush": -1.0}, {"mud": -0.5}) == (
+    assert turned(both, {"grass": 1.0, "bush": -1.0}, {"mud": -0.5}, {}) == (
         "grass was 1, mud was -0.5: repeat it to turn them, "
         "then grass becomes not drivable, mud becomes drivable; nothing was sent"
     )
+
+
+def test_refusing_a_place_asks_about_the_words_that_the_match_turned() -> None:
+    in_force = {"water": 1.0, "grass": 1.0, "sand": 1.0}
+    matched = {"water": (-1.0, 1.0), "grass": (0.5, 1.0), "sand": (None, 1.0), "mud": (-1.0, None)}
+    asked = turned([OtherPlace(7)], in_force, {"mud": -1.0}, matched)
+    assert asked.startswith("water was 1: repeat it to turn it, then water becomes not drivable;")
+    assert turned([OtherPlace(0)], in_force, {}, {}) == ""

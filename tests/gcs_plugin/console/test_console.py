@@ -447,3 +447,14 @@ def test_on_a_quick_link_the_frame_without_marks_comes_before_the_judgement(
     desk.until(lambda: "raw" in desk.shown()["pictures"])
     assert "large" not in desk.shown()["pictures"]
     desk.until(lambda: "large" in desk.shown()["pictures"])
+
+
+def test_a_call_shows_the_number_that_is_needed_and_does_not_repeat_it_below(desk: Desk) -> None:
+    desk.call = replace(desk.call, reasons=ids.Reasons.UNKNOWN_SCENE, drivable_share=None)
+    text = "C7 new place, .91 like C3, .94 needed: go/word"
+    desk.link.link.set_state(ids.State.CALLING, 7, ids.Policy.HOLD)
+    desk.link.link.announce(desk.call, text, desk.link.now)
+    desk.run(3.0)
+    assert desk.shown()["figures"] == "new place, .91 like C3, .94 needed"
+    assert desk.shown()["said"] == []
+    assert desk.rover()["texts"][-1]["text"] == text

@@ -88,6 +88,17 @@ def test_a_person_never_gets_the_airs_control_characters_and_no_colours_unasked(
     assert "rover 1: answer to 7: taken, but it does not cover what was seen, now 34% unexplained" in text
 
 
+def test_a_call_is_worded_as_its_rover_words_it(thing_call: CallData) -> None:
+    thing = replace(thing_call, why="unknown 71% in yellow frame, over 25% calls")
+    assert "C7 unknown 71% in yellow frame, over 25% calls, in the middle [vehicle held" in read(
+        ev.CallOpened(1, thing)
+    )
+    place = replace(thing_call, reasons=ids.Reasons.UNKNOWN_SCENE, why="new place, .91 like C3, .94 needed")
+    assert "C7 new place, .91 like C3, .94 needed [vehicle held" in read(ev.CallOpened(1, place))
+    both = replace(thing, reasons=ids.Reasons.UNKNOWN_OBJECT | ids.Reasons.BLOCKED)
+    assert "over 25% calls, in the middle; blocked by what it knows, 90%" in read(ev.CallOpened(1, both))
+
+
 def test_colours_are_there_when_asked_for(thing_call: CallData) -> None:
     assert "\033[1;31mC7" in read(ev.CallOpened(1, thing_call), colours=True)
 

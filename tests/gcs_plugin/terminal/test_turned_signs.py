@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from companion.wire.answers import SetWord, TapBox
+from companion.wire.answers import OtherPlace, SetWord, TapBox
 from companion.wire.ids import Motion, Stage
 from companion.wire.payloads import CallData
 from gcs_plugin.terminal.script import Script
@@ -81,6 +81,20 @@ def test_before_the_words_are_read_a_table_waits_and_a_person_is_asked(
     assert answers(at) == []
     assert at.paper.problems[-1].startswith("old water was -1")
     assert at.paper.problems[-1].endswith("A table turns no sign: type it yourself")
+
+
+def test_a_place_that_turned_a_word_is_refused_by_the_same_line_once_more(desk: Make) -> None:
+    at = desk(None)
+    matched = {"call": 5, "similarity": 0.97, "changed": {"old water": [1, -1], "grass": [0.5, 1]}}
+    at.rovers[0].files = {"/state.json": json.dumps({**STATE, "known_place": matched}).encode()}
+    at.run(70.0)
+    at.type("other place 5")
+    assert [problem.partition(";")[0] for problem in at.paper.problems] == [
+        "old water was -1: repeat it to turn it, then old water becomes drivable"
+    ]
+    assert answers(at) == []
+    at.type("other place 5")
+    assert [operations for _, _, operations in answers(at)] == [(OtherPlace(5),)]
 
 
 def test_a_picture_that_is_asked_for_goes_before_the_words(desk: Make) -> None:

@@ -21,10 +21,12 @@ from statistics import median
 from typing import Any
 
 from bench.console.stage import CHROMIUM, Rover, start_console
-from companion.sim.demo.answers import GROUND, WORDS_FOR_PLACE
+from companion.sim.demo.answers import WORDS_FOR_PLACE
 
 READS = 2.5
 """Seconds for which a person reads a call."""
+_GROUND = {"meadow": "grass", "forest": "dirt path", "gravel": "dry grass"}
+"""The name of the ground where a call was needless."""
 KINDS = ("go", "stay", "look again", "tap and name")
 CALL = ".open .call:not([data-stage=closed])"
 _COUNT = """
@@ -116,7 +118,7 @@ class Person:
             frame["y"] + frame["height"] * (sides[1] + sides[3] / 2),
         )
         card.locator("svg rect.own").first.wait_for(state="attached")
-        self._name(card, thing or GROUND[self._rover.zone()], -1.0 if thing else 1.0)
+        self._name(card, thing or _GROUND[self._rover.zone()], -1.0 if thing else 1.0)
         return "tap and name"
 
     def _name(self, card: Any, word: str, weight: float) -> None:

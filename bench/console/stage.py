@@ -11,12 +11,14 @@ from typing import Any
 from companion.config.link_settings import ConnectionSettings
 from companion.sim.demo.child import Child
 from companion.sim.demo.config import write_config
-from companion.sim.demo.director import NEAR, STANDS
+from companion.sim.demo.director import STANDS
 from companion.sim.demo.rehearsal import free_port
 from companion.sim.field.control import FieldControl
 
 CHROMIUM = "/usr/bin/chromium"
 _SPEED = 1.5
+_NEAR = 9.0
+"""Metres ahead within which the operator sees a thing."""
 _TOKEN = "0123456789abcdef"
 _PAGE = f'[web]\nlisten = "127.0.0.1:0"\ntoken = "{_TOKEN}"\n'
 
@@ -126,7 +128,7 @@ class Rover:
 
     def _nearest(self) -> dict[str, Any] | None:
         things: list[dict[str, Any]] = self._control.status()["things_ahead"]
-        ahead = [thing for thing in things if thing["surprise"] and thing["distance"] < NEAR]
+        ahead = [thing for thing in things if thing["surprise"] and thing["distance"] < _NEAR]
         return min(ahead, key=lambda thing: float(thing["distance"]), default=None)
 
 

@@ -211,7 +211,7 @@ class BrowserDesk:
             "asked": len(calls),
             "answered": sum(call.by_person for call in calls),
             "words": used + [{"word": word, "weight": None, "fixed": True} for word in offered],
-            "given": {word: weight for word, weight in memory.given.items() if word not in words},
+            "given": dict(memory.given),
             "names": list(_names(calls).items()),
             "calls": [self._shown(call) for call in reversed(calls[-SHOWN:]) if call.id in self._asked],
         }
@@ -245,7 +245,7 @@ class BrowserDesk:
             "said": [],
             "answers": said,
             "first": "",
-            "undo": False,
+            "undo": None,
             "undone": None,
             "nearest": self._nearest[call.id],
         }

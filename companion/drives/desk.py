@@ -96,7 +96,7 @@ class Terminal:
     def _question(self, line: str) -> str:
         memory = self._memory()
         try:
-            return turned(read_typed(line)[1], memory.preferences, memory.given)
+            return turned(read_typed(line)[1], memory.preferences, memory.given, memory.matched)
         except CommandError:
             return ""  # whoever applies it says what is wrong
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 from anytraverse.frame import Image
+from anytraverse.history import Place
 
 
 class DriveError(Exception):
@@ -15,12 +16,15 @@ class DriveError(Exception):
 class DriveFrame(NamedTuple):
     """A frame. name: of its file, or its time in a video. at: seconds of the drive.
 
-    image: RGB (height, width, 3) uint8; None where it is torn.
+    image: RGB (height, width, 3) uint8; None where it is torn. place, travelled: where the vehicle was, and
+    the metres that it had driven, as far as known.
     """
 
     name: str
     at: float
     image: Image | None
+    place: Place = Place()
+    travelled: float | None = None
 
 
 class Drive(Protocol):

@@ -12,6 +12,7 @@ from companion.answers.answer import changes_of
 from companion.answers.outcome import outcome_text
 from companion.calls.decisions import Call, CallOpened, WouldHold
 from companion.calls.machine import OperatorCalls
+from companion.calls.mode_monitor import ModeReport
 from companion.calls.policy import PolicyState
 from companion.config import Config
 from companion.drives.drive import DriveFrame
@@ -48,15 +49,24 @@ class DriveJudge:
         """The id of the open call, 0 for none."""
         return self._calls.current_id
 
+    @property
+    def holding(self) -> bool:
+        """Whether a rover would stand in a hold now."""
+        return bool(self._calls.shadow.open)
+
     def judge(self, frame: DriveFrame) -> Judgement | None:
         """Judge a frame; None for a torn one, in which only time passes."""
         self._frames += 1
         if frame.image is None:
             self._calls.tick(frame.at)
             return None
-        seen = self.engine.step(Frame(self._frames, frame.at, frame.image), frame.at)
+        seen = self.engine.step(Frame(self._frames, frame.at, frame.image), frame.at, frame.place)
         decisions = self._calls.assessed(seen, frame.at)
         opened = next((one.call for one in decisions if isinstance(one, CallOpened)), None)
+        if opened is not None:
+            opened.place = frame.place
+        if frame.travelled is not None:  # after the frame: before it, time alone would pass
+            self._calls.vehicle_reported(ModeReport(travelled=frame.travelled), frame.at)
         return Judgement(seen, opened, any(isinstance(one, WouldHold) for one in decisions))
 
     def told(self, call: Call) -> CallData:
@@ -88,8 +98,10 @@ class DriveJudge:
             return "no call is open", False
         changes = changes_of(operations)
         observation = call.seen.observation if call.seen is not None else None
-        outcome = self.engine.answer(changes, now, call=observation, call_id=call.id, go=motion is Motion.GO)
-        result, decisions = self._calls.apply_answer(call.id, motion, bool(changes), outcome, now)
+        outcome = self.engine.answer(
+            changes, now, call=observation, call_id=call.id, go=motion is Motion.GO, place=call.place
+        )
+        result, decisions = self._calls.apply_answer(call.id, motion, changes, outcome, now)
         memory = self.engine.memory if changes else None
         text = outcome_text(self._calls, call.id, result, decisions, outcome.call, outcome.newest, memory)
         return text, outcome.remembered

@@ -33,7 +33,7 @@ class Episode:
         """Open the drive, and make its operator. Raises DriveError, DatasetError, OSError."""
         if self.drivable is not None:
             dataset = open_dataset(self.where, self.split, self.selection)
-            return LabelledDrive(dataset, self.rate), LabelOperator(dataset, self.drivable)
+            return LabelledDrive(dataset, self.rate), LabelOperator.of(dataset, self.drivable)
         operator = GivenAnswers(self.answers) if self.answers else go
         return open_drive(self.where, self.rate), operator
 

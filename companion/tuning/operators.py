@@ -9,7 +9,7 @@ import numpy as np
 
 from anytraverse.assessment import Reason
 from anytraverse.evaluation.datasets import Dataset
-from anytraverse.evaluation.labels import Labels, fold
+from anytraverse.evaluation.labels import Classes, Labels, fold
 from anytraverse.regions import Region
 from anytraverse.synonyms import meaning_of
 from companion.calls.decisions import Call
@@ -43,12 +43,18 @@ class LabelOperator:
     whose class the perceiver cannot ground is tapped.
     """
 
-    def __init__(self, dataset: Dataset, drivable: Sequence[str]) -> None:
-        """drivable: classes of the data set."""
-        self._dataset = dataset
+    def __init__(self, classes: Classes, labels_of: Callable[[str], Labels], drivable: Sequence[str]) -> None:
+        """labels_of: returns the labels of the frame of a name, or raises DatasetError. drivable: classes."""
+        self._classes = classes
+        self._labels_of = labels_of
         self._drivable = frozenset(drivable)
-        self._numbers = {dataset.name(number): number for number in dataset.numbers}
         self._newest: tuple[str, Labels] | None = None
+
+    @classmethod
+    def of(cls, dataset: Dataset, drivable: Sequence[str]) -> LabelOperator:
+        """Return one who sees the labels of a data set."""
+        numbers = {dataset.name(number): number for number in dataset.numbers}
+        return cls(dataset.classes, lambda name: dataset.read(numbers[name]).labels, drivable)
 
     def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Reply:
         """Answer a call. Raises DatasetError for labels that cannot be read."""
@@ -57,10 +63,7 @@ class LabelOperator:
         shares: dict[str, float] = {}
         if Reason.UNKNOWN_SCENE in call.reasons:
             shares = self._shares(labels, engine.settings.region)
-        thing = None
-        if Reason.UNKNOWN_OBJECT in call.reasons and seen.tile is not None:
-            within = self._shares(labels, seen.tile.shown)
-            thing = max(within, key=lambda name: within[name], default=None)
+        thing = self.asked(call, frame)
         named = [name for name, share in shares.items() if share >= LEAST_SHARE]
         names = list(dict.fromkeys([*([thing] if thing else []), *named]))
         meaning = engine.perceiver.meaning
@@ -78,16 +81,26 @@ class LabelOperator:
                 operations.append(TapBox(call.frame_id, fractions(seen.tile.shown), word, weight))
         return operations, Motion.GO
 
+    def asked(self, call: Call, frame: DriveFrame) -> str | None:
+        """Return the class of the unknown thing that is asked about; None without one, or without a label.
+
+        Raises DatasetError.
+        """
+        if Reason.UNKNOWN_OBJECT not in call.reasons or call.seen is None or call.seen.tile is None:
+            return None
+        within = self._shares(self._labels(frame.name), call.seen.tile.shown)
+        return max(within, key=lambda name: within[name], default=None)
+
     def _labels(self, name: str) -> Labels:
         """Read a frame's labels; those of the newest frame are kept for the other trials."""
         if self._newest is None or self._newest[0] != name:
-            self._newest = name, self._dataset.read(self._numbers[name]).labels
+            self._newest = name, self._labels_of(name)
         return self._newest[1]
 
     def _shares(self, labels: Labels, region: Region) -> dict[str, float]:
         """Return the share of a region that each class covers, the largest first."""
         counts = np.bincount(labels[region.mask(*labels.shape)], minlength=256)
-        classes, shares = self._dataset.classes, dict[str, float]()
+        classes, shares = self._classes, dict[str, float]()
         for number in np.argsort(-counts, kind="stable"):
             name = classes.known.get(fold(classes.names[number])) if number < len(classes.names) else None
             if name is not None and number != classes.ignore and counts[number]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from companion.sim.demo.answers import AutoOperator
 from companion.sim.demo.child import Child
+from companion.sim.demo.onlooker import Onlooker, Shown
 from companion.sim.demo.story import Story
 from companion.sim.demo.tally import Tally, missing
 from companion.sim.field.control import FieldControl
@@ -24,8 +25,6 @@ SLOW_FOR = 8.0
 STEP = 0.1
 BEYOND_RETURN = 12.0
 """Metres that the rover must drive into the known meadow without a call for the place."""
-NEAR = 9.0
-"""Metres ahead within which the scripted operator sees a thing."""
 TAKE_OVER_AFTER = 4.0
 """Seconds that a rover stands blocked, with nothing ahead of it, before a human takes over."""
 STANDS = 0.2
@@ -71,6 +70,11 @@ class Director:
         self._story = story
         self._limit = LIMIT / speed
         self._auto = AutoOperator() if auto else None
+        self._onlooker = Onlooker(stage.control)
+        self._shown: dict[int, Shown] = {}
+        """Id of a call or hold -> what it is about."""
+        self._named: set[str] = set()
+        """Ids of the things that the scripted operator has named as not drivable."""
         self._tally = Tally()
         self._open: dict[int, dict[str, Any]] = {}
         self._blocked_since: float | None = None
@@ -149,25 +153,46 @@ class Director:
             self._story.event(event, self._clock(now))
         else:  # the operator's own terminal prints the rest
             self._story.picture(event, self._stage.out, self._clock(now))
-        if event.get("event") in {"call", "call_changed"}:
+        if event.get("event") == "summary":
+            self._onlooker.summary(event, now)
+        elif event.get("event") in {"call", "call_changed"}:
             self._open[event["id"]] = event
+            self._look_at(event)
         elif event.get("event") == "closed":
             self._open.pop(event["id"], None)
 
+    def _look_at(self, event: dict[str, Any]) -> None:
+        """Looks at what a call or hold is about, and counts it."""
+        number, shown = event["id"], self._onlooker.about(event)
+        if shown is not None:
+            self._shown[number] = shown
+        if event["event"] == "call" and event["kind"] == "call" and shown is not None:
+            asked = self._tally.asked_about(event, shown, self.status["distance"])
+            if self._auto is not None:  # a person is to look at the picture
+                self._story.log(self._clock(time.monotonic()), asked)
+
     def _answer(self, operator: AutoOperator, call: dict[str, Any], now: float) -> None:
-        thing = self._thing_ahead()
-        kind = str(thing["kind"]) if thing is not None else None
-        line = operator.answer(call, str(self.status["zone"]), kind, now)
+        shown = self._shown.get(call["id"])
+        if shown is None:
+            self._look_at({**call, "event": "call"})
+            return
+        line = operator.answer(call, shown, now)
         if line is not None:
             self._story.log(self._clock(now), f"operator types: {call['id']} {line}")
             self._tally.typed(line)
+            self._tally.answered(call, shown, self.status["distance"])
+            if shown.thing is not None and line.startswith("tap "):
+                self._named.add(shown.thing)
             self._stage.operator.type(f"{call['id']} {line}")
 
-    def _thing_ahead(self) -> dict[str, Any] | None:
-        ahead = [
-            thing for thing in self.status["things_ahead"] if thing["surprise"] and thing["distance"] < NEAR
-        ]
-        return min(ahead, key=lambda thing: thing["distance"], default=None)
+    def _thing_in_the_way(self) -> dict[str, Any] | None:
+        """Returns the thing on the path that was named, else one that the rover's picture shows."""
+        ahead = [thing for thing in self.status["things_ahead"] if thing["surprise"]]
+        named = [thing for thing in ahead if thing["id"] in self._named]
+        if not named and self._open:
+            shown = self._onlooker.ahead(next(iter(self._open.values()))["roi"])
+            named = [thing for thing in ahead if shown is not None and thing["id"] == shown.thing]
+        return min(named, key=lambda thing: float(thing["distance"]), default=None)
 
     def _take_away(self, now: float) -> None:
         """Takes a named thing away once it has kept the rover standing for `REMOVE_AFTER` s.
@@ -175,7 +200,6 @@ class Director:
         Where the rover stands blocked but nothing is ahead, the perceiver took ground for a named thing: then
         a human takes over by hand.
         """
-        thing = self._thing_ahead()
         standing = self.status["speed"] < STANDS and self.status["mode"] == "HOLD"
         unknown = any(
             call["stage"] == "open" and "unknown_object" in call["reasons"] for call in self._open.values()
@@ -185,7 +209,7 @@ class Director:
             self._blocked_since = None
         elif self._blocked_since is None:
             self._blocked_since = now
-        elif thing is None:
+        elif (thing := self._thing_in_the_way()) is None:
             if now - self._blocked_since >= TAKE_OVER_AFTER:
                 self._take_over(now)
         elif now - self._blocked_since >= REMOVE_AFTER:

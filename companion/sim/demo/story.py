@@ -83,6 +83,8 @@ def _first(event: dict[str, Any]) -> str:
 
 
 def _figures(event: dict[str, Any]) -> str:
+    if event.get("why"):
+        return str(event["why"])
     shown = []
     if event.get("roi_uncertainty") is not None:
         shown.append(f"uncertainty {event['roi_uncertainty']:.2f}, worst tile {event['worst_tile']:.2f}")

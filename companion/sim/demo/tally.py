@@ -7,6 +7,9 @@ from itertools import pairwise
 from statistics import median
 from typing import Any
 
+from companion.sim.demo.onlooker import Shown
+from companion.sim.repeats import AskedBefore
+
 BYTES_PER_S = 300.0
 LEAST_FPS = 8.0
 
@@ -29,6 +32,13 @@ class Tally:
     summaries: int = 0
     received: dict[int, float] = field(default_factory=dict)
     returned_without_call: bool = False
+    things: set[str] = field(default_factory=set)
+    """Things of the simulation that calls were about."""
+    places: set[str] = field(default_factory=set)
+    """Kinds of place that calls were about."""
+    repeat_calls: int = 0
+    """Calls about what was answered a moment ago, see `AskedBefore`."""
+    asked_before: AskedBefore = field(default_factory=AskedBefore)
     state: str = ""
     """The daemon's, as the operator heard it last."""
 
@@ -57,6 +67,22 @@ class Tally:
             if event["state"] == "blocked" and self.state != "blocked":
                 self.blocked += 1
             self.state = event["state"]
+
+    def asked_about(self, call: dict[str, Any], shown: Shown, metres: float) -> str:
+        """Counts what a new call is about, and says it in a line. metres: that the rover has driven."""
+        thing, place = _about(call, shown)
+        if thing is not None and shown.thing is not None:
+            self.things.add(shown.thing)
+        if place is not None:
+            self.places.add(place)
+        again = self.asked_before.asks_again(metres, thing, place)
+        self.repeat_calls += again
+        named = " and ".join(filter(None, (place, thing)))
+        return f"call {call['id']} is about {named or 'nothing'}{', AGAIN' if again else ''}"
+
+    def answered(self, call: dict[str, Any], shown: Shown, metres: float) -> None:
+        """Takes in that a call was answered. metres: that the rover has driven."""
+        self.asked_before.answered(metres, *_about(call, shown))
 
     def typed(self, line: str) -> None:
         """An answer that the operator gave."""
@@ -88,6 +114,9 @@ class Tally:
             "answers": self.acknowledged,
             "answers_by_tap": self.taps,
             "answers_by_words": self.words,
+            "things": len(self.things),
+            "places": len(self.places),
+            "repeat_calls": self.repeat_calls,
             "closed_unanswered": sum(outcome == "passed" for outcome in self.closed.values()),
             "history_matches": self.history_matches,
             "returned_without_call": self.returned_without_call,
@@ -105,6 +134,12 @@ class Tally:
             "latency_ms_max": round(max(latencies), 1) if latencies else None,
             "seconds": round(seconds, 1),
         }
+
+
+def _about(call: dict[str, Any], shown: Shown) -> tuple[str | None, str | None]:
+    """Returns the thing or patch of ground, and the place, that a call is about."""
+    thing = shown.id if "unknown_object" in call["reasons"] else None
+    return thing, shown.zone if "unknown_scene" in call["reasons"] else None
 
 
 def missing(figures: dict[str, Any]) -> list[str]:

@@ -12,7 +12,7 @@ import json
 import selectors
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 MAX_LINE = 4096
@@ -158,6 +158,10 @@ class FieldControl:
 
     def status(self) -> dict[str, Any]:
         return self.ask("status")
+
+    def look(self, box: Sequence[float], at: float | None = None) -> dict[str, Any]:
+        """Says what a box of a picture shows, see `Album.look`. at: monotonic s when it was taken."""
+        return self.ask("look", box=list(box), at=at)
 
     def start(self) -> None:
         """Arms the rover and sets the mode that drives the trail."""

@@ -21,9 +21,12 @@ Seen = tuple[Thing, float, float]  # a thing, metres ahead, metres to the left
 
 LABELS = ("sky", "grass", "dirt path", "gravel", "bush", "tree", "puddle", "drum", "rock", "log")
 
+GROUND_KINDS = ("grass", "dirt path", "gravel")
+"""The labels of drivable ground."""
+
 NEAR, FAR = 0.35, 48.0  # m ahead; things between these distances are drawn
 VISIBILITY = 85.0  # m at which haze has taken 63 % of a colour
-_GROUND_LABELS = np.array([LABELS.index(name) for name in ("grass", "dirt path", "gravel")], np.uint8)
+_GROUND_LABELS = np.array([LABELS.index(name) for name in GROUND_KINDS], np.uint8)
 _THING_LABELS = {kind: LABELS.index(kind) for kind in KINDS} | {"tuft": LABELS.index("grass")}
 _CROWN = 7.0  # half the width of a tree's crown, in radii of its trunk
 

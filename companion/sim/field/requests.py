@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
+from anytraverse.errors import RegionError
+from anytraverse.regions import Box
 from companion.sim.field.autopilot import HAND
 from companion.sim.field.control import FieldError
 from companion.sim.field.simulation import Simulation
@@ -17,18 +21,22 @@ FIRST_SWITCH = 5  # the channels below are the sticks
 
 
 class ControlRequests:
-    """Carries out requests on a simulation; its process provides `status`, `freeze` and `stop`."""
+    """Carries out requests on a simulation; its process provides `status`, `look`, `freeze` and `stop`."""
 
     def __init__(
         self,
         simulation: Simulation,
         *,
         status: Callable[[], dict[str, Any]],
+        look: Callable[[Box, float | None], dict[str, Any]],
         freeze: Callable[[bool], None],
         stop: Callable[[], None],
     ) -> None:
         self._simulation = simulation
-        self._status = status
+        self._told: dict[str, Callable[[Request], dict[str, Any]]] = {
+            "look": lambda request: look(_box(request), _time(request)),
+            "status": lambda _: status(),
+        }
         self._known: dict[str, Callable[[Request], None]] = {
             "arm": lambda request: self._arm(on=_flag(request, "on")),
             "freeze_camera": lambda request: freeze(_flag(request, "on")),
@@ -50,10 +58,10 @@ class ControlRequests:
     def handle(self, request: Request) -> dict[str, Any]:
         """Carries out a request and returns the answer. Raises FieldError that says what is wrong with it."""
         do = request["do"]
-        if do == "status":
-            return self._status()
+        if do in self._told:
+            return self._told[do](request)
         if do not in self._known:
-            raise FieldError(f"no request {do!r}; there are status, {', '.join(self._known)}")
+            raise FieldError(f"no request {do!r}; there are {', '.join((*self._told, *self._known))}")
         self._known[do](request)
         return {"ok": True}
 
@@ -114,3 +122,17 @@ def _number(request: Request, name: str, low: float, high: float, *, default: fl
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise FieldError(f'"{name}" is a number from {low:g} to {high:g}')
     return float(value)
+
+
+def _box(request: Request) -> Box:
+    sides = request.get("box")
+    if not isinstance(sides, list) or len(sides) != len(fields(Box)):
+        raise FieldError('"box" is left, top, right and bottom, in fractions of the picture')
+    try:
+        return Box(*(_number({"box": side}, "box", 0.0, 1.0) for side in sides))
+    except RegionError as error:
+        raise FieldError(str(error)) from error
+
+
+def _time(request: Request) -> float | None:
+    return None if request.get("at") is None else _number(request, "at", 0.0, math.inf)

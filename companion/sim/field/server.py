@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
+from companion.sim.field.album import Album
 from companion.sim.field.autopilot import Autopilot
 from companion.sim.field.control import ControlServer
 from companion.sim.field.onboard import install
@@ -79,8 +80,15 @@ class FieldServer:
         elif options.script:
             self.no_script = install(self._simulation.autopilot)
         self._frames = FrameServer()
+        self._album = Album(world)
         self._selector = selectors.DefaultSelector()
-        requests = ControlRequests(self._simulation, status=self.status, freeze=self._freeze, stop=self.stop)
+        requests = ControlRequests(
+            self._simulation,
+            status=self.status,
+            look=self._album.look,
+            freeze=self._freeze,
+            stop=self.stop,
+        )
         self._control = ControlServer(self._selector, requests.handle)
         for port, udp in self._ports.items():
             self._selector.register(udp.socket, selectors.EVENT_READ, lambda _, at=port: self._listen(at))
@@ -179,6 +187,8 @@ class FieldServer:
         rover = self._simulation.rover
         with self._simulation.lock:
             captured_at = time.monotonic()
-            rgb, _ = self._camera.render(rover.pose, rover.time)
+            pose = rover.pose
+            rgb, labels = self._camera.render(pose, rover.time)
         self._drawn += 1
+        self._album.keep(captured_at, pose, labels)
         self._frames.publish(CapturedFrame(self._drawn, captured_at, rgb))

@@ -49,12 +49,15 @@ class World:
     """The trail and all things on it; the same seed and surprises give the same world.
 
     `surprises` are kinds, given to meadow, forest and gravel in turn; by default a drum, a rock and a log.
-    Raises ValueError for an unknown kind, or for more than fit.
+    length: of a longer loop in metres, as of `Trail`. Raises ValueError for an unknown kind, or for more than
+    fit.
     """
 
-    def __init__(self, seed: int, surprises: Sequence[str] = DEFAULT_SURPRISES) -> None:
+    def __init__(
+        self, seed: int, surprises: Sequence[str] = DEFAULT_SURPRISES, length: float | None = None
+    ) -> None:
         self.seed = seed
-        self.trail = Trail(seed)
+        self.trail = Trail(seed, length)
         self.light = 1.0
         self.revision = 0  # counts changes, so that a camera knows when to draw the shadows again
         self.things: dict[str, Thing] = {}
@@ -100,9 +103,9 @@ def _surprises(trail: Trail, seed: int, kinds: Sequence[str]) -> Iterator[Thing]
     if unknown:
         raise ValueError(f"no such surprise: {', '.join(unknown)}; known are {', '.join(KINDS)}")
     rng = np.random.default_rng([seed, 2])
-    forest, gravel = trail.borders["forest"], trail.borders["gravel"]
+    meadow, forest, gravel = (trail.borders[zone] for zone in ZONES)
     windows = {
-        "meadow": (trail.start + 18.0, trail.start + 25.0),
+        "meadow": (trail.start + 18.0, meadow[1] - 9.0),
         "forest": (forest[0] + 15.5, forest[1] - 10.0),
         "gravel": (gravel[0] + 15.5, gravel[1] - 10.0),
     }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 ZONES = ("meadow", "forest", "gravel")
 MIN_RADIUS = 12.0  # m, radius of the tightest bend
 START = 14.0  # m after the border from gravel to meadow, so that a lap ends by returning to the meadow
-MEADOW = 48.0  # m of route in the meadow; forest and gravel share the rest of the lap
+MEADOW = 48.0  # m of a lap in the meadow; forest and gravel share the rest
 BLEND = 7.0  # m over which one zone becomes the next
 STEP = 0.1  # m between the stored points
 
@@ -31,10 +31,11 @@ class Trail:
     Positions along it are s in metres, taken modulo `length`; s = 0 is the border from gravel to meadow.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, length: float | None = None) -> None:
+        """length: of a longer loop in metres, of which each zone has a third."""
         rng = np.random.default_rng([seed, 1])
         points = _loop(rng)
-        count = round(float(rng.uniform(124.0, 138.0)) / STEP)
+        count = round((float(rng.uniform(124.0, 138.0)) if length is None else length) / STEP)
         closed = np.vstack([points, points[:1]])
         run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
         closed *= count * STEP / run[-1]
@@ -45,10 +46,11 @@ class Trail:
         self._headings = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
         self.length = count * STEP
         self.start = START
-        forest_end = MEADOW + (self.length - MEADOW) / 2
+        meadow = MEADOW if length is None else self.length / 3
+        forest_end = meadow + (self.length - meadow) / 2
         self.borders = {
-            "meadow": (0.0, MEADOW),
-            "forest": (MEADOW, forest_end),
+            "meadow": (0.0, meadow),
+            "forest": (meadow, forest_end),
             "gravel": (forest_end, self.length),
         }
 

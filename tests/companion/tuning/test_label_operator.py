@@ -10,6 +10,7 @@ import pytest
 from anytraverse.assessment import Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.evaluation.datasets import open_dataset
+from anytraverse.history import Place
 from anytraverse.regions import Box
 from anytraverse.roi import Tile
 from companion.calls.decisions import Call
@@ -38,7 +39,7 @@ def called(drive: Path) -> tuple[DriveJudge, Call, DriveFrame, LabelOperator]:
     for frame in LabelledDrive(dataset, 10.0).frames():
         judged = judge.judge(frame)
         if judged is not None and judged.opened is not None:
-            return judge, judged.opened, frame, LabelOperator(dataset, ["gravel"])
+            return judge, judged.opened, frame, LabelOperator.of(dataset, ["gravel"])
     raise AssertionError("no call opened")
 
 
@@ -78,3 +79,20 @@ def test_nothing_is_named_that_a_word_in_use_means(called: Called) -> None:
     judge, call, frame, operator = called
     operations, _ = operator(judge, meant(call, {Reason.UNKNOWN_OBJECT}, Box(0.4, 0.1, 0.6, 0.3)), frame)
     assert operations == []
+
+
+def test_what_is_asked_about_is_told_by_its_class(called: Called) -> None:
+    _, call, frame, operator = called
+    assert operator.asked(meant(call, {Reason.UNKNOWN_OBJECT}, CRATE), frame) == "crate"
+    assert operator.asked(meant(call, {Reason.UNKNOWN_SCENE}, CRATE), frame) is None
+
+
+def test_an_answered_scene_keeps_where_its_frame_was_taken(drive: Path) -> None:
+    config = load_config(drive.parent / "companion.toml")
+    judge, at = DriveJudge(config, load_engine(config, None)[0]), Place(50.0, 8.0)
+    for frame in LabelledDrive(open_dataset(f"folder:{drive}"), 10.0).frames():
+        judged = judge.judge(frame._replace(place=at, travelled=frame.at))
+        if judged is not None and judged.opened is not None:
+            judge.answer((), Motion.GO, frame.at)
+            break
+    assert [entry.place for entry in judge.engine.memory.history][-1] == at

@@ -37,7 +37,8 @@ class Played:
     """As much of a stage as is waited for."""
 
     def __init__(self, *statuses: dict[str, Any]) -> None:
-        self.daemon, self._statuses, self.closed = Daemon(), list(statuses), False
+        self.daemon, self.control = Daemon(), None
+        self._statuses, self.closed = list(statuses), False
 
     def daemon_status(self) -> dict[str, Any]:
         return self._statuses.pop(0) if len(self._statuses) > 1 else self._statuses[0]

@@ -7,11 +7,15 @@ from typing import Any
 
 import pytest
 
-from companion.sim.demo.answers import GROUND, THINK, WORDS_FOR_PLACE, AutoOperator
+from companion.sim.demo.answers import THINK, WORDS_FOR_PLACE, AutoOperator
 from companion.sim.demo.director import verdict
+from companion.sim.demo.onlooker import Shown
 from companion.sim.demo.story import Story
 from companion.sim.demo.tally import Tally, missing
+from companion.sim.field.render import GROUND_KINDS
 from companion.sim.field.trail import ZONES
+from companion.wire.ids import Motion
+from companion.wire.typed_answers import read_typed
 
 
 def call(**changed: Any) -> dict[str, Any]:
@@ -29,59 +33,107 @@ def call(**changed: Any) -> dict[str, Any]:
     } | changed
 
 
-def answers(operator: AutoOperator, event: dict[str, Any], place: str, thing: str | None) -> list[str]:
+def drum(place: str = "meadow") -> Shown:
+    return Shown("drum", place, thing="drum-1", surprise=True)
+
+
+def ground(place: str, kind: str = "dirt path") -> Shown:
+    return Shown(kind, place, patch=f"{kind}, {place}, path")
+
+
+def answers(operator: AutoOperator, event: dict[str, Any], shown: Shown) -> list[str]:
     """What is typed within a minute."""
-    typed = (operator.answer(event, place, thing, tick / 10) for tick in range(600))
+    typed = (operator.answer(event, shown, tick / 10) for tick in range(600))
     return [line for line in typed if line is not None]
 
 
 def test_a_call_is_looked_at_before_it_is_answered() -> None:
     operator = AutoOperator()
-    assert operator.answer(call(), "meadow", "drum", 10.0) is None
-    assert operator.answer(call(), "meadow", "drum", 10.0 + THINK / 2) is None
-    assert operator.answer(call(), "meadow", "drum", 10.0 + THINK) == "tap drum -1 go"
+    assert operator.answer(call(), drum(), 10.0) is None
+    assert operator.answer(call(), drum(), 10.0 + THINK / 2) is None
+    assert operator.answer(call(), drum(), 10.0 + THINK) == "tap drum -1 go"
 
 
 @pytest.mark.parametrize("place", ZONES)
-@pytest.mark.parametrize("thing", ["drum", None])
+@pytest.mark.parametrize("thing", [True, False])
 @pytest.mark.parametrize("kind", ["call", "hold"])
 @pytest.mark.parametrize("stage", ["open", "clear"])
 @pytest.mark.parametrize(
     "reasons", [["unknown_scene"], ["unknown_object"], ["unknown_object", "unknown_scene"]]
 )
 def test_every_call_is_answered_but_a_hold_for_a_thing_that_is_still_there(
-    place: str, thing: str | None, kind: str, stage: str, reasons: list[str]
+    place: str, thing: bool, kind: str, stage: str, reasons: list[str]
 ) -> None:
-    typed = answers(AutoOperator(), call(kind=kind, stage=stage, reasons=reasons), place, thing)
-    assert bool(typed) == (kind == "call" or stage == "clear" or thing is None)
+    shown = drum(place) if thing else ground(place)
+    typed = answers(AutoOperator(), call(kind=kind, stage=stage, reasons=reasons), shown)
+    assert bool(typed) == (kind == "call" or stage == "clear" or not thing)
 
 
 @pytest.mark.parametrize("place", ZONES)
-def test_a_thing_ahead_is_never_waved_through(place: str) -> None:
-    typed = answers(AutoOperator(), call(), place, "drum")
+def test_a_thing_that_the_call_shows_is_never_waved_through(place: str) -> None:
+    typed = answers(AutoOperator(), call(), drum(place))
     assert typed == ["tap drum -1 go"] * 3
-    both = answers(AutoOperator(), call(reasons=["unknown_object", "unknown_scene"]), place, "drum")
+    both = answers(AutoOperator(), call(reasons=["unknown_object", "unknown_scene"]), drum(place))
     assert both == [f"{WORDS_FOR_PLACE[place]}, go", "tap drum -1 go", "tap drum -1 go"]
 
 
+def test_a_thing_of_which_the_box_has_a_corner_is_tapped_where_it_is() -> None:
+    corner = Shown("drum", "meadow", thing="drum-1", surprise=True, outline=[0.25, 0.4, 0.3125, 0.5])
+    typed = answers(AutoOperator(), call(), corner)
+    assert typed[0] == "tap drum -1 0.2500 0.4000 0.3125 0.5000 go"
+    assert read_typed(typed[0])[0] is Motion.GO
+
+
 @pytest.mark.parametrize("place", ZONES)
-def test_a_call_for_nothing_teaches_that_it_is_ground_before_it_is_waved_through(place: str) -> None:
-    typed = answers(AutoOperator(), call(), place, None)
-    assert typed[0] == f"tap {GROUND[place]} 1 go"
+@pytest.mark.parametrize("kind", GROUND_KINDS)
+def test_a_call_about_ground_teaches_which_ground_it_is_before_it_is_waved_through(
+    place: str, kind: str
+) -> None:
+    word = "dry grass" if (place, kind) == ("gravel", "grass") else kind
+    typed = answers(AutoOperator(), call(), ground(place, kind))
+    assert typed[0] == f"tap {word} 1 go"
     assert set(typed[1:]) == {"go"}
-    both = answers(AutoOperator(), call(reasons=["unknown_object", "unknown_scene"]), place, None)
+    both = answers(AutoOperator(), call(reasons=["unknown_object", "unknown_scene"]), ground(place, kind))
     assert both[0] == f"{WORDS_FOR_PLACE[place]}, go"
     assert set(both[1:]) == {"go"}
 
 
 def test_a_call_that_became_clear_gets_one_go() -> None:
     operator = AutoOperator()
-    answers(operator, call(), "meadow", "drum")
-    assert answers(operator, call(stage="clear"), "meadow", None) == ["go"]
+    answers(operator, call(), drum())
+    assert answers(operator, call(stage="clear"), ground("meadow")) == ["go"]
 
 
 def test_answered_and_blocked_calls_are_left_alone() -> None:
-    assert answers(AutoOperator(), call(stage="answered"), "meadow", "drum") == []
+    assert answers(AutoOperator(), call(stage="answered"), drum()) == []
+
+
+def asked(tally: Tally, number: int, shown: Shown, metres: float, *reasons: str) -> None:
+    """A call is opened and answered."""
+    event = call(id=number, reasons=list(reasons))
+    tally.asked_about(event, shown, metres)
+    tally.answered(event, shown, metres)
+
+
+def test_things_and_places_are_counted_once_and_what_is_asked_again_is_a_repeat() -> None:
+    tally = full_tally()
+    asked(tally, 1, drum(), 10.0, "unknown_object")
+    asked(tally, 2, ground("forest"), 20.0, "unknown_scene")
+    asked(tally, 3, ground("forest"), 24.0, "unknown_object")
+    assert tally.repeat_calls == 0
+    asked(tally, 4, drum(), 30.0, "unknown_object")
+    asked(tally, 5, ground("forest"), 60.0, "unknown_scene")
+    asked(tally, 6, ground("forest"), 61.0, "unknown_object")
+    figures = tally.figures(FIELD, DAEMON, seconds=10.0)
+    assert (figures["things"], figures["places"], figures["repeat_calls"]) == (1, 1, 2)
+
+
+def test_the_story_says_what_a_call_is_about_and_that_it_was_asked_before() -> None:
+    tally = Tally()
+    event = call(id=1, reasons=["unknown_object", "unknown_scene"])
+    assert tally.asked_about(event, drum("forest"), 10.0) == "call 1 is about forest and drum-1"
+    tally.answered(event, drum("forest"), 10.0)
+    assert tally.asked_about(call(id=2), drum(), 12.0) == "call 2 is about drum-1, AGAIN"
 
 
 FIELD = {
@@ -143,6 +195,9 @@ def test_the_tally_counts_what_was_heard() -> None:
         "answers": 2,
         "answers_by_tap": 1,
         "answers_by_words": 1,
+        "things": 0,
+        "places": 0,
+        "repeat_calls": 0,
         "closed_unanswered": 0,
         "history_matches": 1,
         "returned_without_call": False,

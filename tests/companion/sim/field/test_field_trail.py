@@ -65,3 +65,10 @@ def test_zones_blend_over_a_few_metres_and_shares_sum_to_one() -> None:
 def test_the_same_seed_gives_the_same_route_and_another_seed_another() -> None:
     assert np.array_equal(Trail(7).points, TRAILS[7].points)
     assert len({round(trail.length, 1) for trail in TRAILS.values()}) > 10
+
+
+def test_a_longer_trail_has_a_third_of_each_zone() -> None:
+    trail = Trail(3, 600.0)
+    assert trail.length == pytest.approx(600.0)
+    for begin, end in trail.borders.values():
+        assert end - begin == pytest.approx(200.0)

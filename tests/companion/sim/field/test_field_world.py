@@ -135,3 +135,11 @@ def test_a_thing_cannot_be_moved_to_nowhere() -> None:
 
 def test_things_are_of_the_known_kinds() -> None:
     assert {thing.kind for thing in World(1).things.values()} == set(KINDS)
+
+
+def test_a_longer_trail_has_its_surprises_all_along() -> None:
+    world = World(4, ["drum", "rock", "log"] * 2, length=600.0)
+    trail = world.trail
+    places = sorted(trail.nearest(one.x, one.y)[0] for one in world.things.values() if one.surprise)
+    assert [trail.zone(s) for s in places] == ["meadow"] * 2 + ["forest"] * 2 + ["gravel"] * 2
+    assert min(np.diff(places)) > 40

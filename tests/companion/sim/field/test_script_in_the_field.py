@@ -172,7 +172,13 @@ def test_arming_needs_a_companion_where_the_owner_says_so(scene: Scene) -> None:
     arm = int(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
     assert scene.command(arm, 1) == mavlink.MAV_RESULT_FAILED
     assert "Arm: no companion: fix it or ATS_NEED 0" in scene.texts()
-    requests = ControlRequests(scene.simulation, status=dict, freeze=lambda _: None, stop=lambda: None)
+    requests = ControlRequests(
+        scene.simulation,
+        status=dict,
+        look=lambda _box, _at: {},
+        freeze=lambda _: None,
+        stop=lambda: None,
+    )
     with pytest.raises(FieldError, match="forbids arming"):
         requests.handle({"do": "start"})
     scene.state = State.OK

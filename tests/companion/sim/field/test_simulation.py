@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anytraverse.regions import Box
 from companion.sim.field.control import FieldError
 from companion.sim.field.modes import Mode
 from companion.sim.field.requests import ControlRequests
@@ -24,13 +25,22 @@ class Scene:
         self.simulation = Simulation(self.world, self._nobody)
         self.frozen: bool | None = None
         self.stopped = False
+        self.looked: list[tuple[Box, float | None]] = []
         self.requests = ControlRequests(
-            self.simulation, status=self.simulation.status, freeze=self._freeze, stop=self._stop
+            self.simulation,
+            status=self.simulation.status,
+            look=self._look,
+            freeze=self._freeze,
+            stop=self._stop,
         )
 
     @staticmethod
     def _nobody(_port: Port, _frame: bytes) -> bool:
         return False
+
+    def _look(self, box: Box, at: float | None) -> dict[str, Any]:
+        self.looked.append((box, at))
+        return {"kind": "drum"}
 
     def _freeze(self, on: bool) -> None:
         self.frozen = on
@@ -153,7 +163,7 @@ def test_light_camera_switches_and_the_end_are_at_the_onlooker_s_hand(scene: Sce
 @pytest.mark.parametrize(
     ("request_", "complaint"),
     [
-        ({"do": "fly"}, "there are status, arm"),
+        ({"do": "fly"}, "there are look, status, arm"),
         ({"do": "remove"}, "such as drum-1"),
         ({"do": "remove", "id": "nothing"}, "such as drum-1"),
         ({"do": "remove", "id": ["drum-1"]}, "such as drum-1"),
@@ -169,6 +179,10 @@ def test_light_camera_switches_and_the_end_are_at_the_onlooker_s_hand(scene: Sce
         ({"do": "throttle", "throttle": 9}, "from -1 to 1"),
         ({"do": "throttle", "seconds": 1e9}, "from 0 to 60"),
         ({"do": "rc", "channel": 1, "pwm": 1500}, "from 5 to 16"),
+        ({"do": "look"}, '"box" is left'),
+        ({"do": "look", "box": [0.1, 0.2, 0.3, "low"]}, "from 0 to 1"),
+        ({"do": "look", "box": [0.5, 0.2, 0.3, 0.4]}, "is empty"),
+        ({"do": "look", "box": [0.1, 0.2, 0.3, 0.4], "at": -1}, "from 0 to inf"),
     ],
 )
 def test_a_bad_request_is_refused_with_what_to_send(
@@ -197,3 +211,11 @@ def test_whatever_is_asked_the_answer_is_done_or_a_refusal(do: str, fields: dict
         assert SHARED.ask(do, **fields) == {"ok": True}
     SHARED.simulation.advance(0.1)
     json.dumps(SHARED.ask("status"), allow_nan=False)
+
+
+def test_what_a_box_shows_is_told_to_an_onlooker() -> None:
+    scene = Scene()
+    assert scene.ask("look", box=[0.1, 0.2, 0.3, 0.4], at=7.5) == {"kind": "drum"}
+    scene.ask("look", box=[0.1, 0.2, 0.3, 0.4])
+    box = Box(0.1, 0.2, 0.3, 0.4)
+    assert scene.looked == [(box, 7.5), (box, None)]

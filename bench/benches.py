@@ -123,6 +123,16 @@ _PERCEPTION = (
     Quoted("missed_small", "small pasted things never noticed", "", LESS),
 )
 
+_CALLS = (
+    *(
+        Quoted(f"trail/{name}/calls_per_100m", f"simulated trail, {name}", "calls per 100 m", LESS)
+        for name in ("go", "word", "tap")
+    ),
+    *(Quoted(f"trail/{name}/repeats", f"of them asked again, {name}", "", LESS) for name in ("go", "tap")),
+    Quoted("real/word/calls_per_100", "real frames, words", "calls per 100 frames", LESS),
+    Quoted("real/word/second_pass_per_100", "the same frames again", "calls per 100 frames", LESS),
+)
+
 BENCHES = {
     "growth-words": _growth("words", "a frame by the number of words, 1 to 16: time and memory", (3, 0.3)),
     "growth-history": _growth("history", "what 10 to 10,000 remembered scenes cost", (2, 0.4)),
@@ -243,6 +253,13 @@ BENCHES = {
             Quoted("overridden_without", "humans overridden, without it", "", LESS),
             Quoted("longest_override_s", "our driving mode stood over a human's, the longest", "s", LESS),
         ),
+    ),
+    "calls": Bench(
+        "bench.calls",
+        "drives in virtual time, answered by go, words or taps: how many calls, and how many ask again",
+        (60, 0),
+        ("--out", f"{OUT}/calls-figures.json"),
+        figures=_CALLS,
     ),
     "faults": Bench(
         "bench.faults",

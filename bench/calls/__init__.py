@@ -1,0 +1,1 @@
+"""Counts the calls of whole drives in virtual time, by who answers them."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from anytraverse.errors import PreferencesError
-from anytraverse.history import Embedding, Entry, History, Match, cosine
+from anytraverse.history import Embedding, History, Match, cosine
 from anytraverse.judging import Thresholds
 from anytraverse.memory import Adoption, Examples, Memory
 from anytraverse.preferences import Preferences, Setting
@@ -111,13 +111,10 @@ def refused_memory(
 
 
 def _taught(memory: Memory, adoption: Adoption, newest: Embedding | None, limits: Thresholds) -> History:
-    scenes = len(memory.history)
-
-    def needed(entry: Entry) -> float:
-        return limits.needed(scenes, entry.widened)
+    least = limits.least_match(len(memory.history))
 
     def like(seen: Embedding, history: History) -> set[int]:
-        found = {match.entry.order for match in history.matches(seen, needed)}
+        found = {match.entry.order for match in history.matches(seen, least)}
         return {order for order in found if order <= adoption.clock}
 
     history = memory.history

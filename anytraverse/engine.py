@@ -24,9 +24,9 @@ from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.light import measure_light
 from anytraverse.memory import Memory
-from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint
+from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint, surroundings_of
 from anytraverse.roi import RoiFigures
-from anytraverse.scene_watch import CarriedPlace, SceneWatch
+from anytraverse.scene_watch import SceneWatch
 from anytraverse.synonyms import refuse_contradictions
 
 
@@ -54,7 +54,6 @@ class AnyTraverse:
         self.newest: Observation | None = None
         self._matched: deque[bool] = deque(maxlen=settings.window)
         self._scenes = SceneWatch()
-        self._carried: CarriedPlace | None = None
 
     def observe(self, frame: Frame) -> Observation:
         """The one expensive pass over a frame, whatever came before it, with an embedding of its own.
@@ -68,17 +67,10 @@ class AnyTraverse:
         """Judge a new frame; adopt a remembered scene when the last frames matched one.
 
         Without a reference, the first frame without a fault becomes it. Where there is no doubt about the
-        scene, an earlier frame's embedding may stand for it: see `SceneWatch`. A new place that was answered
-        is carried along: see `CarriedPlace`.
+        scene, an earlier frame's embedding may stand for it: see `SceneWatch`.
         """
-        place = place or Place()
-        if self._carried is not None and not self._carried.holds(self.memory.reference, now, place):
-            self._carried = None
-        assessment = self._step(frame, now, place)
+        assessment = self._step(frame, now, place or Place())
         self._scenes.judged(assessment)
-        if self._carried is not None and assessment.observation is not None:
-            embedding = assessment.observation.embedding
-            self._carried = self._carried.moved(embedding, self.settings.thresholds.scene)
         return assessment
 
     def _step(self, frame: Frame, now: float, place: Place) -> Assessment:
@@ -88,15 +80,17 @@ class AnyTraverse:
             self._matched.append(False)
             return assessment
         if self.memory.reference is None:
-            self.memory = self.memory.remembering(observation.embedding, 0, place, move=True)
+            seen = surroundings_of(self.perceiver, observation.features)
+            self.memory = self.memory.remembering(
+                observation.embedding, 0, place, move=True, surroundings=seen
+            )
             assessment = self.judge(observation, now)
-        match, undecided = self._match(assessment, observation)
+        match, undecided = self._match(observation)
         self._matched.append(match is not None)
         changed = assessment.finding(Reason.UNKNOWN_SCENE)
         if match is None and changed is not None:
-            like = self.memory.likeness(
-                observation.embedding, changed.value, changed.threshold, self.settings.thresholds.needed
-            )
+            least = self.settings.thresholds.least_match(len(self.memory.history))
+            like = self.memory.likeness(observation.embedding, changed.value, changed.threshold, least)
             assessment = replace(assessment, likeness=like)
         if match is None and not undecided:
             return assessment
@@ -119,7 +113,7 @@ class AnyTraverse:
         findings = check_age(age, self.settings.freshness)
         if self.memory.reference is None and is_black(frame.image):
             findings.append(Finding.fault("the picture is black"))
-        judged = self._carried_similarity(observation.embedding, similarity)
+        judged = self._known_similarity(observation, similarity)
         seen = partial(
             Assessment,
             frame,
@@ -173,7 +167,7 @@ class AnyTraverse:
         own. A refused match is undone first, whatever else changes. Raises PreferencesError, ExampleError,
         PerceiverError; then nothing has changed.
         """
-        before, carried = self.memory, self._carried
+        before = self.memory
         teaches, refuses = changes.teaches or go, changes.other_place is not None
         undone, forgotten = tuple[str, ...](), tuple[int, ...]()
         try:
@@ -190,15 +184,12 @@ class AnyTraverse:
             self.memory, dropped = changed_memory(self.memory, changes, self.perceiver, call)
             remembered = False
             if call is not None and teaches and is_embedding(call.embedding):
-                move, new = self._is_at(call.embedding), self._is_new(call.embedding)
-                place = place or Place()
-                if move:
-                    self._carried = self._carried_on(call.embedding, now, place, new=new)
-                nothing_new = (
-                    new and not changes.taps and dict(self.memory.preferences) == dict(before.preferences)
-                )
                 self.memory = self.memory.remembering(
-                    call.embedding, call_id, place, move=move, widen=nothing_new
+                    call.embedding,
+                    call_id,
+                    place or Place(),
+                    move=self._is_at(call.embedding),
+                    surroundings=surroundings_of(self.perceiver, call.features),
                 )
                 remembered = True
             outcome = AnswerOutcome(
@@ -213,7 +204,7 @@ class AnyTraverse:
                 self._matched.clear()
             return outcome
         except Exception:
-            self.memory, self._carried = before, carried
+            self.memory = before
             raise
 
     def fault(self, frame: Frame, now: float, why: str) -> Assessment:
@@ -280,50 +271,46 @@ class AnyTraverse:
             return cosine(self.memory.reference, embedding)
         return None if is_embedding(embedding) else math.nan
 
-    def _carried_similarity(self, embedding: Embedding, similarity: float | None) -> float | None:
-        """The similarity that the scene is judged by: of two, the one that says it is known."""
-        carried = self._carried
-        if carried is None or similarity is None or self.memory.reference is not carried.reference:
+    def _known_similarity(self, observation: Observation, similarity: float | None) -> float | None:
+        """The similarity that the scene is judged by: to the reference, or to familiar surroundings.
+
+        Surroundings of strangeness 1 count as the perceiver's own threshold of the scene. A frame like one
+        that an operator said shows another place is new, whatever surrounds it.
+        """
+        history, limits = self.memory.history, self.settings.thresholds
+        if similarity is None or not similarity < limits.scene + limits.similarity_margin:
             return similarity
-        return max(similarity, carried.similarity(embedding))
-
-    def _is_new(self, answered: Embedding) -> bool:
-        """Whether a frame shows another place than the one in force."""
-        judged = self._carried_similarity(answered, self._similarity(answered))
-        return any(finding.bad for finding in find_scene(judged, self.settings))
-
-    def _carried_on(self, answered: Embedding, now: float, place: Place, *, new: bool) -> CarriedPlace | None:
-        """What is carried after an answer: a new place, or the one in which a thing was named."""
-        if new:
-            return CarriedPlace(answered, answered, answered, now, place)
-        carried = self._carried
-        if carried is None or self.memory.reference is not carried.reference:
-            return None
-        return replace(carried, reference=answered)
+        if history.is_refused(observation.embedding, limits.scene):
+            return similarity
+        surroundings = surroundings_of(self.perceiver, observation.features)
+        if surroundings is None:
+            return similarity
+        strange = history.strangeness(surroundings, self.memory.preferences)
+        if strange is None:
+            return similarity
+        return max(similarity, -1.0, 1.0 - (1.0 - self.perceiver.defaults.scene) * strange)
 
     def _is_at(self, embedding: Embedding) -> bool:
         """Whether the newest frame still shows that scene."""
         newest = self.newest
         return newest is not None and cosine(newest.embedding, embedding) >= self.settings.thresholds.scene
 
-    def _match(self, assessment: Assessment, observation: Observation) -> tuple[Match | None, bool]:
+    def _match(self, observation: Observation) -> tuple[Match | None, bool]:
         """The remembered scene that a changed one matches, and whether the scene is undecided.
+
+        A scene has changed also where its surroundings are familiar: its place may have words of its own.
 
         A match may need more than the threshold of the scene. Frames of a known place lie on both sides of
         that number, so that one which misses it by at most the margin does not say that the place is unknown.
         """
-        if Reason.UNKNOWN_SCENE not in assessment.reasons:
+        found = find_scene(self._similarity(observation.embedding), self.settings)
+        if not any(finding.bad for finding in found):
             return None, False
         history, limits = self.memory.history, self.settings.thresholds
-        undecided = False
-        for match in history.nearest(observation.embedding):
-            if match.similarity < limits.scene:
-                break
-            needed = limits.needed(len(history), match.entry.widened)
-            if match.similarity >= needed:
-                return match, True
-            undecided = undecided or match.similarity >= needed - limits.similarity_margin
-        return None, undecided
+        best, least = history.best(observation.embedding), limits.least_match(len(history))
+        if best is None or best.similarity < max(limits.scene, least - limits.similarity_margin):
+            return None, False
+        return best if best.similarity >= least else None, True
 
 
 def _refuse_foreign(memory: Memory, model_id: str) -> None:

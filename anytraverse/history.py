@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,8 +13,6 @@ from numpy.typing import NDArray
 
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences
-
-_METRES_PER_DEGREE = 111_320.0
 
 _ROUNDING = 1e-9
 """Two cosines that differ by less are equal: sums of products depend on how many are made at once."""
@@ -38,20 +37,11 @@ class Place:
     time: float | None = None
     attitude: tuple[float, float, float] | None = None
 
-    def metres_to(self, other: Place) -> float | None:
-        """Return the distance to a place nearby; None where either position is not known.
 
-        It takes the earth as flat, and one degree of longitude at the latitude of this place.
-        """
-        if None in (self.latitude, self.longitude, other.latitude, other.longitude):
-            return None
-        assert self.latitude is not None
-        assert self.longitude is not None
-        assert other.latitude is not None
-        assert other.longitude is not None
-        north = other.latitude - self.latitude
-        east = (other.longitude - self.longitude + 180.0) % 360.0 - 180.0  # also across longitude 180
-        return _METRES_PER_DEGREE * math.hypot(north, east * math.cos(math.radians(self.latitude)))
+LEAST_SCENES = 2
+"""Answered scenes that tell which surroundings are familiar: one alone resembled 6 % of foreign frames."""
+NEIGHBOURS = 8
+"""The most of them that a frame is compared with, so that a rover may know several regions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +51,8 @@ class Entry:
     order: the stamp of its making, unique. matched: the stamp of its last match.
     call_id: the call that was answered; 0 for the first scene, which became the reference without a call.
     refused: embeddings of frames that matched it, and that an operator said show another place, at most 8.
-    widened: the similarity of a frame that called for its place, and whose answer brought no new word: no
-    more is needed to match, see `Thresholds.needed`. None without one.
+    surroundings: what its frame shows apart from the place, see `History.strangeness`; None where the
+    perceiver does not tell.
     """
 
     embedding: Embedding
@@ -73,7 +63,7 @@ class Entry:
     examples: Mapping[str, tuple[Example, ...]] = field(default_factory=dict)
     place: Place = field(default_factory=Place)
     refused: tuple[Embedding, ...] = ()
-    widened: float | None = None
+    surroundings: Embedding | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +150,13 @@ class History(Sequence[Entry]):
         """
         return next(self.nearest(embedding), None)
 
-    def matches(self, embedding: Embedding, needed: Callable[[Entry], float]) -> list[Match]:
-        """Return the entries that a frame resembles by as much as each needs, the most similar first.
+    def matches(self, embedding: Embedding, least: float) -> list[Match]:
+        """Return the entries that a frame resembles by a cosine of at least `least`, the most similar first.
 
-        needed: the least cosine that makes a match with an entry.
         Entries whose embedding is not finite or has another length are left out, and those to which the frame
         is not more similar than to a frame that was refused as another place.
         """
-        return [match for match in self.nearest(embedding) if match.similarity >= needed(match.entry)]
+        return list(takewhile(lambda match: match.similarity >= least, self.nearest(embedding)))
 
     def nearest(self, embedding: Embedding) -> Iterator[Match]:
         """Yield all entries, the most similar first, but for those that `matches` leaves out."""
@@ -194,36 +183,40 @@ class History(Sequence[Entry]):
     def refusing(self, orders: Collection[int], embedding: Embedding) -> History:
         """Return this history with a frame of another place noted at the entries of these stamps.
 
-        They need as much to match as at first. An entry that has `MAX_REFUSED` of them already is forgotten:
-        it is no use as a place.
+        An entry that has `MAX_REFUSED` of them already is forgotten: it is no use as a place.
         """
         entries = []
         for entry in self._entries:
             if entry.order not in orders:
                 entries.append(entry)
             elif len(entry.refused) < MAX_REFUSED:
-                entries.append(replace(entry, refused=(*entry.refused, embedding), widened=None))
+                entries.append(replace(entry, refused=(*entry.refused, embedding)))
         return History(entries, self.limit)
 
-    def widened(self, order: int) -> History:
-        """Return this history with the entry of this stamp, and the one most like it, widened to each other.
+    def is_refused(self, embedding: Embedding, least: float) -> bool:
+        """Return whether a frame resembles a refused one by a cosine of at least `least`."""
+        return any(cosine(one, embedding) >= least for entry in self._entries for one in entry.refused)
 
-        It is called where the answer that made the entry brought no new word.
+    def strangeness(self, surroundings: Embedding, words: Preferences) -> float | None:
+        """Return how strange a frame's surroundings are to the answered scenes whose words are in force.
+
+        It is the squared distance to the mean of the k `NEIGHBOURS` nearest ones, times k / (k + 1), since a
+        mean of few is uncertain. A perceiver scales its vectors so that frames of one drive stay below 1.
+        None where fewer than `LEAST_SCENES` can be compared. surroundings, (n,): of the frame.
         """
-        entry = next(one for one in self._entries if one.order == order)
-        like = next((match for match in self.nearest(entry.embedding) if match.entry.order != order), None)
-        if like is None:
-            return self
-        orders = {order, like.entry.order}
-        return History(
-            [
-                replace(one, widened=min(like.similarity, 1.0 if one.widened is None else one.widened))
-                if one.order in orders
-                else one
-                for one in self._entries
-            ],
-            self.limit,
-        )
+        scenes = [
+            entry.surroundings
+            for entry in self._entries
+            if entry.surroundings is not None
+            and entry.surroundings.shape == surroundings.shape
+            and all(words.get(word) == weight for word, weight in entry.preferences.items())
+        ]
+        if len(scenes) < LEAST_SCENES:
+            return None
+        apart = np.stack(scenes).astype(np.float64) - surroundings
+        nearest = np.argsort((apart**2).sum(axis=1), kind="stable")[:NEIGHBOURS]
+        mean = apart[nearest].mean(axis=0)
+        return float(mean @ mean) * len(nearest) / (len(nearest) + 1)
 
     def added(self, entry: Entry) -> History:
         """Return this history with one more entry."""

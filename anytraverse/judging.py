@@ -18,13 +18,6 @@ LARGEST_TILE = 0.25
 """Over the ROI's width. A tile that is calculated from the camera's mount is no larger: see `Settings`."""
 
 
-WIDENED_AS = 40
-"""A widened scene matches as if so many scenes were remembered.
-
-After a drive of 695 frames, 7 of 56 frames of other regions matched one with 16, where 4 would with 40.
-"""
-
-
 @dataclass(frozen=True)
 class Thresholds:
     """Holds the thresholds from which a figure is bad, and the margins by which it must be good again.
@@ -77,17 +70,6 @@ class Thresholds:
             slopes = [(cosines[-1] - cosines[n]) / (logs[-1] - logs[n]) for n in (0, -2)]
             least = min(1.0, cosines[-1] + max(slopes) * (at - logs[-1]))
         return max(self.scene, least)
-
-    def needed(self, scenes: int, widened: float | None) -> float:
-        """Return the cosine that a frame needs to match one entry of `scenes` remembered ones.
-
-        widened: `Entry.widened`; no more than that is needed. But it is never less than among `WIDENED_AS`
-        scenes, so that frames of other places do not match.
-        """
-        least = self.least_match(scenes)
-        return (
-            least if widened is None else min(least, max(widened, self.least_match(min(scenes, WIDENED_AS))))
-        )
 
 
 @dataclass(frozen=True)

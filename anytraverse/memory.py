@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
@@ -109,18 +109,24 @@ class Memory:
         return after.giving(self.preferences)
 
     def remembering(
-        self, embedding: Embedding, call_id: int, place: Place, *, move: bool, widen: bool = False
+        self,
+        embedding: Embedding,
+        call_id: int,
+        place: Place,
+        *,
+        move: bool,
+        surroundings: Embedding | None = None,
     ) -> Memory:
         """Return this memory with the words in force added to H for a scene.
 
-        move: whether the scene becomes the reference. widen: whether the answer brought no new word, see
-        `History.widened`. An entry of an earlier answer to the same call is replaced.
+        move: whether the scene becomes the reference. surroundings: of its frame, None where not known. An
+        entry of an earlier answer to the same call is replaced.
         """
         clock = self.clock + 1
-        entry = Entry(embedding, self.preferences, clock, clock, call_id, self.examples, place)
+        words, taps = self.preferences, self.examples
+        entry = Entry(embedding, words, clock, clock, call_id, taps, place, surroundings=surroundings)
         kept = self.history.without_call(call_id) if call_id else self.history
-        history = kept.added(entry)
-        after = replace(self, history=history.widened(clock) if widen else history, clock=clock)
+        after = replace(self, history=kept.added(entry), clock=clock)
         return after.at(embedding) if move else after
 
     def taught(self, entry: Entry) -> dict[str, float]:
@@ -145,16 +151,10 @@ class Memory:
                 return match
         return None
 
-    def likeness(
-        self,
-        embedding: Embedding,
-        now: float,
-        scene: float,
-        needed: Callable[[int, float | None], float],
-    ) -> Likeness:
+    def likeness(self, embedding: Embedding, now: float, scene: float, match: float) -> Likeness:
         """Return the scene that a frame of a new place lacks least to count as: that of now, or one of H.
 
-        now: its similarity to the scene of now, scene: what that needs. needed: `Thresholds.needed`. Cosines.
+        now: its similarity to the scene of now, scene: what that needs, match: what one of H needs. Cosines.
         """
         calls = [
             entry.call_id
@@ -165,7 +165,6 @@ class Memory:
         best = self.history.best(embedding)
         if best is None:
             return like
-        match = needed(len(self.history), best.entry.widened)
         other = Likeness(best.entry.call_id, best.similarity, match)
         return min(like, other, key=lambda one: one.needed - one.similarity)
 

@@ -1,13 +1,12 @@
-"""When the scene is looked at anew, when its last embedding may stand for it, and where a place ends."""
+"""Decides when the scene is looked at anew, and when its last embedding may stand for it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.findings import find_scene
-from anytraverse.history import Embedding, Place, cosine
+from anytraverse.history import Embedding, cosine
 from anytraverse.judging import Settings
 
 
@@ -16,47 +15,6 @@ class Scene(NamedTuple):
 
     embedding: Embedding
     at: float
-
-
-BELOW = 0.05
-"""By how much less than the threshold asks a frame may resemble an answered place that is carried along."""
-ABOVE = 0.03
-"""By how much more than the threshold asks a frame must resemble the answered place to become the one that
-later frames are compared with. Frames of less lead into the next place, step by step."""
-CARRIED_FOR = 60.0
-CARRIED_METRES = 50.0
-
-
-@dataclass(frozen=True, eq=False)
-class CarriedPlace:
-    """A new place that was answered, on the way on from it, for at most a minute and, where known, 50 m.
-
-    A frame that resembles `embedding` as the threshold asks, and the answered one nearly so, shows the same
-    place. `embedding` is the newest frame's that resembled the answered one by more than the threshold asks.
-    reference: the answered one, or that of a thing which was named here since.
-    since: the caller's monotonic seconds.
-    """
-
-    answered: Embedding
-    embedding: Embedding
-    reference: Embedding
-    since: float
-    place: Place
-
-    def similarity(self, embedding: Embedding) -> float:
-        """To be judged as one to the reference is; NaN where nothing can be compared."""
-        return min(cosine(self.embedding, embedding), cosine(self.answered, embedding) + BELOW)
-
-    def moved(self, embedding: Embedding, threshold: float) -> CarriedPlace:
-        """On to a new frame, if that shows the answered place plainly."""
-        plain = cosine(self.answered, embedding) >= threshold + ABOVE
-        return replace(self, embedding=embedding) if plain else self
-
-    def holds(self, reference: Embedding | None, now: float, place: Place) -> bool:
-        """Whether it is the reference's place still, within its limits."""
-        metres = self.place.metres_to(place)
-        far = metres is not None and metres > CARRIED_METRES
-        return reference is self.reference and not far and 0.0 <= now - self.since <= CARRIED_FOR
 
 
 class SceneWatch:

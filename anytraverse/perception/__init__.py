@@ -155,6 +155,19 @@ def is_joint(perceiver: Perceiver) -> bool:
     return getattr(perceiver, "joint", False) is True
 
 
+def surroundings_of(perceiver: Perceiver, features: Features) -> NDArray[np.float32] | None:
+    """Return what a frame shows apart from the place, (n,), to be compared by `History.strangeness`.
+
+    `surroundings(features)` is optional in a perceiver. None for one without it, and for what is not finite.
+    """
+    make = getattr(perceiver, "surroundings", None)
+    made = None if make is None else make(features)
+    if made is None:
+        return None
+    vector = np.array(made, dtype=np.float32)
+    return vector if vector.ndim == 1 and np.isfinite(vector).all() else None
+
+
 KINDS: dict[str, tuple[str, str]] = {
     "builtin": ("anytraverse.perception.builtin", "make_builtin"),
     "clipseg": ("anytraverse.perception.clipseg.perceiver", "ClipSeg"),

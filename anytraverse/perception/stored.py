@@ -25,6 +25,7 @@ from anytraverse.perception import (
     Prompt,
     is_independent,
     is_joint,
+    surroundings_of,
 )
 from anytraverse.regions import Box
 
@@ -156,6 +157,7 @@ class StoredFeatures:
         self._encoded: Features = None
         self._attended = dict[tuple[Prompt, ...], Array]()
         self._embedding: Array | None = None
+        self._surroundings: Array | None = None
         self._examples = dict[Box, Example]()
 
     @property
@@ -186,6 +188,17 @@ class StoredFeatures:
                 self._store.put(self._frame, "scene", array)
             self._embedding = array
         return self._embedding
+
+    def surroundings(self) -> Array | None:
+        """Return the vector of the surroundings, None of a perceiver without one. Raises PerceiverError."""
+        if self._surroundings is None:
+            array = self._store.get(self._frame, "surroundings")
+            if array is None:
+                array = surroundings_of(self._perceiver, self.encoded)
+                if array is not None:
+                    self._store.put(self._frame, "surroundings", array)
+            self._surroundings = array
+        return self._surroundings
 
     def example(self, box: Box) -> Example:
         """Return the example of a box: one object, so that words learnt from it are asked for once."""
@@ -236,6 +249,10 @@ class StoredPerceiver:
     def embed(self, features: StoredFeatures) -> Array:
         """Return the scene's embedding."""
         return features.embed()
+
+    def surroundings(self, features: StoredFeatures) -> Array | None:
+        """Return the vector of the surroundings, None of a perceiver without one."""
+        return features.surroundings()
 
     def example(self, features: StoredFeatures, box: Box) -> Example:
         """Make an example, by the perceiver's own features."""

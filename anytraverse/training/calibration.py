@@ -48,6 +48,8 @@ def plain() -> Calibration:
         scene_projection=np.ones((1, 1), np.float32),
         scene_threshold=0.5,
         scene_match=np.zeros((0, 2), np.float32),
+        surroundings_mean=np.zeros(3 * SCALES[8], np.float32),
+        surroundings_whitening=np.eye(3 * SCALES[8], dtype=np.float32),
     )
 
 

@@ -24,7 +24,7 @@ from anytraverse.training.fitting import Material, Options, Progress, train
 from anytraverse.training.folders import Folder, Split
 from anytraverse.training.joint import recalibrated
 from anytraverse.training.net import GroundNet
-from anytraverse.training.scenes import cosines, fitted_scene, scene_auroc
+from anytraverse.training.scenes import cosines, fitted_scene, fitted_surroundings, scene_auroc
 from anytraverse.training.scores import VIEWS, Network, class_ranks, outputs, score
 from anytraverse.training.things import ENOUGH, recall, seen
 
@@ -98,6 +98,7 @@ def calibrate(network: Network, training: Folder, made: Folder, validation: Fold
     start = fitted_distances(network, training, plain(), seed)
     start = replace(start, tap_mean=mean, tap_whitening=whitening)
     ready = recalibrated(network, validation, start, required=ENOUGH)
+    ready = fitted_surroundings(network, training, ready)
     return fitted_scene(network, training, made, validation, ready, seed)
 
 

@@ -1,6 +1,7 @@
-"""Fits the scene embedding: a projection that keeps revisits together and drives apart, and its threshold.
+"""Fits the scene embedding and its threshold, and the whitening of the surroundings.
 
-Method: within-class covariance normalisation (Hatch et al., 2006) and linear discriminant analysis.
+The embedding's projection keeps revisits together and drives apart. Method: within-class covariance
+normalisation (Hatch et al., 2006) and linear discriminant analysis.
 """
 
 from __future__ import annotations
@@ -13,8 +14,15 @@ from numpy.typing import NDArray
 
 from anytraverse.evaluation.scene_matching import Places, fitted_match
 from anytraverse.frame import Image
+from anytraverse.history import Entry, History
 from anytraverse.perception.builtin.calibration import Calibration, Floats
-from anytraverse.perception.builtin.scene import SAME_PLACE, scene_summary, scene_vector
+from anytraverse.perception.builtin.scene import (
+    SAME_PLACE,
+    scene_summary,
+    scene_vector,
+    surroundings_summary,
+)
+from anytraverse.preferences import Preferences
 from anytraverse.training.folders import BLOCK, Folder
 from anytraverse.training.scores import Network, auroc
 
@@ -31,6 +39,14 @@ far more rarely: docs/builtin.md has the figures.
 """
 _OTHERS = 0.15  # share of pairs of different drives that may count as the same place
 _REVISITS = 0.97  # least share of revisits that count as the same place; it goes before `_OTHERS`
+
+
+FAMILIAR = 0.85
+"""Share of a left-out drive's frames that are familiar to a rover that knows the other drives."""
+_KNOWN_EVERY = 20  # frames of these, of which one is remembered
+_ISOTROPIC = (
+    1.0  # share of the mean variance added to each direction: which camera it was must not count much
+)
 
 
 def revisited(image: Image, rng: np.random.Generator) -> Image:
@@ -108,6 +124,54 @@ def _fitted_match(
     rates = {number: rate for number, rate in _RATES.items() if number <= len(remembered)}
     places = Places(remembered, again, np.arange(len(again)), foreign)
     return np.array(fitted_match(places, rates), dtype=np.float32).reshape(-1, 2)
+
+
+def fitted_surroundings(network: Network, filmed: Folder, start: Calibration) -> Calibration:
+    """Fit the whitening to how frames of one drive vary, and its scale to drives that were left out.
+
+    A rover is at home in a region, not in one place: so frames of all drives of one region vary alike, and
+    those of another region differ in all directions a little.
+    """
+    seen = np.stack([surroundings_summary(network(frame.image)) for frame in filmed.frames])
+    drives = np.array([frame.number // BLOCK for frame in filmed.frames])
+    strange = list[float]()
+    for drive in np.unique(drives):
+        own = drives == drive
+        others = ~own if not own.all() else own
+        mean, whitening = _whitened_drives(seen[others], drives[others])
+        vectors = (seen - mean) @ whitening.T
+        known = History([_scene(number, one) for number, one in enumerate(vectors[others][::_KNOWN_EVERY])])
+        found = [known.strangeness(vector, Preferences()) for vector in vectors[own]]
+        strange += [one for one in found if one is not None]
+    mean, whitening = _whitened_drives(seen, drives)
+    limit = float(np.quantile(strange, FAMILIAR)) if strange else 1.0
+    return replace(
+        start,
+        surroundings_mean=mean.astype(np.float32),
+        surroundings_whitening=(whitening / np.sqrt(max(limit, 1e-6))).astype(np.float32),
+    )
+
+
+def _scene(number: int, vector: NDArray[np.float64]) -> Entry:
+    return Entry(
+        np.ones(1, np.float32), Preferences(), number, number, surroundings=vector.astype(np.float32)
+    )
+
+
+def _whitened_drives(
+    seen: Floats, drives: NDArray[np.int_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean, (n,), and the whitening, (n, n), of how frames differ from their drive's mean."""
+    wide = seen.astype(np.float64)
+    mean, spread = wide.mean(axis=0), wide.std(axis=0) + 1e-3
+    even = (wide - mean) / spread
+    apart = np.concatenate(
+        [even[drives == one] - even[drives == one].mean(axis=0) for one in np.unique(drives)]
+    )
+    inner = apart.T @ apart / max(len(apart) - 1, 1)
+    inner += _ISOTROPIC * max(float(np.trace(inner)) / len(inner), 1e-6) * np.eye(len(inner))
+    values, axes = np.linalg.eigh(inner)
+    return mean, (axes * (values * len(values)) ** -0.5) @ axes.T / spread
 
 
 def scene_auroc(same: Floats, other: Floats) -> float:

@@ -27,8 +27,6 @@ RATE = 2.0
 """Frames/s. No time passes between frames but by the next frame: see `companion.drives.judge`."""
 AWAY_S = 3600.0
 """Seconds from the first pass to the second."""
-LEAST_SCENES = 40
-"""Remembered ones with which foreign frames are compared."""
 TRAINED = "the shipped network was trained on these frames, but for blocks 2 and 4 (200-299 and 400-499)"
 
 
@@ -111,8 +109,8 @@ def figures(driven: Driven) -> dict[str, Any]:
 
 
 def foreign_known(driven: Driven) -> dict[str, Any] | None:
-    """Return the share of foreign frames that were taken for a known scene; None with too few scenes."""
-    if driven.remembered < LEAST_SCENES or not driven.foreign:
+    """Return the share of foreign frames that were taken for a known scene; None without such frames."""
+    if not driven.foreign:
         return None
     return {**share(driven.foreign).as_json(), "scenes": driven.remembered}
 

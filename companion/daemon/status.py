@@ -213,7 +213,7 @@ class Status:
             "scene": adoption.order,
             "call": adoption.call_id or None,
             "similarity": round(adoption.similarity, _DIGITS),
-            "needed": round(limits.needed(len(memory.history), entry.widened if entry else None), _DIGITS),
+            "needed": round(limits.least_match(len(memory.history)), _DIGITS),
             "since": None if adoption.time is None else round(adoption.time, 2),
             "changed": {word: list(both) for word, both in memory.matched.items()},
             "picture": "" if entry is None else scene_picture(entry),

@@ -15,7 +15,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, History
 from anytraverse.memory import Memory, first_memory
-from anytraverse.perception import Prompt
+from anytraverse.perception import Prompt, surroundings_of
 from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
 from companion.config import Config, load_config, state_folder
@@ -67,8 +67,6 @@ def show_scene(file: str, number: int, out: str | None = None) -> int:
         print(f"word      {word}: {weight:g}{f', tapped {taps} x' if taps else ''}")
     if entry.refused:
         print(f"refused   {len(entry.refused)} frames that an operator said are another place")
-    if entry.widened is not None:
-        print(f"widened   by an answer without a new word to a frame of similarity {entry.widened:.3f}")
     picture = picture_of(folder, entry)
     if picture is None:
         print("picture   none: those of calls are kept, unless [pictures] keep is 0, and imported ones")
@@ -223,7 +221,9 @@ def read_checked(config: Config, source: Path) -> tuple[str, list[Scene]]:
         example = perceiver.example(seen.features, Box(0.3, 0.3, 0.7, 0.7))
     except AnyTraverseError as error:
         raise MemoryCommandError(f"the perceiver does not run: {error}") from error
-    scenes = read_scenes(source, Expected(perceiver, len(seen.embedding), len(example.vector)))
+    around = surroundings_of(perceiver, seen.features)
+    lengths = len(seen.embedding), len(example.vector), 0 if around is None else len(around)
+    scenes = read_scenes(source, Expected(perceiver, *lengths))
     taps = {id(tap): tap for scene in scenes for kept in scene.entry.examples.values() for tap in kept}
     for tap in taps.values():
         try:

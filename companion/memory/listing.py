@@ -12,7 +12,7 @@ from companion.vehicle.position import place_figures
 
 HEAD = (
     f"{'scene':>5}  {'call':<6}  {'answered':<16}  {'place':<20}  "
-    f"{'picture':<7}  {'refused':>7}  {'widened':>7}  words"
+    f"{'picture':<7}  {'refused':>7}  {'surroundings':<12}  words"
 )
 
 
@@ -24,8 +24,8 @@ def row(folder: Path, entry: Entry) -> str:
         for word, weight in entry.preferences.items()
     )
     columns = f"{entry.order:>5}  {call_text(entry):<6}  {time_text(entry):<16}  {place_text(entry):<20}"
-    widened = "no" if entry.widened is None else f"{entry.widened:.3f}"
-    return f"{columns}  {picture:<7}  {len(entry.refused):>7}  {widened:>7}  {words}"
+    around = "no" if entry.surroundings is None else "yes"
+    return f"{columns}  {picture:<7}  {len(entry.refused):>7}  {around:<12}  {words}"
 
 
 def call_text(entry: Entry) -> str:
@@ -58,6 +58,6 @@ def figures(folder: Path, entry: Entry) -> dict[str, Any]:
         "words": dict(entry.preferences),
         "tapped": {word: len(taps) for word, taps in entry.examples.items()},
         "refused": len(entry.refused),
-        "widened": entry.widened,
+        "surroundings": entry.surroundings is not None,
         "picture": None if picture is None else str(picture),
     }

@@ -62,11 +62,12 @@ class Scene:
 
 @dataclass(frozen=True)
 class Expected:
-    """Says which scenes fit this rover's model: its id, and the lengths of its embeddings and examples."""
+    """Says which scenes fit this rover's model: its id, and the lengths of its vectors; 0: it has none."""
 
     perceiver: Perceiver
     embedding: int
     example: int
+    surroundings: int
 
 
 def write_scenes(path: Path, model_id: str, scenes: list[Scene]) -> int:
@@ -124,7 +125,7 @@ def _record(entry: Entry, model_id: str, vectors: dict[bytes, int], picture: byt
         "call": entry.call_id,
         "picture": _encoded(picture) if picture else None,
         **({"refused": [_encoded(_bytes(one)) for one in entry.refused]} if entry.refused else {}),
-        **({"widened": entry.widened} if entry.widened is not None else {}),
+        **({} if entry.surroundings is None else {"surroundings": _encoded(_bytes(entry.surroundings))}),
     }
 
 
@@ -187,7 +188,9 @@ def _scene(row: Mapping[str, Any], examples: list[Example], expected: Expected) 
         examples={word: tuple(_taps(numbers, examples)) for word, numbers in taps.items()},
         place=_place(row.get("place"), row.get("attitude")),
         refused=tuple(_refused(row.get("refused", []), expected.embedding)),
-        widened=None if row.get("widened") is None else _number(row["widened"], 1.0),
+        surroundings=(
+            _vector(row["surroundings"], expected.surroundings) if row.get("surroundings") else None
+        ),
     )
     return Scene(entry, _picture(row.get("picture")))
 

@@ -52,7 +52,7 @@ _TABLES = {
     " scenes INTEGER NOT NULL, reference BLOB",
     "entries": "stamp INTEGER PRIMARY KEY, matched INTEGER NOT NULL, call_id INTEGER NOT NULL,"
     " embedding BLOB NOT NULL, latitude REAL, longitude REAL, heading REAL, time REAL,"
-    " roll REAL, pitch REAL, yaw REAL, widened REAL",
+    " roll REAL, pitch REAL, yaw REAL, surroundings BLOB",
     "words": "owner INTEGER NOT NULL, position INTEGER NOT NULL, word TEXT NOT NULL, weight REAL NOT NULL,"
     " stamp INTEGER NOT NULL, PRIMARY KEY (owner, position)",
     "vectors": "id INTEGER PRIMARY KEY, model_id TEXT NOT NULL, vector BLOB NOT NULL,"
@@ -78,7 +78,7 @@ _UPGRADES = {
     2: tuple(f"ALTER TABLE entries ADD COLUMN {name} REAL" for name in ("roll", "pitch", "yaw")),
     FRAME_SINCE: (f"CREATE TABLE frame ({_FRAME})",),
     4: (f"CREATE TABLE refused ({_REFUSED})", f"CREATE TABLE adoption ({_ADOPTION})"),
-    5: ("ALTER TABLE entries ADD COLUMN widened REAL", _GIVEN),
+    5: ("ALTER TABLE entries ADD COLUMN surroundings BLOB", _GIVEN),
 }
 """Version -> the statements that upgrade a file of the version before."""
 _NEW_TABLES = {"frame", "refused", "adoption"}

@@ -51,10 +51,10 @@ def read_memory(rows: Query) -> Memory | None:
                 examples=examples.get(stamp, {}),
                 place=_place(*place),
                 refused=tuple(refused.get(stamp, ())),
-                widened=_cosine(widened),
+                surroundings=None if surroundings is None else _vector(surroundings),
             )
-            for stamp, matched, call_id, embedding, widened, *place in rows(
-                "SELECT stamp, matched, call_id, embedding, widened,"
+            for stamp, matched, call_id, embedding, surroundings, *place in rows(
+                "SELECT stamp, matched, call_id, embedding, surroundings,"
                 " latitude, longitude, heading, time, roll, pitch, yaw FROM entries"
             )
         ]
@@ -224,7 +224,7 @@ def _write_entry(connection: sqlite3.Connection, entry: Entry) -> None:
             place.heading,
             place.time,
             *(place.attitude or (None, None, None)),
-            entry.widened,
+            None if entry.surroundings is None else _blob(entry.surroundings),
         ),
     )
     _write_words(connection, entry.order, entry.preferences)
@@ -241,12 +241,6 @@ def _place(
     return Place(
         latitude, longitude, heading, time, None if None in angles else (angles[0], angles[1], angles[2])
     )
-
-
-def _cosine(figure: float | None) -> float | None:
-    if figure is not None and not -1.0 <= figure <= 1.0:
-        raise ValueError(f"a scene is widened to {figure}, which is no cosine")
-    return figure
 
 
 def _blob(vector: Embedding) -> bytes:

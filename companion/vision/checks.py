@@ -285,8 +285,7 @@ def _check_entry(entry: Any) -> None:
     _check_examples(entry.examples)
     right = isinstance(entry.refused, tuple) and len(entry.refused) <= MAX_REFUSED
     _need(right and all(map(_is_vector, entry.refused)), "the refused frames of a scene")
-    wide = entry.widened
-    _need(wide is None or (_number(wide) and -1.0 <= wide <= 1.0), "what a scene is widened to")
+    _need(entry.surroundings is None or _is_vector(entry.surroundings), "a scene's surroundings")
     where = entry.place
     _need(isinstance(where, Place) and len(where.attitude or (0, 0, 0)) == 3, "a remembered scene's place")
     known = (where.latitude, where.longitude, where.heading, where.time, *(where.attitude or ()))

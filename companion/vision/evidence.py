@@ -27,7 +27,7 @@ def contradiction(seen: Assessment, settings: Settings) -> str:
         return "figures without maps"
     told = [finding for finding in seen.findings if finding.reason is not Reason.FAULT]
     scene = next((finding for finding in told if finding.reason is Reason.UNKNOWN_SCENE), None)
-    # A place that is carried along may be more similar than the reference: see `CarriedPlace`.
+    # Familiar surroundings may count as more similar than the reference: see `History.strangeness`.
     if scene is None or seen.similarity is None:
         known = scene is None and (seen.similarity is None or bool(faults))
     else:

@@ -110,10 +110,9 @@ def test_a_history_is_compared_again_with_scenes_of_any_length_and_follows_its_c
     assert history.best(vector(1, 0, 0, 0)) is None
     after = history.added(entry(at(10), 4))
     assert [
-        one.matches(at(10), lambda _: 0.999)[0].entry.order
-        for one in (after, history.added(entry(at(11), 5)))
+        one.matches(at(10), 0.999)[0].entry.order for one in (after, history.added(entry(at(11), 5)))
     ] == [4, 5]
-    assert not history.matches(at(10), lambda _: 0.999)
+    assert not history.matches(at(10), 0.999)
 
 
 def test_what_a_history_was_compared_by_goes_with_it_and_is_not_sent() -> None:

@@ -199,7 +199,7 @@ def test_no_scene_that_was_there_matches_a_refused_frame_and_words_are_as_before
     """Whatever was remembered, and whatever frames come after: the engine's rule, on its parts."""
     limits = Thresholds(scene=0.85)
     before = memory(GRASS, *(entry(angle, TRAIL_TOO, order=n) for n, angle in enumerate(places)))
-    matches = before.history.matches(at(seen), lambda _: limits.least_match(len(places)))
+    matches = before.history.matches(at(seen), limits.least_match(len(places)))
     if not matches:
         return
     after, _ = adopted_memory(before, matches[0], str, at(seen))
@@ -209,10 +209,10 @@ def test_no_scene_that_was_there_matches_a_refused_frame_and_words_are_as_before
     undone, _, _ = refused_memory(after, 0, newest, limits, str)
     assert dict(undone.preferences) == dict(before.preferences)
     assert undone.adoption is None
-    found = undone.history.matches(at(seen), lambda _: limits.scene)
+    found = undone.history.matches(at(seen), limits.scene)
     assert {match.entry.call_id for match in found} <= {99}
     for angle in later:
-        for match in undone.history.matches(at(angle), lambda _: -1.0):
+        for match in undone.history.matches(at(angle), -1.0):
             assert all(match.similarity > float(one @ at(angle)) for one in match.entry.refused)
 
 

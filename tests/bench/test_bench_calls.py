@@ -55,12 +55,12 @@ def test_the_second_pass_counts_by_itself_and_the_last_half_of_the_first_too() -
     assert found["go"]["without_new_word"] is None
 
 
-def test_foreign_frames_count_only_beside_many_remembered_scenes() -> None:
+def test_foreign_frames_that_pass_as_known_are_a_share_beside_the_count_of_remembered_scenes() -> None:
     driven = real.Driven(100, 25.0, 3600.0, answered([]), 40, (True, False, False, False))
     found = real.foreign_known(driven)
     assert found is not None
     assert (found["value"], found["of"], found["scenes"]) == (0.25, 4, 40)
-    assert real.foreign_known(replace(driven, remembered=39)) is None
+    assert real.foreign_known(replace(driven, foreign=())) is None
 
 
 def test_the_last_line_holds_each_part_and_says_what_is_left_out() -> None:

@@ -24,7 +24,8 @@ class Calibration:
     slope: see `strangeness`. tile: the threshold of a tile's uncertainty, (0, 1], that was fitted together
     with bias and limits. tap_mean (T,), tap_whitening (T, T): statistics of the background; see taps.py.
     scene_mean (P,), scene_projection (S, P), scene_threshold: see scene.py. scene_match (n, 2): numbers of
-    remembered scenes, and the cosine from which a frame matches one of so many.
+    remembered scenes, and the cosine from which a frame matches one of so many. surroundings_mean (Q,),
+    surroundings_whitening (Q, Q): see `surroundings_vector`.
     """
 
     classes: tuple[str, ...]
@@ -41,6 +42,8 @@ class Calibration:
     scene_projection: Floats
     scene_threshold: float
     scene_match: Floats
+    surroundings_mean: Floats
+    surroundings_whitening: Floats
 
     def save(self, path: Path) -> None:
         """Write the numbers as .npz. Raises OSError."""

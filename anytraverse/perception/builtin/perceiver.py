@@ -25,7 +25,13 @@ from anytraverse.perception.builtin.network import (
     network_input,
     open_network,
 )
-from anytraverse.perception.builtin.scene import SAME_PLACE, scene_summary, scene_vector
+from anytraverse.perception.builtin.scene import (
+    SAME_PLACE,
+    scene_summary,
+    scene_vector,
+    surroundings_summary,
+    surroundings_vector,
+)
 from anytraverse.perception.builtin.taps import (
     COLOURS,
     changed_views,
@@ -136,6 +142,10 @@ class GroundNetwork:
             raise PerceiverError("the scene's embedding is not finite")
         return vector
 
+    def surroundings(self, features: Ground) -> Floats:
+        """Make the vector of the surroundings: see `surroundings_vector`."""
+        return surroundings_vector(features.outputs, self._calibration)
+
     def example(self, features: Ground, box: Box) -> Example:
         """Learn what the box shows, by encoding the frame in six lights. Raises ExampleError."""
         pixels = features.frame[0].transpose(1, 2, 0).astype(np.uint8)
@@ -154,7 +164,7 @@ class GroundNetwork:
         outputs = self._run(np.zeros((1, 3, GREATEST_HEIGHT, WIDTH), dtype=np.float32))
         middle = len(outputs.eighth) + len(outputs.sixteenth)
         taps = len(outputs.features) + len(outputs.eighth) + COLOURS
-        places = len(scene_summary(outputs))
+        places, around = len(scene_summary(outputs)), len(surroundings_summary(outputs))
         shapes = {
             "bias": (numbers.bias.shape, (len(outputs.logits),)),
             "distance_mean": (numbers.distance_mean.shape, (middle,)),
@@ -166,6 +176,8 @@ class GroundNetwork:
             "scene_mean": (numbers.scene_mean.shape, (places,)),
             "scene_projection": (numbers.scene_projection.shape[1:], (places,)),
             "scene_match": (numbers.scene_match.shape[1:], (2,)),
+            "surroundings_mean": (numbers.surroundings_mean.shape, (around,)),
+            "surroundings_whitening": (numbers.surroundings_whitening.shape, (around, around)),
         }
         covered = {UNKNOWN} | {name for word in GROUND_WORDS.values() for name in word.covers}
         if (

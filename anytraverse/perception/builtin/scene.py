@@ -1,4 +1,4 @@
-"""Embeds the scene of a frame from the built-in network's features: one place gives similar unit vectors."""
+"""Embeds the scene of a frame from the built-in network's features: its place, and its surroundings."""
 
 from __future__ import annotations
 
@@ -48,3 +48,20 @@ def scene_vector(outputs: Outputs, calibration: Calibration) -> Floats:
     place /= max(float(np.linalg.norm(place)), 1e-6)
     varying = (1 - SAME_PLACE) / (1 - calibration.scene_threshold)
     return np.concatenate([[math.sqrt(1 - varying)], math.sqrt(varying) * place]).astype(np.float32)
+
+
+def surroundings_summary(outputs: Outputs) -> Floats:
+    """Summarise the frame, (Q,), by the backbone's features at stride 8: means of top, middle and bottom."""
+    return np.concatenate([band.mean(axis=(1, 2)) for band in np.array_split(outputs.eighth, 3, axis=1)])
+
+
+def surroundings_vector(outputs: Outputs, calibration: Calibration) -> Floats:
+    """Make the vector, (Q,), by which `History.strangeness` tells familiar surroundings from foreign ones.
+
+    The summary is whitened by how the frames of one drive vary, and scaled so that most frames of a drive of
+    the same region have a strangeness below 1.
+    """
+    vector = calibration.surroundings_whitening @ (
+        surroundings_summary(outputs) - calibration.surroundings_mean
+    )
+    return np.asarray(vector, dtype=np.float32)

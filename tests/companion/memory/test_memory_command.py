@@ -96,7 +96,9 @@ def test_scenes_are_listed_with_call_place_picture_and_words(rover: Rover) -> No
     head, _, seven, eight, last = told.splitlines()
     assert (code, head) == (0, f"2 of at most 4 scenes, learnt with model {PERCEIVER.model_id}")
     assert seven.split()[:2] == ["1", "C7"]
-    assert seven.endswith("  47.00000, 8.00000     yes            0       no  grass: 1; drum: -1 (tapped)")
+    assert seven.endswith(
+        "  47.00000, 8.00000     yes            0  no            grass: 1; drum: -1 (tapped)"
+    )
     assert eight.split()[:2] == ["2", "C8"]
     assert [scene["call"] for scene in json.loads(last)["scenes"]] == [7, 8]
 
@@ -110,7 +112,7 @@ def test_how_often_a_scene_was_refused_is_listed_and_shown(rover: Rover) -> None
     journal.commit(Batch(memory=replace(memory, history=refused)))
     journal.close()
     _, told, _ = rover.type("list", "--json")
-    assert "yes            1       no  grass: 1" in told
+    assert "yes            1  no            grass: 1" in told
     assert json.loads(told.splitlines()[-1])["scenes"][0]["refused"] == 1
     assert "refused   1 frames that an operator said are another place\n" in rover.type("show", "1")[1]
 

@@ -25,7 +25,7 @@ from tests.anytraverse.conftest import Painted
 cv2 = pytest.importorskip("cv2")
 
 MODEL = Painted.model_id
-EXPECTED = Expected(Painted(), embedding=2, example=1)
+EXPECTED = Expected(Painted(), embedding=2, example=1, surroundings=2)
 
 
 def jpeg(width: int = 32, height: int = 24) -> bytes:
@@ -65,7 +65,7 @@ def _scenes(draw: st.DrawFn) -> Scene:
         examples={word: draw(_TAPS) for word in sorted(tapped)},
         place=draw(_PLACES),
         refused=tuple(draw(st.lists(_VECTORS, max_size=8))),
-        widened=draw(st.none() | st.floats(-1, 1)),
+        surroundings=draw(st.none() | _VECTORS),
     )
     return Scene(entry, draw(st.sampled_from([b"", PICTURE])))
 
@@ -82,7 +82,7 @@ def _plain(scene: Scene) -> Any:
         entry.place,
         entry.call_id,
         refused,
-        entry.widened,
+        None if entry.surroundings is None else entry.surroundings.tobytes(),
         scene.picture,
     )
 
@@ -212,8 +212,8 @@ def _set(line: int, **values: Any) -> Change:
         (_set(2, refused=["AADAfwAAgD8="]), "not finite"),
         (_set(2, refused=["AACAPwAAgD8="] * 9), "at most 8 refused frames"),
         (_set(2, refused=None), "at most 8 refused frames"),
-        (_set(2, widened=1.5), "1.5"),
-        (_set(2, widened="wide"), "number"),
+        (_set(2, surroundings=1.5), "base64"),
+        (_set(2, surroundings="AAAA"), "bytes"),
     ],
 )
 def test_what_is_wrong_is_told_and_nothing_is_imported(tmp_path: Path, change: Change, told: str) -> None:

@@ -42,7 +42,7 @@ _ENTRIES = st.lists(
         examples=_EXAMPLES,
         place=st.builds(Place, _MAYBE, _MAYBE, _MAYBE, _MAYBE),
         refused=st.lists(_VECTORS, max_size=8).map(tuple),
-        widened=st.none() | st.floats(-1, 1),
+        surroundings=st.none() | _VECTORS,
     ),
     max_size=6,
     unique_by=lambda entry: entry.order,

@@ -29,7 +29,7 @@ def entry(order: int, place: Place) -> Entry:
 def made_old(folder: Path) -> None:
     """As version 1 had it."""
     with sqlite3.connect(folder / "journal.db") as connection:
-        for column in ("roll", "pitch", "yaw", "widened"):
+        for column in ("roll", "pitch", "yaw", "surroundings"):
             connection.execute(f"ALTER TABLE entries DROP COLUMN {column}")
         for table in ("frame", "refused", "adoption"):
             connection.execute(f"DROP TABLE {table}")
@@ -72,7 +72,7 @@ def test_the_call_of_a_journal_of_version_2_gets_the_picture_beside_it_until_ano
     with sqlite3.connect(tmp_path / "journal.db") as connection:
         for table in ("frame", "refused", "adoption"):
             connection.execute(f"DROP TABLE {table}")
-        connection.execute("ALTER TABLE entries DROP COLUMN widened")
+        connection.execute("ALTER TABLE entries DROP COLUMN surroundings")
         connection.execute("PRAGMA user_version = 2")
     connection.close()
     (tmp_path / "call.png").write_bytes(b"a picture")
@@ -143,7 +143,7 @@ def test_the_words_that_a_journal_of_version_4_knows_count_as_given(tmp_path: Pa
     journal.commit(Batch(memory=memory))
     journal.close()
     with sqlite3.connect(tmp_path / "journal.db") as connection:
-        connection.execute("ALTER TABLE entries DROP COLUMN widened")
+        connection.execute("ALTER TABLE entries DROP COLUMN surroundings")
         connection.execute("PRAGMA user_version = 4")
     connection.close()
     for _ in range(2):
@@ -163,7 +163,7 @@ def test_a_journal_of_version_3_opens_and_takes_refused_frames_from_then_on(tmp_
     with sqlite3.connect(tmp_path / "journal.db") as connection:
         for table in ("refused", "adoption"):
             connection.execute(f"DROP TABLE {table}")
-        connection.execute("ALTER TABLE entries DROP COLUMN widened")
+        connection.execute("ALTER TABLE entries DROP COLUMN surroundings")
         connection.execute("PRAGMA user_version = 3")
     connection.close()
     journal = Journal(tmp_path)

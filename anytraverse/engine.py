@@ -88,9 +88,10 @@ class AnyTraverse:
         match, undecided = self._match(observation)
         self._matched.append(match is not None)
         changed = assessment.finding(Reason.UNKNOWN_SCENE)
-        if match is None and changed is not None:
+        if match is None and changed is not None and assessment.similarity is not None:
             least = self.settings.thresholds.least_match(len(self.memory.history))
-            like = self.memory.likeness(observation.embedding, changed.value, changed.threshold, least)
+            now_alike = assessment.similarity  # to the place in force: its surroundings may be more alike
+            like = self.memory.likeness(observation.embedding, now_alike, changed.threshold, least)
             assessment = replace(assessment, likeness=like)
         if match is None and not undecided:
             return assessment

@@ -67,7 +67,10 @@ def test_a_new_place_in_the_surroundings_of_two_answered_scenes_does_not_call(at
 
 
 def test_foreign_surroundings_call(at_home: Traveller) -> None:
-    assert at_home.goes(120, _THERE).reasons == {Reason.UNKNOWN_SCENE}
+    seen = at_home.goes(120, _THERE)
+    assert seen.reasons == {Reason.UNKNOWN_SCENE}
+    assert seen.likeness is not None
+    assert seen.likeness.similarity == pytest.approx(0.5), "to the place, whatever surrounds it"
 
 
 def test_one_known_scene_makes_no_surroundings_familiar() -> None:

@@ -259,6 +259,8 @@ def test_a_torn_file_is_refused(tmp_path: Path, torn: str) -> None:
         {"distance_centres": np.zeros((2, 3), np.float32)},
         {"scene_match": np.zeros((2, 3), np.float32)},
         {"scene_threshold": 1.0},
+        {"surroundings_mean": np.zeros(3, np.float32)},
+        {"surroundings_whitening": np.eye(3, dtype=np.float32)},
     ],
     ids=lambda wrong: next(iter(wrong)),
 )

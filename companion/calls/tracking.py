@@ -40,6 +40,9 @@ def track(
     limit = numbers.judging.thresholds.tile or _UNCERTAIN_PIXEL
     if any(one.figure == CORRIDOR for one in seen.bad):
         # Above this uncertainty a pixel is missing in the corridor, whatever the tiles' threshold.
+    Above the ROI, only what is straight above the thing belongs to it: a thing that rises above the horizon
+    touches all that is unknown there.
+
         limit = min(limit, 1.0 - KNOWN)
     uncertain, strange = maps.uncertainty > limit, maps.strangeness > limit
     if blocks:
@@ -48,11 +51,14 @@ def track(
     thing = resized(thing, *uncertain.shape)
     reach = _reach(uncertain.shape[1], numbers)
     if at_once:
-        found = connected(thing & uncertain, uncertain, max(uncertain.shape))
-        return wider(connected(found, strange, reach))
+        found = connected(thing & uncertain, uncertain & in_rows, max(uncertain.shape))
+        above = in_rows | found.any(axis=0)
+        found = connected(found, uncertain & above, max(uncertain.shape))
+        return wider(connected(found, strange & above, reach))
     not_above, straight = below(thing, reach), below(thing, 0)
-    uncertain = uncertain & not_above
+    uncertain = uncertain & not_above & (in_rows | (thing & in_rows).any(axis=0))
     found = connected(thing & uncertain, uncertain, reach - 1)
+    in_rows = np.arange(len(thing))[:, np.newaxis] >= round(numbers.judging.region.bounds.top * len(thing))
     beyond = connected(found, uncertain, 1) & ~found
     found = found & (straight | ~connected(beyond, uncertain & ~thing, max(uncertain.shape)))
     if named_reasons(seen):

@@ -147,6 +147,20 @@ def test_both_are_passed_where_a_human_drives_on_before_both(tile: float | None)
     assert scene.autopilot.mode == AUTO
 
 
+def test_a_thing_that_rises_above_the_horizon_does_not_cover_what_comes_from_there() -> None:
+    unknown, tall = Thing(Box(0.0, 0.0, 1.0, 0.55), "sky"), Thing(Box(0.40, 0.5, 0.50, 0.80))
+    scene = Scene()
+    scene.run(1.0)
+    scene.run(1.0, View((unknown, tall)))
+    scene.go()
+    scene.run(1.0)
+    assert scene.opened() == [1]
+    for step in range(1, 12):
+        later = Thing(Box(0.57, 0.5, 0.66, 0.58 + 0.025 * step), "tent")
+        scene.run(0.3, View((unknown, tall, later)))
+    assert scene.opened() == [1, 2]
+
+
 TILE = 5
 """A tile's side in pixels of these maps: a quarter of the ROI's width."""
 THINGS = frozenset({Reason.BLOCKED, Reason.UNKNOWN_OBJECT})

@@ -8,10 +8,10 @@ from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Reason
 from anytraverse.preferences import clean_word
 from companion.calls.answered_things import MOST
-from companion.calls.cover import blocked_by_name
 from companion.calls.decisions import Call, CallState
 from companion.calls.reason_filter import ReasonFilter
 from companion.calls.thing import REASONS_OF_THINGS, scene_of
+from companion.calls.tracking import blocked_by_name
 from companion.wire.ids import Motion, Result
 
 
@@ -50,7 +50,7 @@ def answer_call(
     if motion is Motion.GO and (accepts or clear):
         if not call.answered:
             call.state = CallState.ANSWERED if changed and covered else CallState.ACCEPTED
-        if accepts and not things.blocking(call.id):
+        if accepts and call.thing is not None and not things.blocking(call.id):
             reason_filter.accept(call.thing, call.reasons, now, travelled)
         reason_filter.restart_after_answer(now)
         return Result.APPLIED
@@ -78,7 +78,7 @@ def _drivable(call: Call, changes: Changes) -> bool:
         return False
     if call.reasons == {Reason.UNKNOWN_OBJECT} or Reason.UNKNOWN_OBJECT not in call.reasons:
         return True
-    return call.thing is not None and any(call.thing.overlaps(tap.box) for tap in changes.taps)
+    return call.thing is not None and any(call.thing.is_meant(tap.box) for tap in changes.taps)
 
 
 def _forbidding(call: Call, changes: Changes, *, judged: bool) -> str:
@@ -90,14 +90,14 @@ def _forbidding(call: Call, changes: Changes, *, judged: bool) -> str:
     if thing is None or Reason.UNKNOWN_OBJECT not in call.reasons:
         return ""
     for tap in changes.taps:
-        if tap.weight <= 0.0 and thing.overlaps(tap.box):
+        if tap.weight <= 0.0 and thing.overlap(tap.box) > 0.0:
             return clean_word(tap.word)
     named = seen.roi.named_tile if judged and seen is not None and seen.roi is not None else None
     if seen is None or named is None or Reason.BLOCKED not in seen.reasons:
         return ""
     word = list(seen.words)[named.word]
     forbidden = {clean_word(name) for name, weight in changes.weights.items() if weight <= 0.0}
-    return word if word in forbidden and thing.overlaps(named.tile.box) else ""
+    return word if word in forbidden and thing.overlap(named.tile.box) > 0.0 else ""
 
 
 def _uncovered_reasons(call: Call, *, blocked: bool) -> frozenset[Reason]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.findings import tile_outside
 from anytraverse.regions import Box
-from companion.calls.cover import Cover, blocked_by_name
+from companion.calls.cover import Cover
 from companion.calls.numbers import Numbers
 from companion.calls.thing import REASONS_OF_THINGS, Thing, boxes_of, scene_of, unexplained_in_roi
 
@@ -41,7 +41,6 @@ class AnsweredThings:
         numbers, thing = self._numbers, Thing(reasons, scene_of(seen))
         if seen.roi is None or seen.maps is None:
             return thing, seen
-        thing.level = seen.roi.uncertainty
         for box in boxes_of(seen, reasons):
             thing.extend(box.grown(1.5).mask(*seen.maps.signed.shape))
         if thing.mask is not None:
@@ -51,7 +50,9 @@ class AnsweredThings:
             if not Cover([*self.things, thing], seen, numbers).passable(reasons):
                 # The things leave no corridor, so a go would have no effect: it is about all unknown.
                 thing.extend(unexplained_in_roi(seen.maps, numbers))
-        thing.measure(seen, Cover([*self.things, thing], seen, numbers).inside, numbers)
+        cover = Cover([*self.things, thing], seen, numbers)
+        thing.measure(seen, cover.inside, numbers)
+        thing.beside = cover.beside()
         return thing, seen
 
     def accept(self, thing: Thing, reasons: Iterable[Reason], now: float, travelled: float | None) -> None:
@@ -70,10 +71,13 @@ class AnsweredThings:
     def watch(self, asked: Thing, seen: Assessment) -> None:
         """Track the thing of an open call, and raise its figures.
 
-        Nothing is raised while another thing is beside it: the operator's picture does not show that one.
+        Nothing is raised while another thing is beside it: the operator's picture does not show that one. Nor
+        is what comes into its place later, once it is gone.
         """
+        if asked.gone(seen, self._numbers):
+            asked.mask = None
         cover = Cover([*self.things, asked], seen, self._numbers)
-        if cover.alone():
+        if cover.alone() and cover.beside() <= asked.beside + self._numbers.accepted_rise:
             asked.follow(cover.masks[-1])
             asked.measure(seen, cover.inside, self._numbers)
 
@@ -91,12 +95,7 @@ class AnsweredThings:
         if seen.reasons and (cover.covered & REASONS_OF_THINGS or cover.alone()):
             for one, mask in zip(self.things, cover.masks, strict=True):
                 one.follow(mask)
-        named = blocked_by_name(seen)
-
-        def is_shown(one: Thing) -> bool:
-            return bool(seen.reasons & one.reasons) or (named and Reason.UNKNOWN_OBJECT in one.reasons)
-
-        self._forget(lambda one: one.ended(seen, self._numbers, now, travelled, shown=is_shown(one)))
+        self._forget(lambda one: one.ended(seen, self._numbers, now, travelled))
 
     def forget(self) -> None:
         """Forget all things."""
@@ -107,9 +106,9 @@ class AnsweredThings:
         self._forget(lambda one: one.call == call and not one.blocked_by)
 
     def forget_blocking(self, boxes: Iterable[Box] | None = None) -> None:
-        """Forget what blocks, everywhere or where it lies in one of these boxes of the frame."""
-        boxes = None if boxes is None else list(boxes)
-        self._forget(lambda one: bool(one.blocked_by) and (boxes is None or any(map(one.overlaps, boxes))))
+        """Forget what blocks, everywhere or where a tap of one of these boxes of the frame means it."""
+        meant = None if boxes is None else list(boxes)
+        self._forget(lambda one: bool(one.blocked_by) and (meant is None or any(map(one.is_meant, meant))))
 
     def blocking(self, call: int) -> bool:
         """Whether the thing of this call blocks."""

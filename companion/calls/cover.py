@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
-from anytraverse.assessment import CORRIDOR, NAMED_MEAN, Assessment, Maps, Reason
+from anytraverse.assessment import NAMED_MEAN, Assessment, Maps, Reason
 from anytraverse.findings import is_open
 from anytraverse.roi import worst_tile
 from companion.calls.masks import Mask
 from companion.calls.numbers import Numbers
 from companion.calls.thing import Thing, means_outside, union
-from companion.calls.tracking import NAMED_FIGURES, named_reasons
+from companion.calls.tracking import blocked_by_name, named_reasons
 
 _FILLS = 0.1
 """Of the picture: an accepted thing that covers as much, as a drum does from 3 m, changes the scene."""
@@ -25,7 +25,7 @@ class Cover:
 
     def __init__(self, things: Sequence[Thing], seen: Assessment, numbers: Numbers) -> None:
         self._things, self._seen, self._numbers = things, seen, numbers
-        self._level = max((thing.level for thing in things), default=0.0) + numbers.accepted_rise
+        self._level = max((thing.uncertainty for thing in things), default=0.0) + numbers.accepted_rise
 
     @cached_property
     def masks(self) -> list[Mask | None]:
@@ -72,14 +72,14 @@ class Cover:
         if seen.maps is None or all(mask is None for mask in self.masks):
             return False
         uncertainty, strangeness = means_outside(seen.maps, self.inside, numbers)
-        if not uncertainty <= max(thing.uncertainty for thing in self._things) + numbers.accepted_rise:
+        if not uncertainty <= self._level:
             return False
         if by_name and any(one.figure == NAMED_MEAN for one in seen.bad):
             accepted = max(thing.strangeness for thing in self._things)
             if not strangeness <= accepted + numbers.accepted_rise:
                 return False
         limit = numbers.judging.thresholds.tile
-        return limit is None or self._beside(seen.maps, by_name=by_name) <= limit
+        return limit is None or self.beside(by_name=by_name) <= limit
 
     def passable(self, reasons: frozenset[Reason]) -> bool:
         """Whether the vehicle fits through over the things; what has a name only if `reasons` has BLOCKED."""
@@ -95,12 +95,14 @@ class Cover:
         )
         return any(mask is not None and float(mask.mean()) >= _FILLS for mask in accepted)
 
-    def _beside(self, maps: Maps, *, by_name: bool) -> float:
+    def beside(self, *, by_name: bool = False) -> float:
         """Return the uncertainty of the worst tile of the ROI outside the things; 0 where none fits there.
 
         by_name: pixels that only a negative word explains count as unexplained.
         """
-        judging = self._numbers.judging
+        judging, maps = self._numbers.judging, self._seen.maps
+        if maps is None:
+            return 1.0
         values = maps.strangeness if by_name else maps.uncertainty
         tile = worst_tile(values, judging.region, self._aspect, judging.tile_side, outside=self.inside)
         return tile.uncertainty if tile is not None else 0.0
@@ -143,10 +145,3 @@ class Cover:
     def _aspect(self) -> float:
         height, width = self._seen.frame.image.shape[:2]
         return float(width / height)
-
-
-def blocked_by_name(seen: Assessment) -> bool:
-    """Whether the frame is blocked only by things that a negative word explains."""
-    figures = {one.figure for one in seen.bad if one.reason is Reason.BLOCKED}
-    passable = seen.roi is not None and seen.roi.corridor.passable
-    return bool(figures) and figures <= NAMED_FIGURES | ({CORRIDOR} if passable else set())

@@ -160,6 +160,7 @@ class OperatorCalls:
         if target == 0 or target != self.current_id:
             return Result.STALE, []
         result, clear = Result.APPLIED, self.stage() is Stage.CLEAR
+        self.reason_filter.things.forget_blocking(tap.box for tap in changes.taps if tap.weight > 0.0)
         if self.call is not None:
             result = answer_call(
                 self.call,
@@ -174,7 +175,6 @@ class OperatorCalls:
         if motion is Motion.LOOK_AGAIN:
             self.reason_filter.reset_reasons()
             self.reason_filter.things.forget_blocking()
-        self.reason_filter.things.forget_blocking(tap.box for tap in changes.taps if tap.weight > 0.0)
         if outcome is not None and outcome.newest is not None:
             self.reason_filter.replace_newest(outcome.newest, now)
         at = now if go_at is None else go_at

@@ -13,13 +13,15 @@ from anytraverse.history import Embedding, cosine
 from anytraverse.regions import Box
 from companion.calls.masks import Mask, coarse, joined
 from companion.calls.numbers import Numbers
-from companion.calls.tracking import sized, track
+from companion.calls.tracking import blocked_by_name, sized, track
 
 REASONS_OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 _WIDENS = 1.5
 """A thing that comes nearer becomes wider and higher alike. Another one beside it makes the mask wider over
 its height, by more than this factor.
 """
+_MEANT = 0.5
+"""Of the smaller one of a thing and a tapped box: what both have in common where the thing was meant."""
 _LITTLE = 0.25
 """Of the ROI: where less of it lies outside the things, means are still taken over this share."""
 
@@ -30,8 +32,8 @@ class Thing:
 
     reasons: what is asked, or was accepted, of it. mask: where it is, grown by one cell: (h, w) bool, coarse.
     uncertainty, strangeness: highest accepted means over the ROI outside of all things, in [0, 1] (see
-    `Maps`). So the thing may come nearer, and fill more of the ROI. level: mean uncertainty of the whole ROI
-    as accepted: single pixels up to it may be driven over, too.
+    `Maps`). So the thing may come nearer, and fill more of the ROI. Single pixels up to it may be driven
+    over, too. beside: uncertainty of the worst tile outside of all things as it was asked about.
     shape: width over height of the mask, in cells, at its narrowest, and smoothed; infinite before.
     scene: embedding of its place, None where that is not known. call: id of the call that asks about it.
     since: when it was accepted, monotonic seconds. travelled: metres driven then, None where not known.
@@ -47,7 +49,7 @@ class Thing:
     mask: Mask | None = None
     uncertainty: float = 0.0
     strangeness: float = 0.0
-    level: float = 0.0
+    beside: float = 0.0
     shape: float = math.inf
     blocked_by: str = ""
     clear_frames: int = field(default=0, compare=False)
@@ -90,7 +92,6 @@ class Thing:
         # Without a name it was not accepted, so what has one is compared with what had none.
         named = Reason.BLOCKED in self.reasons or bool(self.blocked_by)
         self.strangeness = max(self.strangeness, strangeness if named else uncertainty)
-        self.level = max(self.level, seen.roi.uncertainty)
 
     def is_place(self, seen: Assessment, numbers: Numbers) -> bool:
         """Whether the frame shows the accepted place."""
@@ -104,37 +105,51 @@ class Thing:
         inside = sized(self.mask, seen)
         return inside & numbers.judging.region.mask(*inside.shape)
 
-    def overlaps(self, box: Box) -> bool:
-        """Whether a box, in fractions of the frame, shows some of it."""
-        return self.mask is not None and bool((self.mask & box.mask(*self.mask.shape)).any())
+    def overlap(self, box: Box) -> float:
+        """Return what it and a box, in fractions of the frame, have in common: share of the smaller one."""
+        if self.mask is None:
+            return 0.0
+        there = box.mask(*self.mask.shape)
+        return int((self.mask & there).sum()) / max(1, min(int(self.mask.sum()), int(there.sum())))
 
-    def ended(
-        self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None, *, shown: bool
-    ) -> bool:
+    def is_meant(self, box: Box) -> bool:
+        """Whether whoever taps this box means it, and not only what is beside it."""
+        return self.overlap(box) > _MEANT
+
+    def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or an acceptance has used up its time or its distance.
 
-        What blocks ends only when it is gone: its outline has left the ROI, or is as drivable as a corridor,
-        or its word has another sign or is not in use. shown: the frame has a reason that this may explain.
-        It counts frames, so call it once a frame.
+        What blocks ends only when it is gone, or when its word has another sign or is not in use.
         """
         if self.blocked_by and seen.words.get(self.blocked_by, 1.0) > 0.0:
             return True
-        if Reason.FAULT not in seen.reasons:
-            self.clear_frames = 0 if self._stays(seen, numbers, shown=shown) else self.clear_frames + 1
-        if self.clear_frames >= numbers.ok_frames:
+        if self.gone(seen, numbers):
             return True
         if self.blocked_by:
             return False
         way = None if travelled is None or self.travelled is None else travelled - self.travelled
         return now - self.since >= numbers.accepted_for or (way or 0.0) >= numbers.accepted_distance
 
-    def _stays(self, seen: Assessment, numbers: Numbers, *, shown: bool) -> bool:
-        if not self.blocked_by:
-            return shown
-        if seen.maps is None:
+    def gone(self, seen: Assessment, numbers: Numbers) -> bool:
+        """Whether the last frames do not show the thing. It counts frames, so call it once a frame.
+
+        Its outline has left the ROI, or is as drivable as a corridor and not uncertain. What does not block
+        is gone as well where no frame has a reason that it may explain.
+        """
+        if Reason.FAULT not in seen.reasons:
+            self.clear_frames = 0 if self._stays(seen, numbers) else self.clear_frames + 1
+        return self.clear_frames >= numbers.ok_frames
+
+    def _stays(self, seen: Assessment, numbers: Numbers) -> bool:
+        shown = Reason.UNKNOWN_OBJECT in self.reasons and blocked_by_name(seen)
+        if not (self.blocked_by or shown or seen.reasons & self.reasons):
+            return False
+        maps, here = seen.maps, self.in_roi(seen, numbers)
+        if maps is None or (Reason.UNKNOWN_SCENE in seen.reasons and self.is_place(seen, numbers)):
             return True
-        here = self.in_roi(seen, numbers)
-        return bool(here.any()) and float(seen.maps.drivable[here].mean()) < numbers.judging.corridor.share
+        limits = numbers.judging.thresholds
+        clean = maps.drivable & (maps.uncertainty <= min(limits.roi, limits.tile or 1.0))
+        return bool(here.any()) and float(clean[here].mean()) < numbers.judging.corridor.share
 
 
 def _shape(mask: Mask) -> float:

@@ -22,6 +22,13 @@ def named_reasons(seen: Assessment) -> frozenset[Reason]:
     return frozenset(one.reason for one in seen.bad if one.figure in NAMED_FIGURES)
 
 
+def blocked_by_name(seen: Assessment) -> bool:
+    """Whether the frame is blocked only by things that a negative word explains."""
+    figures = {one.figure for one in seen.bad if one.reason is Reason.BLOCKED}
+    passable = seen.roi is not None and seen.roi.corridor.passable
+    return bool(figures) and figures <= NAMED_FIGURES | ({CORRIDOR} if passable else set())
+
+
 def track(
     thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, blocks: bool, at_once: bool = False
 ) -> Mask:
@@ -33,6 +40,9 @@ def track(
     area that reaches further is another thing that touches it: of that, only what is straight below the
     mask is taken.
 
+    Above the ROI, only what is straight above the thing belongs to it: a thing that rises above the horizon
+    touches all that is unknown there.
+
     Pixels that a negative word explains belong to the thing, too. Left out, they would count as a second
     thing beside it. But the word may explain the ground around as well, so at most `_REACH` of such
     pixels is taken at the start, and later only those straight below.
@@ -40,15 +50,13 @@ def track(
     limit = numbers.judging.thresholds.tile or _UNCERTAIN_PIXEL
     if any(one.figure == CORRIDOR for one in seen.bad):
         # Above this uncertainty a pixel is missing in the corridor, whatever the tiles' threshold.
-    Above the ROI, only what is straight above the thing belongs to it: a thing that rises above the horizon
-    touches all that is unknown there.
-
         limit = min(limit, 1.0 - KNOWN)
     uncertain, strange = maps.uncertainty > limit, maps.strangeness > limit
     if blocks:
         uncertain = uncertain | (~maps.drivable & numbers.judging.region.mask(*uncertain.shape))
     uncertain, strange = coarse(uncertain), coarse(strange)
     thing = resized(thing, *uncertain.shape)
+    in_rows = np.arange(len(thing))[:, np.newaxis] >= round(numbers.judging.region.bounds.top * len(thing))
     reach = _reach(uncertain.shape[1], numbers)
     if at_once:
         found = connected(thing & uncertain, uncertain & in_rows, max(uncertain.shape))
@@ -58,7 +66,6 @@ def track(
     not_above, straight = below(thing, reach), below(thing, 0)
     uncertain = uncertain & not_above & (in_rows | (thing & in_rows).any(axis=0))
     found = connected(thing & uncertain, uncertain, reach - 1)
-    in_rows = np.arange(len(thing))[:, np.newaxis] >= round(numbers.judging.region.bounds.top * len(thing))
     beyond = connected(found, uncertain, 1) & ~found
     found = found & (straight | ~connected(beyond, uncertain & ~thing, max(uncertain.shape)))
     if named_reasons(seen):

@@ -350,6 +350,12 @@ class Scene:
         self.autopilot.told = None
         return self
 
+    def judge_again(self) -> None:
+        """Judge the frame of the restored call, as the daemon does after a restart."""
+        seen, call = self.judged(self.call.frame_id), self.call
+        call.thing, call.seen = self.calls.reason_filter.things.asked(seen, frozenset(call.reasons))
+        call.thing.call = call.id
+
     def all(self, kind: type[DecisionKind]) -> list[DecisionKind]:
         """Return all decisions of one kind so far."""
         return [decision for _, decision in self.log if isinstance(decision, kind)]

@@ -296,6 +296,7 @@ def test_a_hold_that_a_call_gave_its_id_is_resumed_as_it_was_commanded_also_afte
     blocked.run(1.0, DRUM)
     assert blocked.hold.id == blocked.call.id != first
     blocked.restarted()
+    blocked.judge_again()
     blocked.run(1.0, DRUM)
     blocked.go()
     blocked.run(3.0, DRUM)

@@ -111,6 +111,7 @@ def test_a_call_and_a_hold_of_different_ids_are_refused(held: Scene) -> None:
 
 def test_an_open_call_and_its_hold_go_on_after_a_restart(held: Scene) -> None:
     held.restarted()
+    held.judge_again()
     assert held.calls.state(held.now) is State.CALLING
     held.run(3.0, DRUM)
     assert held.opened() == [1]

@@ -225,7 +225,7 @@ def test_nothing_new_that_closes_the_way_is_covered_further_than_a_tile_from_wha
             things.follow(seen, things.cover(seen), 0.0, None)
     (accepted,) = things.things
     assert accepted.mask is not None
-    assume(accepted.level + numbers.accepted_rise < 0.9 and not (near(accepted.mask) & there).any())
+    assume(accepted.uncertainty + numbers.accepted_rise < 0.9 and not (near(accepted.mask) & there).any())
     scene.show(View((*shown.things, Thing(new, new_name))))
     seen = scene.judged(scene.frame)
     assert seen.reasons - things.cover(seen).covered

@@ -23,6 +23,8 @@ from tests.companion.calls.scenes import (
 
 FAR = Thing(Box(0.34, 0.60, 0.42, 0.67))
 TENT = Thing(BESIDE, "tent")
+TOUCHING = (Box(0.52, 0.72, 0.64, 0.84), Box(0.51, 0.70, 0.61, 0.80))
+"""Ground beside the drum, tapped so that the boxes reach its outline."""
 BLOCKED = {Reason.BLOCKED}
 
 
@@ -116,7 +118,26 @@ def test_look_again_ends_what_blocks(named: Scene) -> None:
     assert not named.calls.reason_filter.things
 
 
-@pytest.mark.parametrize(("box", "blocks"), [(AHEAD, False), (BESIDE, True)])
+@pytest.mark.parametrize("unsure", [0.3, 0.4, 0.6])
+def test_it_does_not_call_though_it_is_hardly_more_uncertain_than_drivable_ground(
+    hold: Scene, unsure: float
+) -> None:
+    hold.run(1.0, View((Thing(Box(0.38, 0.66, 0.56, 0.90), unsure=unsure),)))
+    assert tapped(hold, -1.0) is Result.APPLIED
+    hold.run(5.0)
+    assert hold.opened() == [1]
+    assert hold.calls.reason_filter.reasons(hold.now) == BLOCKED
+
+
+def test_a_tap_above_zero_on_it_with_a_go_accepts_it(named: Scene) -> None:
+    tapped(named, 1.0, motion=Motion.GO)
+    named.run(5.0)
+    assert (named.autopilot.mode, named.opened()) == (AUTO, [1])
+
+
+@pytest.mark.parametrize(
+    ("box", "blocks"), [(AHEAD, False), (BESIDE, True), *((box, True) for box in TOUCHING)]
+)
 def test_a_tap_above_zero_on_it_ends_it(named: Scene, box: Box, blocks: bool) -> None:
     named.words["moss"] = 1.0
     changes = Changes(taps=(Tap(named.frame, box, "moss", 1.0),))
@@ -156,6 +177,15 @@ def test_words_for_a_new_place_do_not_accept_the_thing_in_it(hold: Scene) -> Non
     assert not hold.calls.reason_filter.things
 
 
+@pytest.mark.parametrize("box", TOUCHING)
+def test_nor_does_a_tap_on_the_ground_beside_it(hold: Scene, box: Box) -> None:
+    hold.run(1.0, View((Thing(AHEAD),), turned=60.0))
+    tapped(hold, 1.0, box, Motion.GO)
+    hold.run(5.0)
+    assert hold.autopilot.mode == HOLD
+    assert not hold.calls.reason_filter.things
+
+
 def test_a_word_above_zero_without_a_go_accepts_nothing(held: Scene) -> None:
     assert held.answer(words={"puddle": 1.0}) is Result.NOT_COVERED
     assert not held.calls.reason_filter.things
@@ -175,6 +205,33 @@ def test_several_goes_count_together(report: Scene) -> None:
     assert report.opened() == [1, 2]
     report.run(1.0, View((*both.things, FAR)))
     assert report.opened() == [1, 2, 3]
+
+
+def test_a_thing_that_is_gone_is_asked_about_when_it_is_back_though_another_one_is_still_there(
+    report: Scene,
+) -> None:
+    both = View((Thing(AHEAD), TENT))
+    report.run(1.0, DRUM)
+    report.go()
+    report.run(1.0, both)
+    report.go()
+    report.run(2.0, View((TENT,)))
+    assert report.opened() == [1, 2]
+    report.run(1.0, both)
+    assert report.opened() == [1, 2, 3]
+
+
+def test_a_large_thing_does_not_cover_a_faint_one_that_closes_the_way_once_it_is_passed() -> None:
+    scene = Scene(Policy.HOLD, tile=0.65)
+    scene.run(1.0)
+    scene.run(1.0, View((Thing(Box(0.30, 0.65, 0.70, 1.0)),)))
+    scene.go()
+    scene.run(1.0)
+    rest, faint = Thing(Box(0.30, 0.95, 0.70, 1.0)), Thing(Box(0.30, 0.62, 0.70, 0.67), unsure=0.6)
+    scene.run(0.3, View((Thing(Box(0.30, 0.90, 0.70, 1.0)),)))
+    assert scene.autopilot.mode == AUTO
+    scene.run(1.0, View((rest, faint)))
+    assert scene.autopilot.mode == HOLD
 
 
 def test_of_many_things_the_newest_count(report: Scene) -> None:
@@ -207,6 +264,18 @@ def test_an_accepted_thing_that_fills_the_picture_is_no_new_place_and_a_place_be
     assert report.opened() == [1]
     report.run(1.0, View(turned=60.0))
     assert report.opened() == [1, 2]
+
+
+def test_nor_does_a_large_one_that_is_gone_though_another_one_is_still_there(report: Scene) -> None:
+    large, small = Thing(Box(0.28, 0.79, 0.72, 1.0)), Thing(Box(0.40, 0.60, 0.52, 0.72))
+    report.run(1.0, View((large,)))
+    report.go()
+    report.run(1.0, View((large, small)))
+    report.go()
+    report.run(2.0, View((small,)))
+    assert report.opened() == [1, 2]
+    report.run(1.0, View((small,), turned=60.0))
+    assert report.opened() == [1, 2, 3]
 
 
 def test_a_small_accepted_thing_does_not_hide_a_new_place(report: Scene) -> None:

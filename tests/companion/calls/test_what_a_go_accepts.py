@@ -166,6 +166,18 @@ def test_without_a_tile_threshold_what_turned_up_beside_does_not_raise_what_was_
     assert scene.opened() == [1, 2]
 
 
+def test_nor_does_what_came_nearer_beside_bit_by_bit() -> None:
+    scene = Scene(Policy.HOLD, tile=None)
+    ahead = Thing(Box(0.36, 0.62, 0.50, 0.94))
+    scene.run(1.0)
+    scene.run(1.0, View((ahead,)))
+    for step in range(1, 17):
+        scene.run(0.3, View((ahead, Thing(Box(0.62, 0.62, 0.67, 0.62 + 0.02 * step)))))
+    scene.go()
+    scene.run(2.0)
+    assert (scene.opened(), scene.autopilot.mode) == ([1, 2], HOLD)
+
+
 def test_an_acceptance_ends_when_the_thing_is_gone_for_five_frames(accepted: Scene) -> None:
     accepted.show(CLEAR, CLEAR, CLEAR, CLEAR, DRUM, CLEAR, CLEAR, CLEAR, CLEAR)
     assert not ended(accepted)
@@ -255,13 +267,30 @@ def test_an_accepted_thing_and_a_blocked_way_hold_for_the_way(accepted: Scene) -
 def test_after_a_restart_the_frame_of_the_call_says_what_a_go_accepts(held: Scene) -> None:
     held.restarted()
     held.run(0.5, DRUM)
-    seen = held.judged(held.call.frame_id)
-    held.call.thing, held.call.seen = held.calls.reason_filter.things.asked(seen, seen.reasons)
+    held.judge_again()
     other = View((Thing(BESIDE),))
     held.run(0.5, other)
     held.go()
     held.run(0.5, other)
     assert held.opened() == [1, 2]
+
+
+def test_where_that_frame_is_lost_a_go_accepts_nothing(held: Scene) -> None:
+    held.restarted()
+    held.run(0.5, View((Thing(BESIDE),)))
+    held.go()
+    held.run(0.5)
+    assert held.opened() == [1, 2]
+    held.run(5.0)
+    assert held.autopilot.mode == HOLD
+
+
+def test_a_go_does_not_accept_what_came_after_the_thing_was_gone(held: Scene) -> None:
+    held.run(3.0, CLEAR)
+    held.run(1.0, View((Thing(AHEAD, "person"),)))
+    held.go()
+    held.run(5.0)
+    assert (held.opened(), held.autopilot.mode) == ([1, 2], HOLD)
 
 
 def test_an_acceptance_that_runs_out_in_the_hold_is_a_new_call(held: Scene) -> None:

@@ -78,7 +78,7 @@ def _drivable(call: Call, changes: Changes) -> bool:
         return False
     if call.reasons == {Reason.UNKNOWN_OBJECT} or Reason.UNKNOWN_OBJECT not in call.reasons:
         return True
-    return call.thing is not None and any(call.thing.is_meant(tap.box) for tap in changes.taps)
+    return call.thing is not None and any(call.thing.is_meant(tap.box, asked=True) for tap in changes.taps)
 
 
 def _forbidding(call: Call, changes: Changes, *, judged: bool) -> str:
@@ -90,14 +90,14 @@ def _forbidding(call: Call, changes: Changes, *, judged: bool) -> str:
     if thing is None or Reason.UNKNOWN_OBJECT not in call.reasons:
         return ""
     for tap in changes.taps:
-        if tap.weight <= 0.0 and thing.overlap(tap.box) > 0.0:
+        if tap.weight <= 0.0 and thing.overlap(tap.box, asked=True) > 0.0:
             return clean_word(tap.word)
     named = seen.roi.named_tile if judged and seen is not None and seen.roi is not None else None
     if seen is None or named is None or Reason.BLOCKED not in seen.reasons:
         return ""
     word = list(seen.words)[named.word]
     forbidden = {clean_word(name) for name, weight in changes.weights.items() if weight <= 0.0}
-    return word if word in forbidden and thing.overlap(named.tile.box) > 0.0 else ""
+    return word if word in forbidden and thing.overlap(named.tile.box, asked=True) > 0.0 else ""
 
 
 def _uncovered_reasons(call: Call, *, blocked: bool) -> frozenset[Reason]:

@@ -50,7 +50,7 @@ class AnsweredThings:
             if not Cover([*self.things, thing], seen, numbers).passable(reasons):
                 # The things leave no corridor, so a go would have no effect: it is about all unknown.
                 thing.extend(unexplained_in_roi(seen.maps, numbers))
-        cover = Cover([*self.things, thing], seen, numbers)
+        thing.shown, cover = thing.mask, Cover([*self.things, thing], seen, numbers)
         thing.measure(seen, cover.inside, numbers)
         thing.beside = cover.beside()
         return thing, seen

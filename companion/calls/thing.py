@@ -31,6 +31,7 @@ class Thing:
     """One object in one place, and what was said of it. A place without an object has no mask.
 
     reasons: what is asked, or was accepted, of it. mask: where it is, grown by one cell: (h, w) bool, coarse.
+    shown: where it is in the call's frame.
     uncertainty, strangeness: highest accepted means over the ROI outside of all things, in [0, 1] (see
     `Maps`). So the thing may come nearer, and fill more of the ROI. Single pixels up to it may be driven
     over, too. beside: uncertainty of the worst tile outside of all things as it was asked about.
@@ -47,6 +48,7 @@ class Thing:
     since: float = 0.0
     travelled: float | None = None
     mask: Mask | None = None
+    shown: Mask | None = None
     uncertainty: float = 0.0
     strangeness: float = 0.0
     beside: float = 0.0
@@ -105,16 +107,20 @@ class Thing:
         inside = sized(self.mask, seen)
         return inside & numbers.judging.region.mask(*inside.shape)
 
-    def overlap(self, box: Box) -> float:
-        """Return what it and a box, in fractions of the frame, have in common: share of the smaller one."""
-        if self.mask is None:
-            return 0.0
-        there = box.mask(*self.mask.shape)
-        return int((self.mask & there).sum()) / max(1, min(int(self.mask.sum()), int(there.sum())))
+    def overlap(self, box: Box, *, asked: bool = False) -> float:
+        """Return what it and a box, in fractions of the frame, have in common: share of the smaller one.
 
-    def is_meant(self, box: Box) -> bool:
-        """Whether whoever taps this box means it, and not only what is beside it."""
-        return self.overlap(box) > _MEANT
+        asked: the box is one of the call's frame. Otherwise it is one of the newest.
+        """
+        mask = self.shown if asked else self.mask
+        if mask is None:
+            return 0.0
+        there = box.mask(*mask.shape)
+        return int((mask & there).sum()) / max(1, min(int(mask.sum()), int(there.sum())))
+
+    def is_meant(self, box: Box, *, asked: bool = False) -> bool:
+        """Whether whoever taps this box means it, and not only what is beside it. asked: see `overlap`."""
+        return self.overlap(box, asked=asked) > _MEANT
 
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or an acceptance has used up its time or its distance.

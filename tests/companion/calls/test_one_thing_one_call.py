@@ -177,6 +177,15 @@ def test_words_for_a_new_place_do_not_accept_the_thing_in_it(hold: Scene) -> Non
     assert not hold.calls.reason_filter.things
 
 
+def test_a_tap_in_the_calls_picture_means_the_thing_though_it_has_come_nearer_since(report: Scene) -> None:
+    for step in range(20):
+        box = Box(0.40 - 0.004 * step, 0.68 + 0.006 * step, 0.52 + 0.004 * step, 0.80 + 0.010 * step)
+        report.run(0.2, View((Thing(box),), turned=60.0))
+    assert tapped(report, 1.0, AHEAD, Motion.GO) is Result.APPLIED
+    report.run(2.0)
+    assert report.opened() == [1]
+
+
 @pytest.mark.parametrize("box", TOUCHING)
 def test_nor_does_a_tap_on_the_ground_beside_it(hold: Scene, box: Box) -> None:
     hold.run(1.0, View((Thing(AHEAD),), turned=60.0))

@@ -57,15 +57,13 @@ class AnsweredThings:
 
     def accept(self, thing: Thing, reasons: Iterable[Reason], now: float, travelled: float | None) -> None:
         """Accept `reasons` of a thing. It counts from now on, and does not block any more."""
-        self._forget(lambda one: one.call == thing.call != 0)
-        accepted = replace(
-            thing, reasons=frozenset(reasons), since=now, travelled=travelled, blocked_by="", clear_frames=0
-        )
-        self._add(accepted)
+        reasons = frozenset(reasons)
+        mask = thing.mask if reasons & REASONS_OF_THINGS else None
+        one = replace(thing, reasons=reasons, mask=mask, since=now, travelled=travelled)
+        self._add(replace(one, blocked_by="", clear_frames=0))
 
     def name(self, thing: Thing, word: str) -> None:
         """Remember that `word`, whose weight is 0 or below, names a thing: it blocks."""
-        self._forget(lambda one: one.call == thing.call != 0)
         self._add(replace(thing, reasons=frozenset({Reason.UNKNOWN_OBJECT}), blocked_by=word, clear_frames=0))
 
     def watch(self, asked: Thing, seen: Assessment) -> None:
@@ -130,6 +128,7 @@ class AnsweredThings:
         return seen if tile is None or tile.uncertainty <= limit else replace(seen, asked=tile)
 
     def _add(self, thing: Thing) -> None:
+        self._forget(lambda one: one.call == thing.call != 0)
         self.things = [*self.things, thing][-MOST:]
 
     def _forget(self, ends: Callable[[Thing], bool]) -> None:

@@ -287,6 +287,17 @@ def test_nor_does_a_large_one_that_is_gone_though_another_one_is_still_there(rep
     assert report.opened() == [1, 2, 3]
 
 
+def test_a_go_to_a_place_does_not_accept_a_thing_that_its_picture_shows(report: Scene) -> None:
+    report.run(1.0, DRUM)
+    report.go()
+    both = View((Thing(AHEAD), TENT), turned=60.0)
+    report.show(View((Thing(AHEAD),), turned=60.0), both)
+    assert report.call.reasons == {Reason.UNKNOWN_SCENE}
+    report.go()
+    report.show(both, both)
+    assert report.opened() == [1, 2, 3]
+
+
 def test_a_small_accepted_thing_does_not_hide_a_new_place(report: Scene) -> None:
     report.run(1.0, DRUM)
     report.go()

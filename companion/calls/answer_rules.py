@@ -130,8 +130,9 @@ def accept_taken_over(
         scene = scene_of(newest) if newest is not None else None
         reason_filter.accept(replace(call.thing, scene=scene), unanswered, now, travelled)
     for _ in range(MOST):
-        known = things.cover(newest).covered if newest is not None else frozenset[Reason]()
-        if newest is not None and reasons <= things.accepted and newest.reasons & reasons <= known:
+        if newest is None:
             break
-        reason_filter.accept(None, reasons, now, travelled)
+        if reasons <= things.accepted and newest.reasons & reasons <= things.cover(newest).covered:
+            break
+        reason_filter.accept(things.asked(newest, reasons)[0], reasons, now, travelled)
     reason_filter.restart_after_answer(now)

@@ -10,7 +10,7 @@ from anytraverse.findings import tile_outside
 from anytraverse.regions import Box
 from companion.calls.cover import Cover
 from companion.calls.numbers import Numbers
-from companion.calls.thing import REASONS_OF_THINGS, Thing, boxes_of, scene_of, unexplained_in_roi
+from companion.calls.thing import REASONS_OF_THINGS, Thing, boxes_of, scene_of
 
 MOST = 8
 """The most things that are remembered; beyond it the oldest goes."""
@@ -49,7 +49,8 @@ class AnsweredThings:
                 thing.extend(found)
             if not Cover([*self.things, thing], seen, numbers).passable(reasons):
                 # The things leave no corridor, so a go would have no effect: it is about all unknown.
-                thing.extend(unexplained_in_roi(seen.maps, numbers))
+                unexplained = ~seen.maps.known & ~seen.maps.drivable
+                thing.extend(unexplained & numbers.judging.region.mask(*unexplained.shape))
         thing.shown, cover = thing.mask, Cover([*self.things, thing], seen, numbers)
         thing.measure(seen, cover.inside, numbers)
         thing.beside = cover.beside()

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from anytraverse.assessment import Assessment, Reason
 from companion.calls.decisions import Call, CallClosed, CallOpened, Decision
 from companion.calls.hold_rules import HoldController
-from companion.calls.mode_monitor import ModeMonitor
 from companion.calls.numbers import Numbers
 from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.wire.ids import Outcome
@@ -19,13 +18,11 @@ class CallController:
     def __init__(
         self,
         numbers: Numbers,
-        monitor: ModeMonitor,
         reason_filter: ReasonFilter,
         holding: HoldController,
         take_id: Callable[[], int],
     ) -> None:
         self._numbers = numbers
-        self._monitor = monitor
         self._reason_filter = reason_filter
         self._holding = holding
         self._take_id = take_id

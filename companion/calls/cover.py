@@ -10,8 +10,8 @@ from anytraverse.findings import is_open
 from anytraverse.roi import worst_tile
 from companion.calls.masks import Mask
 from companion.calls.numbers import Numbers
-from companion.calls.thing import Thing, means_outside, union
-from companion.calls.tracking import blocked_by_name, named_reasons
+from companion.calls.thing import Thing, means_outside
+from companion.calls.tracking import blocked_by_name, named_reasons, sized
 
 _FILLS = 0.1
 """Of the picture: an accepted thing that covers as much, as a drum does from 3 m, changes the scene."""
@@ -35,7 +35,10 @@ class Cover:
     @cached_property
     def inside(self) -> Mask:
         """The union of the masks, in the size of the maps, (h, w)."""
-        return union(self.masks, self._seen)
+        whole = sized(None, self._seen)
+        for mask in self.masks:
+            whole = whole | sized(mask, self._seen)
+        return whole
 
     @cached_property
     def covered(self) -> frozenset[Reason]:
@@ -83,9 +86,9 @@ class Cover:
 
     def passable(self, reasons: frozenset[Reason]) -> bool:
         """Whether the vehicle fits through over the things; what has a name only if `reasons` has BLOCKED."""
-        covered = self._covers_corridor()
-        if Reason.BLOCKED in reasons and self._seen.maps is not None:
-            covered = covered and self._is_open(self._seen.maps, self.inside)
+        maps, covered = self._seen.maps, self._covers_corridor()
+        if Reason.BLOCKED in reasons and maps is not None:
+            covered = covered and self._is_open(maps, self.inside)
         return covered
 
     def _fills_picture(self) -> bool:

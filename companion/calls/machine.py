@@ -49,7 +49,7 @@ class OperatorCalls:
         self.reason_filter = ReasonFilter(numbers, now)
         self.monitor = ModeMonitor(numbers)
         self.holding = HoldController(numbers, self.monitor, self.reason_filter)
-        self._calling = CallController(numbers, self.monitor, self.reason_filter, self.holding, self.take_id)
+        self._calling = CallController(numbers, self.reason_filter, self.holding, self.take_id)
         self._reasons: frozenset[Reason] = frozenset()
         self.shadow = Shadow()
 

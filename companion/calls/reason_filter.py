@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 
 from anytraverse.assessment import Assessment, Reason
 from companion.calls.answered_things import AnsweredThings
@@ -149,15 +149,8 @@ class ReasonFilter:
         self._not_accepted = frozenset()
         self._ok_at = now
 
-    def accept(
-        self, thing: Thing | None, reasons: Iterable[Reason], now: float, travelled: float | None
-    ) -> None:
-        """Accept `reasons` of a thing. None: of what the newest frame shows."""
-        reasons = frozenset(reasons)
-        if thing is None and self.newest is not None:
-            thing, _ = self.things.asked(self.newest, reasons)
-        if not reasons or thing is None:
-            return
+    def accept(self, thing: Thing, reasons: Collection[Reason], now: float, travelled: float | None) -> None:
+        """Accept `reasons` of a thing."""
         self.things.accept(thing, reasons, now, travelled)
         for reason in reasons:
             self._debounced[reason].reset()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -175,14 +174,6 @@ def means_outside(maps: Maps, inside: Mask, numbers: Numbers) -> tuple[float, fl
     return float(maps.uncertainty[outside].sum()) / count, float(maps.strangeness[outside].sum()) / count
 
 
-def union(masks: Sequence[Mask | None], seen: Assessment) -> Mask:
-    """Return the union of masks in the size of the frame's maps, (h, w)."""
-    whole = sized(None, seen)
-    for mask in masks:
-        whole = whole | sized(mask, seen)
-    return whole
-
-
 def boxes_of(seen: Assessment, reasons: frozenset[Reason]) -> list[Box]:
     """Return a box for each thing that is asked about: the worst tile, the corridor's gap, the named tile."""
     roi = seen.roi
@@ -202,8 +193,3 @@ def boxes_of(seen: Assessment, reasons: frozenset[Reason]) -> list[Box]:
 def scene_of(seen: Assessment) -> Embedding | None:
     """Return the embedding of the frame's scene, None where the frame could not be judged."""
     return seen.observation.embedding if seen.observation is not None else None
-
-
-def unexplained_in_roi(maps: Maps, numbers: Numbers) -> Mask:
-    """Return the mask of what is neither known nor drivable in the ROI, (h, w)."""
-    return ~maps.known & ~maps.drivable & numbers.judging.region.mask(*np.shape(maps.drivable))

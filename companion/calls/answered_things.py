@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.findings import tile_outside
-from anytraverse.regions import Box
+from anytraverse.preferences import clean_word
 from companion.calls.cover import Cover
 from companion.calls.numbers import Numbers
 from companion.calls.thing import REASONS_OF_THINGS, Thing, boxes_of, scene_of
@@ -104,10 +105,19 @@ class AnsweredThings:
         """Forget what a go to this call accepted."""
         self._forget(lambda one: one.call == call and not one.blocked_by)
 
-    def forget_blocking(self, boxes: Iterable[Box] | None = None) -> None:
-        """Forget what blocks, everywhere or where a tap of one of these boxes of the frame means it."""
-        meant = None if boxes is None else list(boxes)
-        self._forget(lambda one: bool(one.blocked_by) and (meant is None or any(map(one.is_meant, meant))))
+    def forget_blocking(self) -> None:
+        """Forget what blocks."""
+        self._forget(lambda one: bool(one.blocked_by))
+
+    def unblock(self, changes: Changes) -> None:
+        """Forget what blocks where an answer gives its word a weight above 0, or taps it with one."""
+        words = {clean_word(word) for word, weight in changes.weights.items() if weight > 0.0}
+        taps = [tap.box for tap in changes.taps if tap.weight > 0.0]
+
+        def drivable(one: Thing) -> bool:
+            return one.blocked_by in words or any(map(one.is_meant, taps))
+
+        self._forget(lambda one: bool(one.blocked_by) and drivable(one))
 
     def blocking(self, call: int) -> bool:
         """Whether the thing of this call blocks."""

@@ -160,7 +160,7 @@ class OperatorCalls:
         if target == 0 or target != self.current_id:
             return Result.STALE, []
         result, clear = Result.APPLIED, self.stage() is Stage.CLEAR
-        self.reason_filter.things.forget_blocking(tap.box for tap in changes.taps if tap.weight > 0.0)
+        self.reason_filter.things.unblock(changes)
         if self.call is not None:
             result = answer_call(
                 self.call,

@@ -129,8 +129,12 @@ def test_it_does_not_call_though_it_is_hardly_more_uncertain_than_drivable_groun
     assert hold.calls.reason_filter.reasons(hold.now) == BLOCKED
 
 
-def test_a_tap_above_zero_on_it_with_a_go_accepts_it(named: Scene) -> None:
-    tapped(named, 1.0, motion=Motion.GO)
+@pytest.mark.parametrize("tap", [True, False])
+def test_a_tap_above_zero_on_it_or_its_word_above_zero_with_a_go_accepts_it(named: Scene, tap: bool) -> None:
+    if tap:
+        tapped(named, 1.0, motion=Motion.GO)
+    else:
+        named.go({"gnome": 1.0})
     named.run(5.0)
     assert (named.autopilot.mode, named.opened()) == (AUTO, [1])
 

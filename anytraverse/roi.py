@@ -67,15 +67,23 @@ class Corridor:
         """Return this corridor with strips `factor` times as wide, and its share raised by `margin`."""
         return replace(self, room=factor, share=min(1.0, self.share + margin))
 
+    @property
+    def horizon(self) -> float:
+        """The row at which its width is 0, as a fraction of the image's height; it may lie outside [0, 1]."""
+        return self.bottom_row - self.bottom / self._slope if self._slope else -math.inf
+
+    @property
+    def _slope(self) -> float:
+        return (self.bottom - self.top) / (self.bottom_row - self.top_row)
+
     def misfit(self, bounds: Box) -> str:
         """Return why the vehicle does not fit into these bounds of a region, "" where it does.
 
         The text says what to do, and is short enough for a STATUSTEXT.
         """
-        slope = (self.bottom - self.top) / (self.bottom_row - self.top_row)
-        widths = [self.bottom + slope * (row - self.bottom_row) for row in (bounds.top, bounds.bottom)]
+        widths = [self.bottom + self._slope * (row - self.bottom_row) for row in (bounds.top, bounds.bottom)]
         if min(widths) <= 0.0:
-            return f"ROI reaches the horizon {self.bottom_row - self.bottom / slope:.2f}: shorten it"
+            return f"ROI reaches the horizon {self.horizon:.2f}: shorten it"
         has, needs = bounds.right - bounds.left, max(widths)
         if needs <= has + _FITS:
             return ""

@@ -40,8 +40,8 @@ def track(
     area that reaches further is another thing that touches it: of that, only what is straight below the
     mask is taken.
 
-    Above the ROI, only what is straight above the thing belongs to it: a thing that rises above the horizon
-    touches all that is unknown there.
+    Above the horizon, only what is straight above the thing belongs to it: what rises above it touches all
+    that is unknown there.
 
     Pixels that a negative word explains belong to the thing, too. Left out, they would count as a second
     thing beside it. But the word may explain the ground around as well, so at most `_REACH` of such
@@ -56,7 +56,7 @@ def track(
         uncertain = uncertain | (~maps.drivable & numbers.judging.region.mask(*uncertain.shape))
     uncertain, strange = coarse(uncertain), coarse(strange)
     thing = resized(thing, *uncertain.shape)
-    in_rows = np.arange(len(thing))[:, np.newaxis] >= round(numbers.judging.region.bounds.top * len(thing))
+    in_rows = np.arange(len(thing))[:, np.newaxis] >= round(_highest(numbers) * len(thing))
     reach = _reach(uncertain.shape[1], numbers)
     if at_once:
         found = connected(thing & uncertain, uncertain & in_rows, max(uncertain.shape))
@@ -79,6 +79,12 @@ def sized(thing: Mask | None, seen: Assessment) -> Mask:
         return np.zeros((1, 1), dtype=np.bool_)
     shape = seen.maps.signed.shape
     return np.zeros(shape, dtype=np.bool_) if thing is None else resized(thing, *shape)
+
+
+def _highest(numbers: Numbers) -> float:
+    """Return the horizon's row, in fractions of the height; the ROI's upper side where it is unknown."""
+    top, horizon = numbers.judging.region.bounds.top, numbers.judging.corridor.horizon
+    return horizon if 0.0 < horizon < top else top
 
 
 def _reach(width: int, numbers: Numbers) -> int:

@@ -20,7 +20,7 @@ from anytraverse.assessment import Assessment, Finding, Map, Maps, Observation, 
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.findings import check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.frame import Frame, is_black, is_image
-from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
+from anytraverse.history import FOREIGN, Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.light import measure_light
 from anytraverse.memory import Memory
@@ -276,15 +276,19 @@ class AnyTraverse:
         """The similarity that the scene is judged by: to the reference, or to familiar surroundings.
 
         Surroundings of strangeness 1 count as the perceiver's own threshold of the scene. A frame like one
-        that an operator said shows another place is new, whatever surrounds it.
+        that an operator said shows another place is new, whatever surrounds it. And no place is known whose
+        surroundings are foreign, as similar as it may be: a covered lens shows little, and what it shows may
+        resemble much.
         """
         history, limits = self.memory.history, self.settings.thresholds
-        if similarity is None or not similarity < limits.scene + limits.similarity_margin:
-            return similarity
-        if history.is_refused(observation.embedding, limits.scene):
+        if similarity is None or not math.isfinite(similarity):
             return similarity
         surroundings = surroundings_of(self.perceiver, observation.features)
         if surroundings is None:
+            return similarity
+        if history.is_foreign(surroundings):
+            return min(similarity, 1.0 - (1.0 - self.perceiver.defaults.scene) * FOREIGN)
+        if history.is_refused(observation.embedding, limits.scene):
             return similarity
         strange = history.strangeness(surroundings, self.memory.preferences)
         if strange is None:

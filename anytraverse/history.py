@@ -40,6 +40,12 @@ class Place:
 
 LEAST_SCENES = 2
 """Answered scenes that tell which surroundings are familiar: one alone resembled 6 % of foreign frames."""
+FOREIGN = 2.5
+"""Strangeness to the nearest remembered scene from which a frame shows no known place.
+
+Frames of two drives were at most 1.2, in half as much light again 1.6; a covered lens was 3.3 and more, a
+picture out of focus 2.2 and more.
+"""
 NEIGHBOURS = 8
 """The most of them that a frame is compared with, so that a rover may know several regions."""
 
@@ -126,6 +132,16 @@ def _refuses(entry: Entry, embedding: Embedding, similarity: float) -> bool:
     return any(not cosine(one, embedding) < similarity - _ROUNDING for one in entry.refused)
 
 
+def _apart(entries: Sequence[Entry], surroundings: Embedding) -> NDArray[np.float64]:
+    """Return the differences of the entries' surroundings from a frame's, (m, n), of those that have such."""
+    known = [
+        entry.surroundings
+        for entry in entries
+        if entry.surroundings is not None and entry.surroundings.shape == surroundings.shape
+    ]
+    return np.array(known, np.float64).reshape(len(known), surroundings.size) - surroundings
+
+
 class History(Sequence[Entry]):
     """Holds an immutable sequence of entries. Beyond `limit`, the least recently matched are removed."""
 
@@ -201,22 +217,28 @@ class History(Sequence[Entry]):
         """Return how strange a frame's surroundings are to the answered scenes whose words are in force.
 
         It is the squared distance to the mean of the k `NEIGHBOURS` nearest ones, times k / (k + 1), since a
-        mean of few is uncertain. A perceiver scales its vectors so that frames of one drive stay below 1.
-        None where fewer than `LEAST_SCENES` can be compared. surroundings, (n,): of the frame.
+        mean of few is uncertain. A perceiver scales its vectors so that most frames of one region stay below
+        1. None where fewer than `LEAST_SCENES` can be compared. surroundings, (n,): of the frame.
         """
-        scenes = [
-            entry.surroundings
+        in_force = [
+            entry
             for entry in self._entries
-            if entry.surroundings is not None
-            and entry.surroundings.shape == surroundings.shape
-            and all(words.get(word) == weight for word, weight in entry.preferences.items())
+            if all(words.get(word) == weight for word, weight in entry.preferences.items())
         ]
-        if len(scenes) < LEAST_SCENES:
+        apart = _apart(in_force, surroundings)
+        if len(apart) < LEAST_SCENES:
             return None
-        apart = np.stack(scenes).astype(np.float64) - surroundings
         nearest = np.argsort((apart**2).sum(axis=1), kind="stable")[:NEIGHBOURS]
         mean = apart[nearest].mean(axis=0)
         return float(mean @ mean) * len(nearest) / (len(nearest) + 1)
+
+    def is_foreign(self, surroundings: Embedding) -> bool:
+        """Return whether a frame's surroundings are unlike those of every remembered scene, of any words.
+
+        Those of a covered lens or of a picture out of focus are. False where nothing can be compared.
+        """
+        apart = _apart(self._entries, surroundings)
+        return len(apart) > 0 and float((apart**2).sum(axis=1).min()) / 2 >= FOREIGN
 
     def added(self, entry: Entry) -> History:
         """Return this history with one more entry."""

@@ -27,12 +27,8 @@ def contradiction(seen: Assessment, settings: Settings) -> str:
         return "figures without maps"
     told = [finding for finding in seen.findings if finding.reason is not Reason.FAULT]
     scene = next((finding for finding in told if finding.reason is Reason.UNKNOWN_SCENE), None)
-    # Familiar surroundings may count as more similar than the reference: see `History.strangeness`.
-    if scene is None or seen.similarity is None:
-        known = scene is None and (seen.similarity is None or bool(faults))
-    else:
-        known = scene.value >= seen.similarity
-    if not known:
+    # Its value may differ: familiar surroundings are more similar, foreign ones less (see `History`).
+    if (scene is None) != (seen.similarity is None) and not (scene is None and faults):
         return "a scene's finding without its similarity"
     computed = find(seen.roi, len(seen.words), None if scene is None else scene.value, settings)
     if list(map(_comparable, told)) != [

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.frame import Image
-from anytraverse.history import LEAST_SCENES, NEIGHBOURS, Entry, History
+from anytraverse.history import FOREIGN, LEAST_SCENES, NEIGHBOURS, Entry, History
 from anytraverse.preferences import Preferences
 from tests.anytraverse.conftest import Painted, Rover
 
@@ -71,6 +71,22 @@ def test_foreign_surroundings_call(at_home: Traveller) -> None:
     assert seen.reasons == {Reason.UNKNOWN_SCENE}
     assert seen.likeness is not None
     assert seen.likeness.similarity == pytest.approx(0.5), "to the place, whatever surrounds it"
+
+
+def test_a_frame_of_the_place_in_force_calls_where_its_surroundings_are_foreign(at_home: Traveller) -> None:
+    covered = _HERE + 3.0
+    seen = at_home.goes(60, covered)
+    assert seen.similarity == pytest.approx(1.0), "what a covered lens shows resembles it"
+    assert seen.reasons == {Reason.UNKNOWN_SCENE}
+    assert at_home.goes(60, _HERE + 1.0).ok
+    at_home.answer(call=seen.observation, call_id=9, go=True)
+    assert at_home.goes(60, covered).ok, "answered"
+
+
+def test_one_known_scene_is_enough_to_tell_what_is_foreign() -> None:
+    rover = Traveller()
+    rover.goes(0, _HERE)
+    assert rover.goes(0, _HERE + 3.0).reasons == {Reason.UNKNOWN_SCENE}
 
 
 def test_one_known_scene_makes_no_surroundings_familiar() -> None:
@@ -177,6 +193,15 @@ def test_scenes_of_another_length_or_other_words_are_not_compared() -> None:
     here, more = np.array([0.0, 0.0], np.float32), Preferences.of({"grass": 1.0, "rock": -1.0})
     assert known.strangeness(here, Preferences.of({"grass": -1.0})) is None
     assert known.strangeness(here, more) is not None
+
+
+def test_foreign_is_what_is_far_from_the_nearest_scene_of_any_words() -> None:
+    known, edge = history([0.0, 0.0], [9.0, 0.0]), float(np.sqrt(2 * FOREIGN))
+    assert known.is_foreign(np.array([0.0, edge + 0.01], np.float32))
+    assert not known.is_foreign(np.array([0.0, edge - 0.01], np.float32))
+    assert not known.is_foreign(np.array([9.0, edge - 0.01], np.float32))
+    assert not known.is_foreign(np.array([99.0], np.float32)), "of another length"
+    assert not History().is_foreign(np.array([99.0], np.float32)), "nothing is known"
 
 
 @given(st.lists(st.floats(-1e3, 1e3, width=32), min_size=2, max_size=20), st.floats(-1e3, 1e3, width=32))

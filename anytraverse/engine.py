@@ -20,7 +20,7 @@ from anytraverse.assessment import Assessment, Finding, Map, Maps, Observation, 
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.findings import check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.frame import Frame, is_black, is_image
-from anytraverse.history import FOREIGN, Embedding, Match, Place, cosine, is_embedding
+from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.light import measure_light
 from anytraverse.memory import Memory
@@ -273,27 +273,27 @@ class AnyTraverse:
         return None if is_embedding(embedding) else math.nan
 
     def _known_similarity(self, observation: Observation, similarity: float | None) -> float | None:
-        """The similarity that the scene is judged by: to the reference, or to familiar surroundings.
+        """The similarity that the scene is judged by: to the reference, or that of its surroundings.
 
-        Surroundings of strangeness 1 count as the perceiver's own threshold of the scene. A frame like one
-        that an operator said shows another place is new, whatever surrounds it. And no place is known whose
-        surroundings are foreign, as similar as it may be: a covered lens shows little, and what it shows may
-        resemble much.
+        Surroundings of a strangeness up to 1 make a new place known, unless an operator said of a frame like
+        this one that it shows another place. Those of more than 1 to each remembered scene make every place
+        new: a covered lens shows little, and what it shows may resemble the reference. A strangeness of 1
+        counts as the perceiver's own threshold of the scene.
         """
-        history, limits = self.memory.history, self.settings.thresholds
         if similarity is None or not math.isfinite(similarity):
             return similarity
         surroundings = surroundings_of(self.perceiver, observation.features)
         if surroundings is None:
             return similarity
-        if history.is_foreign(surroundings):
-            return min(similarity, 1.0 - (1.0 - self.perceiver.defaults.scene) * FOREIGN)
-        if history.is_refused(observation.embedding, limits.scene):
-            return similarity
+        history, varying = self.memory.history, 1.0 - self.perceiver.defaults.scene
         strange = history.strangeness(surroundings, self.memory.preferences)
-        if strange is None:
-            return similarity
-        return max(similarity, -1.0, 1.0 - (1.0 - self.perceiver.defaults.scene) * strange)
+        if strange is not None and strange <= 1.0:
+            refused = history.is_refused(observation.embedding, self.settings.thresholds.scene)
+            return similarity if refused else max(similarity, 1.0 - varying * strange)
+        nearest = history.nearest_strangeness(surroundings)
+        if nearest is not None and nearest > 1.0:
+            return min(similarity, max(-1.0, 1.0 - varying * nearest))
+        return similarity
 
     def _is_at(self, embedding: Embedding) -> bool:
         """Whether the newest frame still shows that scene."""
@@ -315,6 +315,9 @@ class AnyTraverse:
         best, least = history.best(observation.embedding), limits.least_match(len(history))
         if best is None or best.similarity < max(limits.scene, least - limits.similarity_margin):
             return None, False
+        known = self._known_similarity(observation, best.similarity)
+        if known is None or known < limits.scene:
+            return None, False  # its surroundings are foreign
         return best if best.similarity >= least else None, True
 
 

@@ -40,12 +40,6 @@ class Place:
 
 LEAST_SCENES = 2
 """Answered scenes that tell which surroundings are familiar: one alone resembled 6 % of foreign frames."""
-FOREIGN = 2.5
-"""Strangeness to the nearest remembered scene from which a frame shows no known place.
-
-Frames of two drives were at most 1.2, in half as much light again 1.6; a covered lens was 3.3 and more, a
-picture out of focus 2.2 and more.
-"""
 NEIGHBOURS = 8
 """The most of them that a frame is compared with, so that a rover may know several regions."""
 
@@ -232,13 +226,13 @@ class History(Sequence[Entry]):
         mean = apart[nearest].mean(axis=0)
         return float(mean @ mean) * len(nearest) / (len(nearest) + 1)
 
-    def is_foreign(self, surroundings: Embedding) -> bool:
-        """Return whether a frame's surroundings are unlike those of every remembered scene, of any words.
+    def nearest_strangeness(self, surroundings: Embedding) -> float | None:
+        """Return how strange a frame's surroundings are to the nearest scene, of any words; None without one.
 
-        Those of a covered lens or of a picture out of focus are. False where nothing can be compared.
+        It is half the squared distance, as a strangeness to one scene.
         """
         apart = _apart(self._entries, surroundings)
-        return len(apart) > 0 and float((apart**2).sum(axis=1).min()) / 2 >= FOREIGN
+        return float((apart**2).sum(axis=1).min()) / 2 if len(apart) else None
 
     def added(self, entry: Entry) -> History:
         """Return this history with one more entry."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.frame import Image
-from anytraverse.history import FOREIGN, LEAST_SCENES, NEIGHBOURS, Entry, History
+from anytraverse.history import LEAST_SCENES, NEIGHBOURS, Entry, History
 from anytraverse.preferences import Preferences
 from tests.anytraverse.conftest import Painted, Rover
 
@@ -81,6 +81,13 @@ def test_a_frame_of_the_place_in_force_calls_where_its_surroundings_are_foreign(
     assert at_home.goes(60, _HERE + 1.0).ok
     at_home.answer(call=seen.observation, call_id=9, go=True)
     assert at_home.goes(60, covered).ok, "answered"
+
+
+def test_a_remembered_place_does_not_match_where_the_surroundings_are_foreign(at_home: Traveller) -> None:
+    at_home.told_go(150, _THERE, 8, trail=1.0)
+    for scene in (150, 0, 0):
+        at_home.goes(scene, _THERE + 3.0)
+    assert at_home.memory.adoption is None
 
 
 def test_one_known_scene_is_enough_to_tell_what_is_foreign() -> None:
@@ -195,13 +202,12 @@ def test_scenes_of_another_length_or_other_words_are_not_compared() -> None:
     assert known.strangeness(here, more) is not None
 
 
-def test_foreign_is_what_is_far_from_the_nearest_scene_of_any_words() -> None:
-    known, edge = history([0.0, 0.0], [9.0, 0.0]), float(np.sqrt(2 * FOREIGN))
-    assert known.is_foreign(np.array([0.0, edge + 0.01], np.float32))
-    assert not known.is_foreign(np.array([0.0, edge - 0.01], np.float32))
-    assert not known.is_foreign(np.array([9.0, edge - 0.01], np.float32))
-    assert not known.is_foreign(np.array([99.0], np.float32)), "of another length"
-    assert not History().is_foreign(np.array([99.0], np.float32)), "nothing is known"
+def test_the_nearest_scene_of_any_words_says_what_is_strange_to_all() -> None:
+    known = history([0.0, 0.0], [9.0, 0.0])
+    assert known.nearest_strangeness(np.array([0.0, 2.0], np.float32)) == pytest.approx(2.0)
+    assert known.nearest_strangeness(np.array([9.0, 3.0], np.float32)) == pytest.approx(4.5)
+    assert known.nearest_strangeness(np.array([99.0], np.float32)) is None, "of another length"
+    assert History().nearest_strangeness(np.array([99.0], np.float32)) is None, "nothing is known"
 
 
 @given(st.lists(st.floats(-1e3, 1e3, width=32), min_size=2, max_size=20), st.floats(-1e3, 1e3, width=32))

@@ -32,7 +32,7 @@ def blocked_by_name(seen: Assessment) -> bool:
 def track(
     thing: Mask, seen: Assessment, maps: Maps, numbers: Numbers, *, blocks: bool, at_once: bool = False
 ) -> Mask:
-    """Return the uncertain pixels in `thing` and those connected to them, grown by one cell.
+    """Return the uncertain pixels in `thing` or at its foot, and those connected to them, grown by one cell.
 
     blocks: the thing blocks the way, so that ground in the ROI that is not drivable belongs to it, too.
     at_once: take all connected uncertain pixels, as when the thing is accepted. Otherwise the mask grows
@@ -47,7 +47,7 @@ def track(
     thing beside it. But the word may explain the ground around as well, so at most `_REACH` of such
     pixels is taken at the start, and later only those straight below.
     """
-    limit = numbers.judging.thresholds.tile or _UNCERTAIN_PIXEL
+    limit = uncertain_above(numbers)
     if any(one.figure == CORRIDOR for one in seen.bad):
         # Above this uncertainty a pixel is missing in the corridor, whatever the tiles' threshold.
         limit = min(limit, 1.0 - KNOWN)
@@ -65,12 +65,18 @@ def track(
         return wider(connected(found, strange & above, reach))
     not_above, straight = below(thing, reach), below(thing, 0)
     uncertain = uncertain & not_above & (in_rows | (thing & in_rows).any(axis=0))
-    found = connected(thing & uncertain, uncertain, reach - 1)
+    # A perceiver may see the foot of a thing apart from the rest, by a gap of one cell.
+    found = connected(wider(thing) & straight & uncertain, uncertain, reach - 1)
     beyond = connected(found, uncertain, 1) & ~found
     found = found & (straight | ~connected(beyond, uncertain & ~thing, max(uncertain.shape)))
     if named_reasons(seen):
         found = found | connected(thing & strange, strange & straight, reach - 1)
     return wider(found) & not_above if found.any() else thing
+
+
+def uncertain_above(numbers: Numbers) -> float:
+    """Return the uncertainty above which a pixel belongs to a thing."""
+    return numbers.judging.thresholds.tile or _UNCERTAIN_PIXEL
 
 
 def sized(thing: Mask | None, seen: Assessment) -> Mask:

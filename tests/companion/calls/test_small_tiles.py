@@ -52,6 +52,22 @@ def test_an_accepted_thing_is_followed_though_it_comes_nearer_by_more_than_a_til
     assert (small.autopilot.mode, small.opened()) == (AUTO, [1])
 
 
+FOOT = Box(26 / 60, 33 / 40, 28 / 60, 34 / 40)
+"""Two cells below the drum of `DRUM`, one cell away from it."""
+
+
+@pytest.mark.parametrize("human", [False, True], ids=["after a go", "taken over"])
+def test_a_spot_at_the_foot_of_the_accepted_thing_belongs_to_it(small: Scene, human: bool) -> None:
+    small.run(1.0, DRUM)
+    if human:
+        small.human(AUTO)
+    else:
+        small.go()
+    small.run(2.0)
+    small.run(1.0, View((Thing(AHEAD), Thing(FOOT))))
+    assert (small.autopilot.mode, small.opened()) == (AUTO, [1])
+
+
 def test_a_go_to_one_thing_accepts_no_second_one_beside_it(small: Scene) -> None:
     small.run(1.0, DRUM)
     small.go()

@@ -92,7 +92,7 @@ class AnsweredThings:
 
     def follow(self, seen: Assessment, cover: Cover, now: float, travelled: float | None) -> None:
         """Move the things to where `cover` found them, and forget those that ended. Once a frame."""
-        if seen.reasons and (cover.covered & REASONS_OF_THINGS or cover.alone()):
+        if not seen.reasons or cover.covered & REASONS_OF_THINGS or cover.alone():
             for one, mask in zip(self.things, cover.masks, strict=True):
                 one.follow(mask)
         self._forget(lambda one: one.ended(seen, self._numbers, now, travelled))

@@ -12,7 +12,7 @@ from anytraverse.history import Embedding, cosine
 from anytraverse.regions import Box
 from companion.calls.masks import Mask, coarse, joined
 from companion.calls.numbers import Numbers
-from companion.calls.tracking import blocked_by_name, sized, track
+from companion.calls.tracking import blocked_by_name, sized, track, uncertain_above
 
 REASONS_OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 _WIDENS = 1.5
@@ -139,20 +139,23 @@ class Thing:
         """Whether the last frames do not show the thing. It counts frames, so call it once a frame.
 
         Its outline has left the ROI, or is as drivable as a corridor and not uncertain. What does not block
-        is gone as well where no frame has a reason that it may explain.
+        is gone as well where nothing of its outline is uncertain and no frame has a reason that it explains.
         """
         if Reason.FAULT not in seen.reasons:
             self.clear_frames = 0 if self._stays(seen, numbers) else self.clear_frames + 1
         return self.clear_frames >= numbers.ok_frames
 
     def _stays(self, seen: Assessment, numbers: Numbers) -> bool:
-        shown = Reason.UNKNOWN_OBJECT in self.reasons and blocked_by_name(seen)
-        if not (self.blocked_by or shown or seen.reasons & self.reasons):
-            return False
-        maps, here = seen.maps, self.in_roi(seen, numbers)
-        if maps is None or (Reason.UNKNOWN_SCENE in seen.reasons and self.is_place(seen, numbers)):
+        named = Reason.UNKNOWN_OBJECT in self.reasons and blocked_by_name(seen)
+        shown, maps = named or bool(seen.reasons & self.reasons), seen.maps
+        if maps is None:
+            return shown or bool(self.blocked_by)
+        if shown and Reason.UNKNOWN_SCENE in seen.reasons and self.is_place(seen, numbers):
             return True
-        limits = numbers.judging.thresholds
+        here, limits = self.in_roi(seen, numbers), numbers.judging.thresholds
+        if not (shown or self.blocked_by):
+            # A figure may be just below its threshold for a while, as a small tile of a far thing is.
+            return bool((here & (maps.uncertainty > uncertain_above(numbers))).any())
         clean = maps.drivable & (maps.uncertainty <= min(limits.roi, limits.tile or 1.0))
         return bool(here.any()) and float(clean[here].mean()) < numbers.judging.corridor.share
 

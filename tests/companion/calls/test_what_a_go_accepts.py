@@ -187,6 +187,29 @@ def test_an_acceptance_ends_when_the_thing_is_gone_for_five_frames(accepted: Sce
     assert accepted.opened() == [1, 2]
 
 
+def post(column: int, rows: int) -> View:
+    """A thing of 2 cells' width: 4 rows of it are over the threshold of a tile, and 3 are below."""
+    return View((Thing(Box(column / 60, 28 / 40, (column + 2) / 60, (28 + rows) / 40)),))
+
+
+def test_a_thing_just_below_the_threshold_is_not_gone(report: Scene) -> None:
+    report.run(0.5, post(24, 4))
+    report.go()
+    report.run(2.0, post(24, 3))
+    assert not report.judged(report.frame).reasons, "no figure of it is bad"
+    report.run(1.0, post(24, 4))
+    assert report.opened() == [1]
+
+
+def test_a_thing_just_below_the_threshold_is_tracked(report: Scene) -> None:
+    report.run(0.5, post(24, 4))
+    report.go()
+    for column in range(24, 34):
+        report.run(0.3, post(column, 3))
+    report.run(1.0, post(34, 4))
+    assert report.opened() == [1]
+
+
 def test_broken_frames_do_not_show_that_the_thing_is_gone(accepted: Scene) -> None:
     accepted.show(*[BROKEN] * 8)
     assert not ended(accepted)

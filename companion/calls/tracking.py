@@ -12,7 +12,7 @@ from companion.calls.numbers import Numbers
 _UNCERTAIN_PIXEL = 0.5
 """Uncertainty above which a pixel belongs to the thing, where tiles have no threshold."""
 _REACH = 0.25
-"""Over the ROI's width: a thing comes nearer by less than this from frame to frame."""
+"""Over the ROI's width: a thing becomes wider by less than this from frame to frame."""
 NAMED_FIGURES = frozenset({NAMED_TILE, NAMED_MEAN})
 """The figures of things that only a negative word explains."""
 
@@ -36,9 +36,9 @@ def track(
 
     blocks: the thing blocks the way, so that ground in the ROI that is not drivable belongs to it, too.
     at_once: take all connected uncertain pixels, as when the thing is accepted. Otherwise the mask grows
-    by less than `_REACH`, since a thing comes no nearer than that from frame to frame. An uncertain
-    area that reaches further is another thing that touches it: of that, only what is straight below the
-    mask is taken.
+    straight down, and by less than `_REACH` to the sides, since a thing comes no nearer than that from
+    frame to frame. An uncertain area that reaches further is another thing that touches it: of that, only
+    what is straight below the mask is taken.
 
     Above the horizon, only what is straight above the thing belongs to it: what rises above it touches all
     that is unknown there.
@@ -65,8 +65,10 @@ def track(
         return wider(connected(found, strange & above, reach))
     not_above, straight = below(thing, reach), below(thing, 0)
     uncertain = uncertain & not_above & (in_rows | (thing & in_rows).any(axis=0))
-    # A perceiver may see the foot of a thing apart from the rest, by a gap of one cell.
-    found = connected(wider(thing) & straight & uncertain, uncertain, reach - 1)
+    # A perceiver may see the foot of a thing apart from the rest, by a gap of one cell. Right before the
+    # vehicle the foot comes down by more than the reach.
+    down = connected(wider(thing) & straight & uncertain, uncertain & straight, max(uncertain.shape))
+    found = connected(down, uncertain, reach - 1)
     beyond = connected(found, uncertain, 1) & ~found
     found = found & (straight | ~connected(beyond, uncertain & ~thing, max(uncertain.shape)))
     if named_reasons(seen):

@@ -52,8 +52,23 @@ def test_an_accepted_thing_is_followed_though_it_comes_nearer_by_more_than_a_til
     assert (small.autopilot.mode, small.opened()) == (AUTO, [1])
 
 
+RIGHT_BEFORE_IT = tuple(
+    View((Thing(box),))
+    for box in (Box(0.44, 0.48, 0.52, 0.55), Box(0.43, 0.49, 0.53, 0.73), Box(0.42, 0.50, 0.54, 0.95))
+)
+"""A drum right before the rover, whose foot comes down by half of the ROI's width in a frame."""
 FOOT = Box(26 / 60, 33 / 40, 28 / 60, 34 / 40)
 """Two cells below the drum of `DRUM`, one cell away from it."""
+
+
+def test_an_accepted_thing_right_before_the_rover_is_followed_to_its_foot(small: Scene) -> None:
+    small.numbers.judging = replace(small.numbers.judging, region=Box(0.35, 0.46, 0.65, 0.95))
+    small.run(1.0, RIGHT_BEFORE_IT[0])
+    small.go()
+    small.run(2.0)
+    small.show(*RIGHT_BEFORE_IT)
+    small.run(1.0)
+    assert (small.autopilot.mode, small.opened()) == (AUTO, [1])
 
 
 @pytest.mark.parametrize("human", [False, True], ids=["after a go", "taken over"])

@@ -18,6 +18,7 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from bench.mutants.faults import ROOT, SAFETY_PATH, Mutant, chosen
 
@@ -49,12 +50,17 @@ def main() -> int:
             shares = [list(numbers)[job :: given.jobs] for job in range(given.jobs)]
             results = pool.map(lambda work: _try_all(mutants, *work), zip(shares, houses, strict=True))
             outcomes = {number: outcome for share in results for number, outcome in share.items()}
-    caught = sum(outcome != "survived" for outcome in outcomes.values())
-    told = {"mutants": len(outcomes), "caught": caught, "outcomes": dict(sorted(outcomes.items()))}
+    told = figures(outcomes)
     if given.out:
         given.out.write_text(json.dumps(told, indent=1) + "\n")
     print(json.dumps(told))
     return _lost(outcomes, given.before)
+
+
+def figures(outcomes: Mapping[int, str]) -> dict[str, Any]:
+    """As JSON values. One whose code is gone was not tried, so that nothing caught it."""
+    caught = sum(outcome in ("caught", "hung") for outcome in outcomes.values())
+    return {"mutants": len(outcomes), "caught": caught, "outcomes": dict(sorted(outcomes.items()))}
 
 
 def _lost(outcomes: Mapping[int, str], before: Path | None) -> int:

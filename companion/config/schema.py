@@ -244,8 +244,8 @@ class Call(Section):
     passed_after: float = setting(
         5.0, number(0, 600), "s without its reasons after which a call that holds nothing is closed"
     )
-    accepted_for: float = setting(20.0, number(1, 600), "s that a go without words lasts")
-    accepted_distance: float = setting(10.0, number(0.5, 1000), "m that a go without words lasts")
+    accepted_for: float = setting(20.0, number(1, 600), "s for which a go or a mode by hand accepts")
+    accepted_distance: float = setting(10.0, number(0.5, 1000), "m for which a go or a mode by hand accepts")
     accepted_rise: float = setting(
         0.1, number(0, 1), "rise of the mean uncertainty above the accepted one that ends it"
     )

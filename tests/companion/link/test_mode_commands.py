@@ -340,6 +340,18 @@ def test_a_command_that_leaves_at_its_last_moment_is_answered() -> None:
     assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)]
 
 
+@pytest.mark.parametrize(("late", "told"), [(0.0, [ModeAnswer(HOLD, accepted=True)]), (0.02, [])])
+def test_an_answer_later_than_five_seconds_counts_for_nothing(late: float, told: list[ModeAnswer]) -> None:
+    stage = started(UNSUPPORTED)
+    stage.now = 8.0
+    stage.link.modes.command(HOLD, stage.now)
+    stage.link.modes.send_hold_now(stage.now)
+    stage.run(4.9)
+    stage.now = 13.0 + late
+    answer(stage, SET_MODE, ACCEPTED)
+    assert stage.reported(ModeAnswer) == told
+
+
 def test_a_hold_may_leave_at_once_and_a_resume_waits_for_its_turn() -> None:
     stage = started(UNSUPPORTED)
     for mode in (AUTO, HOLD):

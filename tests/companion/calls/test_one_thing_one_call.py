@@ -101,6 +101,19 @@ def test_another_thing_beside_what_blocks_calls(named: Scene) -> None:
     assert named.opened() == [1, 2]
 
 
+@pytest.mark.parametrize(("beside", "follows"), [((), True), ((TENT,), False)])
+def test_it_is_not_followed_in_a_frame_in_which_another_thing_calls(
+    named: Scene, beside: tuple[Thing, ...], follows: bool
+) -> None:
+    """What calls there may be a part of what is seen in its place."""
+    (thing,) = named.calls.reason_filter.things.things
+    before = thing.mask
+    named.show(View((Thing(Box(0.41, 0.69, 0.53, 0.81)), *beside)))
+    assert before is not None
+    assert thing.mask is not None
+    assert bool((thing.mask != before).any()) is follows
+
+
 @pytest.mark.parametrize("weight", [1.0, None])
 def test_it_does_not_block_once_its_word_has_another_sign_or_is_not_in_use(
     named: Scene, weight: float | None

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from bench.stopping.humans import READ, SOON, watch
 from bench.stopping.jobs import FAST, SLOW, Job
+from bench.stopping.serial_device import FAR_BUFFER, SerialDevice
 from bench.stopping.stage import Disturbed, Plan, Stage
 from companion.link.streams import STUCK
 from companion.sim.field.rover import STANDSTILL
@@ -32,6 +33,8 @@ _AROUND = 0.06
 _SETTLES = 3.0
 _FULL_AFTER = 0.1
 """s after which a stuck device takes nothing. The go follows at once: 1 s later the port is opened anew."""
+_KEPT = (0.3, 1.6)
+"""s after the go when the human sets the mode: the way back is in the kernel, for less than 1 s or longer."""
 _WATCHED = 5.0
 """s after the go in which the rover must stay where it is."""
 _COMPLETE_WITHIN = 60.0
@@ -200,21 +203,32 @@ def _complete(stage: Stage, random: Random) -> Seen:
 
 
 def _stuck(stage: Stage, random: Random) -> Seen:
-    """Lets the serial device take nothing while a go is carried out; a human takes over before it is well."""
+    """Stops a serial device as a go is carried out: its kernel keeps the way back; then it takes nothing."""
     assert stage.serial is not None
+    seen = _held_up(stage, stage.serial, random, full=False)
+    return seen if seen.wrong else _held_up(stage, stage.serial, random, full=True)
+
+
+def _held_up(stage: Stage, serial: SerialDevice, random: Random, *, full: bool) -> Seen:
+    """Lets a human take over before the device takes bytes again; then nothing may drive it on."""
     drives(stage, random)
     stage.freeze_camera(on=True)
     with follows():
         sees_again_in_hold(stage)
         watch(stage, READ)
-        stage.serial.stuck, asked = True, len(stage.wire.commands)
+        serial.full, serial.stuck, asked = full, True, len(stage.wire.commands)
+        stage.wait("its buffer", lambda: serial.filled >= FAR_BUFFER, SOON)
         watch(stage, _FULL_AFTER)
         stage.ground.go(int(stage.read_status()["current_id"]))
-        stage.wait("the device's trouble", lambda: STUCK in stage.log, SOON)
+        if full:
+            stage.wait("the device's trouble", lambda: STUCK in stage.log, SOON)
+        else:
+            watch(stage, random.uniform(*_KEPT))
+        earlier = stage.log.count("taken over")
         stage.control.mode("MANUAL")
-        stage.wait("the taking over", lambda: "taken over" in stage.log, SOON)
+        stage.wait("the taking over", lambda: stage.log.count("taken over") > earlier, SOON)
         watch(stage, 1.0)
-        stage.serial.stuck, free = False, time.monotonic()
+        serial.stuck, free = False, time.monotonic()
         stage.wait_until_well()
         returned = time.monotonic() - free
         watch(stage, _SETTLES)

@@ -9,11 +9,15 @@ import socket
 import threading
 import tty
 
+FAR_BUFFER = 4200
+"""Bytes, a little more than the far end's own buffer: no discarding reaches what is in there."""
+
 
 class SerialDevice:
     """Passes bytes between a pseudo-terminal, which the companion opens, and an autopilot on UDP.
 
-    stuck: nothing is taken from the companion, whose kernel keeps what it writes; the other way goes on.
+    stuck: nothing passes from the companion; the other way goes on. full: nor does its kernel take anything
+    then; otherwise that keeps what the companion writes, a minute of frames. filled: bytes put before these.
     """
 
     def __init__(self, port: int) -> None:
@@ -23,7 +27,7 @@ class SerialDevice:
         os.set_blocking(self._master, False)
         os.set_blocking(self._slave, False)
         self.url = f"serial:{os.ttyname(self._slave)}:57600"
-        self.stuck = False
+        self.stuck, self.full, self.filled = False, True, 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", port))
         self._socket.settimeout(0)
@@ -46,8 +50,10 @@ class SerialDevice:
                 os.write(self._master, data)
             with contextlib.suppress(OSError):
                 if self.stuck:
-                    while True:  # a pseudo-terminal would keep a minute of our frames
-                        os.write(self._slave, bytes(64))
+                    while self.full or self.filled < FAR_BUFFER:
+                        self.filled += os.write(self._slave, bytes(64))
+                    continue
+                self.filled = 0
                 data = os.read(self._master, 4096)
                 if self._autopilot is not None:
                     self._socket.sendto(data, self._autopilot)

@@ -27,11 +27,13 @@ from bench.stopping.jobs import FAST, LATE, Job, Run
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
 from bench.stopping.runs import GROUPS, untested
 from bench.stopping.scenes import SCENES, Scene, Seen, follows
-from bench.stopping.serial_device import SerialDevice
+from bench.stopping.serial_device import FAR_BUFFER, SerialDevice
 from bench.stopping.stage import Disturbed, Plan, Stage
 from bench.stopping.stops import Stop, stopped
 from companion.config import load_config
+from companion.config.link_settings import read_url
 from companion.config.stopping import Stopping, judge_stopping
+from companion.link.streams import Serial
 from companion.sim.demo.config import write_config
 from companion.sim.demo.rehearsal import free_port
 from companion.wire.ids import Policy, State
@@ -299,6 +301,39 @@ def test_a_serial_device_that_is_stuck_takes_nothing_and_then_all_again() -> Non
         while b"again" not in autopilot.recv(8192):
             companion.write(b"again")
             assert time.monotonic() < until
+
+
+@pytest.mark.parametrize("recalled", [False, True])
+def test_a_serial_device_that_keeps_what_it_took_passes_it_late_where_it_is_not_taken_back(
+    recalled: bool,
+) -> None:
+    port = free_port()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot,
+        closing(SerialDevice(port)) as device,
+        closing(Serial(read_url(device.url))) as companion,
+    ):
+        autopilot.settimeout(DEADLINE)
+        autopilot.sendto(b"heard", ("127.0.0.1", port))
+        until = time.monotonic() + DEADLINE
+        while companion.read() != b"heard":
+            assert time.monotonic() < until
+        device.full, device.stuck = False, True
+        while device.filled < FAR_BUFFER:
+            assert time.monotonic() < until
+            time.sleep(0.002)
+        time.sleep(0.1)
+        assert companion.write(b"the way back")
+        companion.note_revocable()
+        if recalled:
+            companion.recall()
+        device.stuck = False
+        got = b""
+        while b"again" not in got:
+            companion.write(b"again")
+            got += autopilot.recv(8192)
+            assert time.monotonic() < until
+        assert (b"the way back" in got) is not recalled
 
 
 def non_blocking(path: str, flags: int) -> int:

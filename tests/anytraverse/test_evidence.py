@@ -212,6 +212,14 @@ def rivalries(draw: st.DrawFn) -> tuple[Map, list[int], list[float], float]:
     return strengths, groups, weights, draw(st.sampled_from([w for w in WEIGHTS if w <= min(0.0, *weights)]))
 
 
+@pytest.mark.parametrize("spoilt", [np.nan, 2.0])
+def test_spoilt_attention_of_the_drivable_words_alone_is_a_fault_too(spoilt: float) -> None:
+    whole, alone = np.full((1, 4, 4), 0.5, np.float32), np.full((1, 4, 4), spoilt, np.float32)
+    found = make_maps(whole, [1.0], Settings(), alone)
+    assert isinstance(found, Finding)
+    assert found.reason is Reason.FAULT
+
+
 @given(rivalries())
 @settings(max_examples=400)
 def test_a_further_word_that_is_not_drivable_makes_no_ground_drivable_where_words_compete(

@@ -96,6 +96,13 @@ def other_maps(**changes: Any) -> Maps:
     return replace(MAPS, **changes)
 
 
+def maps_of_shape(*shape: int) -> FrameJudged:
+    """With maps that all have this shape."""
+    values, pixels = (np.broadcast_to(kind(0), shape) for kind in (np.float32, np.bool_))
+    figures = {"signed": values, "uncertainty": values, "strangeness": values}
+    return seen(maps=other_maps(**figures, drivable=pixels, known=pixels))
+
+
 def roi_of(**changes: Any) -> FrameJudged:
     """With other figures of the ROI."""
     assert ROI is not None
@@ -213,15 +220,9 @@ WRONG: dict[str, Any] = {
     "a map of doubles": map_of(0.5, dtype=np.float64),
     "a map that is a list": seen(maps=other_maps(uncertainty=[0.5])),
     "maps of two shapes": seen(maps=other_maps(signed=np.zeros((2, 2), np.float32))),
-    "a flat map": seen(maps=other_maps(signed=np.zeros(4, np.float32))),
-    "an empty map": seen(maps=other_maps(signed=np.zeros((0, 4), np.float32))),
-    "a huge map": seen(
-        maps=other_maps(
-            signed=(huge := np.broadcast_to(np.float32(0), (LARGEST_MAP, 2))),
-            uncertainty=huge,
-            strangeness=huge,
-        )
-    ),
+    "flat maps": maps_of_shape(4),
+    "empty maps": maps_of_shape(0, 4),
+    "huge maps": maps_of_shape(LARGEST_MAP, 2),
     "names of other words": seen(maps=other_maps(named=np.zeros(9, np.bool_))),
     "traversability of NaN": roi_of(traversability=NAN),
     "uncertainty of an ROI above 1": roi_of(uncertainty=1.5),

@@ -215,9 +215,9 @@ def test_ctrl_c_keeps_what_was_answered_and_a_page_that_was_closed_can_be_opened
         assert process.stdout is not None
         person = Person(process.stdout.readline().split()[-1])
         call = person.call()  # each request opens a page, and closes it
-        path = [{"word": "dirt path", "weight": 1}]
-        person.post("/answer", call=call["id"], motion="go", changes=path)
-        assert person.call(but=call["id"])["id"] > call["id"]
+        water = [{"word": "water", "weight": -1}]
+        person.post("/answer", call=call["id"], motion="none", changes=water)
+        assert person.call()["id"] == call["id"], "that does not cover it, so it waits"
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)
     finally:
@@ -225,7 +225,7 @@ def test_ctrl_c_keeps_what_was_answered_and_a_page_that_was_closed_can_be_opened
         process.wait()
     assert process.returncode == 0
     assert "1 answered" in said
-    assert " = dirt path: 1, go\n" in (out / "answers.txt").read_text()
+    assert " = water: -1\n" in (out / "answers.txt").read_text()
     assert len((out / "memory.jsonl").read_text().splitlines()) == 2
 
 

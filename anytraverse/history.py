@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from itertools import islice, takewhile
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -126,16 +126,6 @@ def _refuses(entry: Entry, embedding: Embedding, similarity: float) -> bool:
     return any(not cosine(one, embedding) < similarity - _ROUNDING for one in entry.refused)
 
 
-def _apart(entries: Sequence[Entry], surroundings: Embedding) -> NDArray[np.float64]:
-    """Return the differences of the entries' surroundings from a frame's, (m, n), of those that have such."""
-    known = [
-        entry.surroundings
-        for entry in entries
-        if entry.surroundings is not None and entry.surroundings.shape == surroundings.shape
-    ]
-    return np.array(known, np.float64).reshape(len(known), surroundings.size) - surroundings
-
-
 class History(Sequence[Entry]):
     """Holds an immutable sequence of entries. Beyond `limit`, the least recently matched are removed."""
 
@@ -214,15 +204,15 @@ class History(Sequence[Entry]):
         mean of few is uncertain. A perceiver scales its vectors so that most frames of one region stay below
         1. None where fewer than `LEAST_SCENES` can be compared. surroundings, (n,): of the frame.
         """
-        in_force = [
-            entry
-            for entry in self._entries
-            if all(words.get(word) == weight for word, weight in entry.preferences.items())
-        ]
-        apart = _apart(in_force, surroundings)
-        if len(apart) < LEAST_SCENES:
+        entries, apart, squares = self._apart(surroundings)
+        in_force = (
+            index
+            for index in np.argsort(squares, kind="stable")
+            if all(words.get(word) == weight for word, weight in entries[index].preferences.items())
+        )
+        nearest = list(islice(in_force, NEIGHBOURS))
+        if len(nearest) < LEAST_SCENES:
             return None
-        nearest = np.argsort((apart**2).sum(axis=1), kind="stable")[:NEIGHBOURS]
         mean = apart[nearest].mean(axis=0)
         return float(mean @ mean) * len(nearest) / (len(nearest) + 1)
 
@@ -231,8 +221,22 @@ class History(Sequence[Entry]):
 
         It is half the squared distance, as a strangeness to one scene.
         """
-        apart = _apart(self._entries, surroundings)
-        return float((apart**2).sum(axis=1).min()) / 2 if len(apart) else None
+        _, _, squares = self._apart(surroundings)
+        return float(squares.min()) / 2 if len(squares) else None
+
+    def _apart(self, surroundings: Embedding) -> tuple[list[Entry], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the entries that can be compared, how they differ from a frame (m, n), squared (m,)."""
+        known = _SURROUNDINGS.get(self)
+        if known is None or known[1].shape[1] != surroundings.size:
+            entries, vectors = list[Entry](), list[Embedding]()
+            for entry in self._entries:
+                if entry.surroundings is not None and entry.surroundings.shape == surroundings.shape:
+                    entries.append(entry)
+                    vectors.append(entry.surroundings)
+            rows = np.array(vectors, np.float64).reshape(len(vectors), surroundings.size)
+            known = _SURROUNDINGS[self] = (entries, rows)
+        apart = known[1] - surroundings
+        return known[0], apart, np.einsum("ij,ij->i", apart, apart)
 
     def added(self, entry: Entry) -> History:
         """Return this history with one more entry."""
@@ -254,3 +258,5 @@ _COMPARABLE: WeakKeyDictionary[History, tuple[int, list[Entry], _Rows]] = WeakKe
 """History -> length, entries and rows of `_comparable`, since every frame of a changed scene is compared.
 They are no attribute: attributes are sent from process to process.
 """
+_SURROUNDINGS: WeakKeyDictionary[History, tuple[list[Entry], NDArray[np.float64]]] = WeakKeyDictionary()
+"""History -> entries and rows of `_apart`, since every frame is compared. No attribute, as above."""

@@ -44,9 +44,8 @@ _REVISITS = 0.97  # least share of revisits that count as the same place; it goe
 FAMILIAR = 0.85
 """Share of a left-out drive's frames that are familiar to a rover that knows the other drives."""
 _KNOWN_EVERY = 20  # frames of these, of which one is remembered
-_ISOTROPIC = (
-    1.0  # share of the mean variance added to each direction: which camera it was must not count much
-)
+_ISOTROPIC = 1.0
+"""Share of the mean variance that is added to each direction: which camera it was must not count much."""
 
 
 def revisited(image: Image, rng: np.random.Generator) -> Image:

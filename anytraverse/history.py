@@ -38,8 +38,10 @@ class Place:
     attitude: tuple[float, float, float] | None = None
 
 
-LEAST_SCENES = 2
-"""Answered scenes that tell which surroundings are familiar: one alone resembled 6 % of foreign frames."""
+ALONE = 0.7
+"""Of the strangeness that several scenes allow: what one allows by itself. Up to all of it, one scene
+resembled 2.5 % of foreign frames, and up to this share 0.1 %.
+"""
 NEIGHBOURS = 8
 """The most of them that a frame is compared with, so that a rover may know several regions."""
 
@@ -201,8 +203,10 @@ class History(Sequence[Entry]):
         """Return how strange a frame's surroundings are to the answered scenes whose words are in force.
 
         It is the squared distance to the mean of the k `NEIGHBOURS` nearest ones, times k / (k + 1), since a
-        mean of few is uncertain. A perceiver scales its vectors so that most frames of one region stay below
-        1. None where fewer than `LEAST_SCENES` can be compared. surroundings, (n,): of the frame.
+        mean of few is uncertain; or that to the nearest one alone, where it is so near that this is less: a
+        region that is entered has one scene at first, and the others would draw the mean away from it. A
+        perceiver scales its vectors so that most frames of one region stay below 1. None where no scene can
+        be compared. surroundings, (n,): of the frame.
         """
         entries, apart, squares = self._apart(surroundings)
         in_force = (
@@ -211,10 +215,13 @@ class History(Sequence[Entry]):
             if all(words.get(word) == weight for word, weight in entries[index].preferences.items())
         )
         nearest = list(islice(in_force, NEIGHBOURS))
-        if len(nearest) < LEAST_SCENES:
+        if not nearest:
             return None
+        alone = float(squares[nearest[0]]) / 2 / ALONE
+        if len(nearest) == 1:
+            return alone
         mean = apart[nearest].mean(axis=0)
-        return float(mean @ mean) * len(nearest) / (len(nearest) + 1)
+        return min(alone, float(mean @ mean) * len(nearest) / (len(nearest) + 1))
 
     def nearest_strangeness(self, surroundings: Embedding) -> float | None:
         """Return how strange a frame's surroundings are to the nearest scene, of any words; None without one.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.frame import Image
-from anytraverse.history import LEAST_SCENES, NEIGHBOURS, Entry, History
+from anytraverse.history import ALONE, NEIGHBOURS, Entry, History
 from anytraverse.preferences import Preferences
 from tests.anytraverse.conftest import Painted, Rover
 
@@ -52,10 +52,10 @@ class Traveller(Rover):
 
 @pytest.fixture
 def at_home() -> Traveller:
-    """A rover that began at one scene and was told go at another one, in the same surroundings."""
+    """A rover that began at one scene and was told go at another one, in the same region."""
     rover = Traveller()
     rover.goes(0, _HERE)
-    rover.told_go(60, _HERE, 7)
+    rover.told_go(60, _HERE + 1.3, 7)
     return rover
 
 
@@ -96,18 +96,21 @@ def test_one_known_scene_is_enough_to_tell_what_is_foreign() -> None:
     assert rover.goes(0, _HERE + 3.0).reasons == {Reason.UNKNOWN_SCENE}
 
 
-def test_one_known_scene_makes_no_surroundings_familiar() -> None:
+def test_one_known_scene_makes_only_what_is_near_it_familiar() -> None:
     rover = Traveller()
     rover.goes(0, _HERE)
-    assert len(rover.memory.history) == 1 < LEAST_SCENES
-    assert rover.goes(60, _HERE).reasons == {Reason.UNKNOWN_SCENE}
+    assert len(rover.memory.history) == 1
+    assert rover.goes(60, _HERE + 1.1).ok
+    assert rover.goes(60, _HERE + 1.3).reasons == {Reason.UNKNOWN_SCENE}, "two scenes would allow it"
 
 
 def test_a_rover_that_goes_to_another_region_learns_it_and_knows_the_first_one_still(
     at_home: Traveller,
 ) -> None:
     at_home.told_go(120, _THERE, 8)
-    assert at_home.goes(179, _THERE + 1).reasons == {Reason.UNKNOWN_SCENE}, "one scene of it, and two afar"
+    assert at_home.goes(179, _THERE + 1).ok, "the mean of all three is far away, and one of them near"
+    assert at_home.goes(179, _THERE + 1.3).reasons == {Reason.UNKNOWN_SCENE}
+    assert at_home.goes(120, _HERE + 1).ok
 
 
 def test_scenes_whose_words_were_changed_since_say_nothing(at_home: Traveller) -> None:
@@ -144,16 +147,18 @@ def test_a_frame_that_an_operator_said_is_another_place_calls_in_familiar_surrou
 
 
 def test_a_new_episode_knows_no_surroundings(at_home: Traveller) -> None:
+    assert at_home.goes(120, _HERE + 1.3).ok
     seen = at_home.goes(60, _HERE)
     at_home.answer(call=seen.observation, call_id=9, go=True, new_episode=True)
-    assert at_home.goes(120, _HERE).reasons == {Reason.UNKNOWN_SCENE}
+    assert at_home.goes(120, _HERE + 1.3).reasons == {Reason.UNKNOWN_SCENE}
 
 
 def test_a_raised_threshold_of_the_scene_makes_surroundings_less_familiar(at_home: Traveller) -> None:
     limits = at_home.engine.settings.thresholds
+    assert at_home.goes(120, _HERE + 2.2).ok
     at_home.engine.settings = replace(at_home.engine.settings, thresholds=replace(limits, scene=0.99))
     assert at_home.goes(120, _HERE).ok
-    assert at_home.goes(120, _HERE + 0.5).reasons == {Reason.UNKNOWN_SCENE}
+    assert at_home.goes(120, _HERE + 2.2).reasons == {Reason.UNKNOWN_SCENE}
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf])
@@ -186,9 +191,10 @@ def history(*points: list[float]) -> History:
 
 def test_strangeness_is_the_distance_to_the_nearest_scenes_mean_that_few_make_uncertain() -> None:
     two = history([0.0, 0.0], [2.0, 0.0])
-    assert two.strangeness(np.array([1.0, 3.0], np.float32), GRASS) == pytest.approx(9.0 * 2 / 3)
+    assert two.strangeness(np.array([1.0, 1.0], np.float32), GRASS) == pytest.approx(1.0 * 2 / 3)
+    assert two.strangeness(np.array([0.0, 0.5], np.float32), GRASS) == pytest.approx(0.25 / 2 / ALONE)
     afar = [[90.0, 90.0]] * 5
-    near = [[1.0, 0.0]] * NEIGHBOURS
+    near = [[1.0, side] for side in (-1.0, 1.0)] * (NEIGHBOURS // 2)
     many = history(*afar, *near)
     found = many.strangeness(np.array([0.0, 0.0], np.float32), GRASS)
     assert found == pytest.approx(NEIGHBOURS / (NEIGHBOURS + 1))

@@ -14,7 +14,7 @@ from companion.calls.thing import Thing, means_outside
 from companion.calls.tracking import blocked_by_name, named_reasons, sized
 
 _FILLS = 0.1
-"""Of the picture: an accepted thing that covers as much, as a drum does from 3 m, changes the scene."""
+"""Of the picture: a thing that covers as much, as a drum does from 3 m, changes the scene."""
 
 
 class Cover:
@@ -92,11 +92,8 @@ class Cover:
         return covered
 
     def _fills_picture(self) -> bool:
-        """Whether accepted things cover so much of the picture that a changed scene is a matter of them."""
-        accepted = (
-            mask for thing, mask in zip(self._things, self.masks, strict=True) if not thing.blocked_by
-        )
-        return any(mask is not None and float(mask.mean()) >= _FILLS for mask in accepted)
+        """Whether a thing covers so much of the picture that a changed scene is a matter of it."""
+        return any(mask is not None and float(mask.mean()) >= _FILLS for mask in self.masks)
 
     def beside(self, *, by_name: bool = False) -> float:
         """Return the uncertainty of the worst tile of the ROI outside the things; 0 where none fits there.

@@ -19,8 +19,18 @@ _WIDENS = 1.5
 """A thing that comes nearer becomes wider and higher alike. Another one beside it makes the mask wider over
 its height, by more than this factor.
 """
+_NARROWS, _BROADENS = 0.5, 0.05
+"""Share of a change of shape that counts with each frame. A far thing is few cells, so its shape is rough."""
+_EVEN = 2
+"""Cells by which a side of one thing moves outwards from frame to frame. What is put beside it adds more at
+once, and from then on the shape only narrows.
+"""
 _MEANT = 0.5
 """Of the smaller one of a thing and a tapped box: what both have in common where the thing was meant."""
+_IN_VIEW = 2.0
+"""How many times as long an accepted thing is accepted while it is in view. It may have been asked about from
+13 m, and 10 m would then end right before it.
+"""
 _LITTLE = 0.25
 """Of the ROI: where less of it lies outside the things, means are still taken over this share."""
 
@@ -34,7 +44,7 @@ class Thing:
     uncertainty, strangeness: highest accepted means over the ROI outside of all things, in [0, 1] (see
     `Maps`). So the thing may come nearer, and fill more of the ROI. Single pixels up to it may be driven
     over, too. beside: uncertainty of the worst tile outside of all things as it was asked about.
-    shape: width over height of the mask, in cells, at its narrowest, and smoothed; infinite before.
+    shape: width over height of the mask, in cells, smoothed; infinite before. even: see `_EVEN`.
     scene: embedding of its place, None where that is not known. call: id of the call that asks about it.
     since: when it was accepted, monotonic seconds. travelled: metres driven then, None where not known.
     blocked_by: the word of weight 0 or below that names it: it blocks. "" where it does not.
@@ -52,6 +62,7 @@ class Thing:
     strangeness: float = 0.0
     beside: float = 0.0
     shape: float = math.inf
+    even: bool = True
     blocked_by: str = ""
     clear_frames: int = field(default=0, compare=False)
 
@@ -70,7 +81,7 @@ class Thing:
             return self.mask
         blocks = Reason.BLOCKED in self.reasons
         found = track(self.mask, seen, seen.maps, numbers, blocks=blocks, at_once=at_once)
-        if at_once or _shape(found) <= _WIDENS * self.shape:
+        if at_once or _shape(found) <= _WIDENS * self.shape or _widened(self.mask, found) <= 0:
             return found
         # What leaves the picture below looks wider than it is; beside what spans the ROI there is no room.
         bounds, columns = numbers.judging.region.bounds, np.flatnonzero(self.mask.any(axis=0))
@@ -80,9 +91,15 @@ class Thing:
 
     def follow(self, mask: Mask | None) -> None:
         """Move to where `moved` found it."""
-        self.mask = mask
-        now = math.inf if mask is None else _shape(mask)
-        self.shape = now if math.isinf(self.shape) else min(self.shape, (self.shape + now) / 2)
+        before, self.mask = self.mask, mask
+        if before is None or mask is None:
+            return
+        now, wider = _shape(mask), _widened(before, mask)
+        self.even = self.even and wider <= _EVEN
+        if math.isinf(self.shape):
+            self.shape = now
+        elif now < self.shape or self.even:
+            self.shape += (_NARROWS if now < self.shape else _BROADENS) * (now - self.shape)
 
     def measure(self, seen: Assessment, inside: Mask, numbers: Numbers) -> None:
         """Raise the accepted figures to those of a frame with the things `inside`, (h, w)."""
@@ -124,7 +141,8 @@ class Thing:
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or an acceptance has used up its time or its distance.
 
-        What blocks ends only when it is gone, or when its word has another sign or is not in use.
+        Both are twice as long while the thing is in view. What blocks ends only when it is gone, or when its
+        word has another sign or is not in use.
         """
         if self.blocked_by and seen.words.get(self.blocked_by, 1.0) > 0.0:
             return True
@@ -133,7 +151,9 @@ class Thing:
         if self.blocked_by:
             return False
         way = None if travelled is None or self.travelled is None else travelled - self.travelled
-        return now - self.since >= numbers.accepted_for or (way or 0.0) >= numbers.accepted_distance
+        longer = _IN_VIEW if self.in_roi(seen, numbers).any() else 1.0
+        spent = now - self.since >= longer * numbers.accepted_for
+        return spent or (way or 0.0) >= longer * numbers.accepted_distance
 
     def gone(self, seen: Assessment, numbers: Numbers) -> bool:
         """Whether the last frames do not show the thing. It counts frames, so call it once a frame.
@@ -164,6 +184,12 @@ def _shape(mask: Mask) -> float:
     """Return the width over the height of what is set in a mask, in cells; 0 where nothing is."""
     columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
     return float((np.ptp(columns) + 1) / (np.ptp(rows) + 1)) if columns.size else 0.0
+
+
+def _widened(before: Mask, mask: Mask) -> int:
+    """Return by how many cells the left or the right edge of what is set moved outwards, the greater one."""
+    was, now = np.flatnonzero(before.any(axis=0)), np.flatnonzero(mask.any(axis=0))
+    return int(max(was[0] - now[0], now[-1] - was[-1])) if was.size and now.size else 0
 
 
 def means_outside(maps: Maps, inside: Mask, numbers: Numbers) -> tuple[float, float]:

@@ -40,7 +40,7 @@ class LabelOperator:
 
     Of an unknown thing it names the class that covers most of the place meant, of an unknown scene all
     classes in the region of interest, where no word in use means them: 1 for drivable ones, else -1. A thing
-    whose class the perceiver cannot ground is tapped.
+    whose class the perceiver cannot ground is tapped, each time that it is asked about.
     """
 
     def __init__(self, classes: Classes, labels_of: Callable[[str], Labels], drivable: Sequence[str]) -> None:
@@ -72,13 +72,11 @@ class LabelOperator:
         for name in names:
             word, weight = fold(name), 1.0 if name in self._drivable else -1.0
             own = meaning_of(word, meaning)
-            if (own or word) in meant:
-                continue
-            meant.add(own or word)
-            if own is not None:
-                operations.append(SetWord(word, weight))
-            elif name == thing and seen.tile is not None:
+            if own is None and name == thing and seen.tile is not None:
                 operations.append(TapBox(call.frame_id, fractions(seen.tile.shown), word, weight))
+            elif own is not None and own not in meant:
+                operations.append(SetWord(word, weight))
+                meant.add(own)
         return operations, Motion.GO
 
     def asked(self, call: Call, frame: DriveFrame) -> str | None:

@@ -147,15 +147,24 @@ def test_the_place_that_he_accepted_is_the_one_he_drove_on_in(hold: Scene) -> No
 
 def test_what_he_accepted_ends_as_any_acceptance_and_is_a_new_call_with_its_own_hold(held: Scene) -> None:
     held.human(AUTO)
-    held.run(25.0, DRUM)
+    held.run(45.0, DRUM)
     assert held.opened() == [1, 2]
     assert held.hold.id == 2
     assert held.autopilot.mode == HOLD
 
 
+def test_a_place_that_he_accepted_has_no_more_than_its_limits(hold: Scene) -> None:
+    hold.run(1.0, ELSEWHERE)
+    hold.human(AUTO)
+    hold.run(19.5, ELSEWHERE)
+    assert hold.autopilot.mode == AUTO
+    hold.run(1.5, ELSEWHERE)
+    assert hold.autopilot.mode == HOLD
+
+
 def test_a_blocked_way_that_he_accepted_holds_again_after_its_limits(blocked: Scene) -> None:
     blocked.human(AUTO)
-    blocked.run(25.0, LOG)
+    blocked.run(45.0, LOG)
     assert [set(reasons) for reasons in blocked.held()] == [{Reason.BLOCKED}] * 2
     assert blocked.hold.id == 2
 
@@ -196,7 +205,7 @@ def test_driving_by_hand_with_a_broken_camera_is_left_alone(hold: Scene) -> None
 
 def test_a_human_who_comes_back_to_auto_after_the_limits_is_held_for_what_is_there(held: Scene) -> None:
     held.human(MANUAL)
-    held.run(25.0, DRUM)
+    held.run(45.0, DRUM)
     assert held.opened() == [1, 2]
     assert held.modes() == [HOLD]
     held.human(AUTO)

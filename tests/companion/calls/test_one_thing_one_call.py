@@ -269,6 +269,40 @@ def test_of_many_things_the_newest_count(report: Scene) -> None:
     assert len(things.things) == MOST
 
 
+def log_from_afar(step: int) -> Box:
+    """A log that looks like a ball at first: with each step it is wider, and hardly higher."""
+    return Box(0.44 - 0.006 * step, 0.66, 0.52 + 0.006 * step, 0.74 + 0.001 * step)
+
+
+def test_an_accepted_thing_that_turns_out_wider_bit_by_bit_is_one_thing(report: Scene) -> None:
+    report.run(1.0, View((Thing(log_from_afar(0)),)))
+    report.go()
+    for step in range(25):
+        report.run(0.5, View((Thing(log_from_afar(step)),)))
+    assert report.opened() == [1]
+
+
+def test_one_that_is_as_wide_at_once_is_not(report: Scene) -> None:
+    report.run(1.0, View((Thing(log_from_afar(0)),)))
+    report.go()
+    report.run(12.0, View((Thing(log_from_afar(0)),)))
+    report.run(1.0, View((Thing(log_from_afar(24)),)))
+    assert report.opened() == [1, 2]
+
+
+def test_a_thing_that_is_seen_less_high_and_no_wider_is_one_thing(report: Scene) -> None:
+    report.run(1.0, View((Thing(Box(0.42, 0.60, 0.54, 0.82)),)))
+    report.go()
+    report.run(1.0, View((Thing(Box(0.42, 0.60, 0.54, 0.82)),)))
+    low = Box(0.42, 0.76, 0.54, 0.82)
+    report.run(1.0, View((Thing(low),)))
+    things = report.calls.reason_filter.things.things
+    mask = things[0].mask
+    assert mask is not None
+    assert mask[: round(0.66 * len(mask))].sum() == 0, "the mask has followed it"
+    assert report.opened() == [1]
+
+
 @pytest.mark.parametrize("tile", [0.25, 0.65, 0.85])
 def test_an_accepted_thing_that_fills_more_of_the_region_is_not_asked_about_again(tile: float) -> None:
     scene = Scene(Policy.HOLD, tile=tile)
@@ -288,6 +322,17 @@ def test_an_accepted_thing_that_fills_the_picture_is_no_new_place_and_a_place_be
     report.go()
     report.run(3.0, View((large,), turned=60.0))
     assert report.opened() == [1]
+    report.run(1.0, View(turned=60.0))
+    assert report.opened() == [1, 2]
+
+
+def test_a_thing_that_blocks_and_fills_the_picture_is_no_new_place(report: Scene) -> None:
+    large = Thing(Box(0.28, 0.66, 0.72, 0.95))
+    report.run(1.0, View((large,)))
+    assert tapped(report, -1.0, large.box) is Result.APPLIED
+    report.run(3.0, View((large,), turned=60.0))
+    assert report.opened() == [1]
+    assert report.calls.reason_filter.reasons(report.now) == BLOCKED
     report.run(1.0, View(turned=60.0))
     assert report.opened() == [1, 2]
 

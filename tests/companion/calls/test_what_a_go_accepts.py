@@ -215,21 +215,21 @@ def test_broken_frames_do_not_show_that_the_thing_is_gone(accepted: Scene) -> No
     assert not ended(accepted)
 
 
-def test_an_acceptance_ends_after_twenty_seconds(accepted: Scene) -> None:
-    accepted.run(19.5)
+def test_an_acceptance_of_a_thing_in_view_ends_after_twice_its_seconds(accepted: Scene) -> None:
+    accepted.run(39.5)
     assert accepted.opened() == [1]
     accepted.run(1.0)
     assert accepted.opened() == [1, 2]
 
 
-def test_an_acceptance_ends_after_ten_metres_where_the_way_is_known(report: Scene) -> None:
+def test_an_acceptance_of_a_thing_in_view_ends_after_twice_its_metres(report: Scene) -> None:
     report.autopilot.travelled = 100.0
     report.run(2.0, DRUM)
     report.go()
-    report.autopilot.travelled = 109.5
+    report.autopilot.travelled = 119.5
     report.run(2.0)
     assert report.opened() == [1]
-    report.autopilot.travelled = 110.0
+    report.autopilot.travelled = 120.0
     report.run(2.0)
     assert report.opened() == [1, 2]
 
@@ -320,7 +320,7 @@ def test_an_acceptance_that_runs_out_in_the_hold_is_a_new_call(held: Scene) -> N
     fallen = View((Thing(AHEAD), Thing(Box(0.3, 0.85, 0.7, 0.95), "log")))
     held.run(1.0, fallen)
     held.go()
-    held.run(25.0, fallen)
+    held.run(45.0, fallen)
     assert held.opened() == [1, 2]
     assert held.closed() == [(1, Outcome.ACCEPTED)]
     held.run(10.0, CLEAR)

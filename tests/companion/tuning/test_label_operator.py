@@ -63,6 +63,22 @@ def test_a_thing_that_the_perceiver_cannot_ground_is_tapped_where_the_call_point
     assert motion is Motion.GO
 
 
+def test_a_tapped_thing_that_is_asked_about_again_is_tapped_again(drive: Path) -> None:
+    config = load_config(drive.parent / "companion.toml")
+    judge, dataset = DriveJudge(config, load_engine(config, None)[0]), open_dataset(f"folder:{drive}")
+    operator = LabelOperator.of(dataset, ["gravel"])
+    for frame in LabelledDrive(dataset, 10.0).frames():
+        judged = judge.judge(frame)
+        if judged is not None and judged.opened is not None:
+            call = meant(judged.opened, {Reason.UNKNOWN_OBJECT}, CRATE)
+            first = operator(judge, call, frame)
+            judge.answer(*first, frame.at)
+            assert "crate" in judge.engine.memory.preferences
+            assert operator(judge, call, frame) == first
+            return
+    raise AssertionError("no call opened")
+
+
 def test_ground_is_named_with_the_weight_of_its_class(called: Called) -> None:
     judge, call, frame, operator = called
     operations, _ = operator(judge, meant(call, {Reason.UNKNOWN_OBJECT}, GRAVEL), frame)

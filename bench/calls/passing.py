@@ -27,7 +27,7 @@ from companion.wire.ids import Motion, Policy
 
 RATE = 10.0
 SPEEDS = (0.5, 1.0, 2.0)
-WAYS = ("go", "AUTO while rolling", "AUTO standing", "GUIDED standing")
+WAYS = ("go", "AUTO while rolling", "AUTO standing", "GUIDED while rolling", "GUIDED standing")
 BEFORE_M, AFTER_M, LONGEST_S = 13.0, 10.0, 20.0
 """Metres before the drum at which a run begins; what it drives after the answer, metres or seconds."""
 _HOLD, _AUTO, _GUIDED = ardupilot.ROVER.hold_mode, 10, 15
@@ -142,10 +142,7 @@ class _Drive:
         since, way = self._now - self._held_at, self._job.way
         if self._calls.hold is None or not self._calls.hold.standing:
             return False
-        if way == "AUTO while rolling":
-            self._mode = _AUTO
-            return True
-        if since < 3.0:
+        if since < 3.0 and not way.endswith("while rolling"):
             return False
         if way == "go":
             call = self._calls.call

@@ -7,7 +7,6 @@ import hashlib
 import hmac
 import socket
 from collections.abc import Iterable
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -28,6 +27,8 @@ HEADERS = {
     "cache-control": "no-store",
 }
 _LONGEST_QUERY = 512
+_MOST_HEADERS = 8 << 10
+"""Bytes of a request's headers, names and values."""
 _HERE = frozenset({"localhost", "127.0.0.1", "[::1]"})
 
 
@@ -85,6 +86,8 @@ class Gate:
     def _refusal(self, scope: Scope) -> Response | None:
         """Return the answer to a request that may not pass, None for one that may."""
         headers = Headers(scope=scope)
+        if sum(len(name) + len(value) for name, value in headers.raw) > _MOST_HEADERS:
+            return PlainTextResponse(f"headers of at most {_MOST_HEADERS} bytes, please\n", 431)
         posted = scope["method"] == "POST" and self._most_posted > 0
         if not posted and scope["method"] not in ("GET", "HEAD"):
             taken = "GET, HEAD, POST" if self._most_posted else "GET, HEAD"
@@ -121,7 +124,8 @@ class Gate:
             shown = RedirectResponse("/", 303)
             shown.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="strict")
             return shown
-        if hmac.compare_digest(_cookie(headers, self._cookie_name).encode(), self._cookie.encode()):
+        own = self._cookie.encode()
+        if any(hmac.compare_digest(one.encode(), own) for one in _cookies(headers, self._cookie_name)):
             return None
         return PlainTextResponse(
             f"this page needs its token: open it as http://.../?token=... ({self._hint})\n",
@@ -139,12 +143,10 @@ def _host(header: str) -> str:
     return (header[:end] if end > 0 else header).lower()
 
 
-def _cookie(headers: Headers, name: str) -> str:
-    try:
-        found = SimpleCookie(headers.get("cookie", "")).get(name)
-    except CookieError:
-        return ""
-    return found.value if found is not None else ""
+def _cookies(headers: Headers, name: str) -> list[str]:
+    """Return the values of the cookies of a name. Cookies of others need no parser, so none can stall it."""
+    parts = (part.strip().partition("=") for given in headers.getlist("cookie") for part in given.split(";"))
+    return [value for found, _, value in parts if found == name]
 
 
 MOST_CONNECTIONS = 64

@@ -243,22 +243,47 @@ def test_who_does_not_know_the_token_sees_nothing(tmp_path: Path) -> None:
         stage.close()
 
 
+def through_the_gate(token: str, query: str = "", **headers: bytes) -> Any:
+    """The first message that the gate answers with; None where it lets the request in."""
+    told: list[Any] = []
+
+    async def app(*_: object) -> None:
+        told.append(None)
+
+    async def send(message: Any) -> None:
+        told.append(message)
+
+    named = [(name.encode(), value) for name, value in headers.items()]
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": query.encode(), "headers": named}
+    asyncio.run(Gate(app, token=token, own_address="")(scope, app, send))
+    return told[0]
+
+
+def own_cookie(token: str) -> bytes:
+    """The cookie that the gate gives to who knows the token, without its attributes."""
+    given = dict(through_the_gate(token, f"token={token}")["headers"])[b"set-cookie"]
+    return bytes(given).partition(b";")[0]
+
+
 def test_the_pages_of_two_rovers_on_localhost_do_not_log_each_other_out() -> None:
-    async def no_app(*_: object) -> None:
-        raise AssertionError("it is not asked")
+    one, again, other = (own_cookie(token).partition(b"=")[0] for token in (TOKEN, TOKEN, TOKEN + "2"))
+    assert one == again != other
 
-    def name(token: str) -> bytes:
-        told: list[Any] = []
 
-        async def send(message: Any) -> None:
-            told.append(message)
+@pytest.mark.parametrize("beside", [b'a="', b'a="\\"', b"[=]", b"\xff", b"", b"a=" + 4000 * b'\\"'])
+def test_the_cookie_is_found_beside_any_others(beside: bytes) -> None:
+    cookie = own_cookie(TOKEN)
+    assert through_the_gate(TOKEN, cookie=beside + b"; " + cookie) is None
+    assert through_the_gate(TOKEN, cookie=cookie + b";" + beside) is None
+    assert through_the_gate(TOKEN, cookie=cookie + b"0; " + cookie) is None
+    assert through_the_gate(TOKEN, cookie=beside + b"; x" + cookie)["status"] == 401
+    assert through_the_gate(TOKEN, cookie=beside + b"; " + cookie + b"0")["status"] == 401
 
-        query = f"token={token}".encode()
-        scope = {"type": "http", "method": "GET", "path": "/", "query_string": query, "headers": []}
-        asyncio.run(Gate(no_app, token=token, own_address="")(scope, no_app, send))
-        return bytes(dict(told[0]["headers"])[b"set-cookie"]).partition(b"=")[0]
 
-    assert name(TOKEN) == name(TOKEN) != name(TOKEN + "2")
+@pytest.mark.parametrize("token", ["", TOKEN])
+def test_headers_of_more_than_8_kb_are_refused_before_anything_else(token: str) -> None:
+    assert through_the_gate(token, cookie=b'a="' + 30_000 * b'\\"')["status"] == 431
+    assert through_the_gate(token, host=b"evil.example", x=8192 * b"x")["status"] == 431
 
 
 def test_the_process_has_stepped_back_before_it_loads_what_it_needs(tmp_path: Path) -> None:

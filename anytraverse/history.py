@@ -200,7 +200,7 @@ class History(Sequence[Entry]):
         return any(cosine(one, embedding) >= least for entry in self._entries for one in entry.refused)
 
     def strangeness(self, surroundings: Embedding, words: Preferences) -> float | None:
-        """Return how strange a frame's surroundings are to the answered scenes whose words are in force.
+        """Return how strange a frame's surroundings are to the remembered scenes whose words are in force.
 
         It is the squared distance to the mean of the k `NEIGHBOURS` nearest ones, times k / (k + 1), since a
         mean of few is uncertain; or that to the nearest one alone, where it is so near that this is less: a

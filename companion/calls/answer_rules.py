@@ -44,7 +44,7 @@ def answer_call(
         call.seen = things.pointed(outcome.call)
     word = _forbidding(call, changes, judged=judged)
     if word and call.thing is not None:
-        things.name(call.thing, word)
+        things.name(call.thing, word, now, travelled)
     covered = (judged or bool(word)) and not _uncovered_reasons(call, blocked=things.blocking(call.id))
     accepts = not changed or _drivable(call, changes)
     if motion is Motion.GO and (accepts or clear):

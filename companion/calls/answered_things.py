@@ -64,9 +64,10 @@ class AnsweredThings:
         one = replace(thing, reasons=reasons, mask=mask, since=now, travelled=travelled)
         self._add(replace(one, blocked_by="", clear_frames=0))
 
-    def name(self, thing: Thing, word: str) -> None:
+    def name(self, thing: Thing, word: str, now: float, travelled: float | None) -> None:
         """Remember that `word`, whose weight is 0 or below, names a thing: it blocks."""
-        self._add(replace(thing, reasons=frozenset({Reason.UNKNOWN_OBJECT}), blocked_by=word, clear_frames=0))
+        one = replace(thing, reasons=frozenset({Reason.UNKNOWN_OBJECT}), since=now, travelled=travelled)
+        self._add(replace(one, blocked_by=word, clear_frames=0))
 
     def watch(self, asked: Thing, seen: Assessment) -> None:
         """Track the thing of an open call, and raise its figures.

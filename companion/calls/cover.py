@@ -93,7 +93,8 @@ class Cover:
 
     def _fills_picture(self) -> bool:
         """Whether a thing covers so much of the picture that a changed scene is a matter of it."""
-        return any(mask is not None and float(mask.mean()) >= _FILLS for mask in self.masks)
+        lasting = (mask for thing, mask in zip(self._things, self.masks, strict=True) if not thing.spent)
+        return any(mask is not None and float(mask.mean()) >= _FILLS for mask in lasting)
 
     def beside(self, *, by_name: bool = False) -> float:
         """Return the uncertainty of the worst tile of the ROI outside the things; 0 where none fits there.

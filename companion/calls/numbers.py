@@ -25,9 +25,9 @@ class Numbers:
     passed_after: float = 5.0
     """A call without a hold is closed as passed when its reasons have been gone for this long."""
     accepted_for: float = 20.0
-    """An acceptance ends after this time."""
+    """An acceptance ends after this time, that of a thing in view after twice the time."""
     accepted_distance: float = 10.0
-    """An acceptance ends after this distance, where the position is known."""
+    """An acceptance ends after this distance, where the position is known; as the time, twice in view."""
     accepted_rise: float = 0.1
     """A mean uncertainty of the ROI this far above the accepted one opens a new call."""
     go_lasts: float = 60.0

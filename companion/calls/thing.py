@@ -10,7 +10,7 @@ import numpy as np
 from anytraverse.assessment import CORRIDOR, NAMED_TILE, Assessment, Maps, Reason
 from anytraverse.history import Embedding, cosine
 from anytraverse.regions import Box
-from companion.calls.masks import Mask, coarse, joined
+from companion.calls.masks import Mask, coarse, joined, resized
 from companion.calls.numbers import Numbers
 from companion.calls.tracking import blocked_by_name, sized, track, uncertain_above
 
@@ -19,12 +19,12 @@ _WIDENS = 1.5
 """A thing that comes nearer becomes wider and higher alike. Another one beside it makes the mask wider over
 its height, by more than this factor.
 """
-_NARROWS, _BROADENS = 0.5, 0.05
-"""Share of a change of shape that counts with each frame. A far thing is few cells, so its shape is rough."""
-_EVEN = 2
-"""Cells by which a side of one thing moves outwards from frame to frame. What is put beside it adds more at
-once, and from then on the shape only narrows.
+_ROOM, _MOST_ROOM = 0.02, 1.35
+"""With each frame in which a thing widens evenly, and at most: how much wider it may turn out than it was at
+its narrowest, beside `_WIDENS`. A far thing is few cells, so its shape is rough.
 """
+_EVEN = 2
+"""Cells by which a side of one thing moves outwards from frame to frame. What is put beside it adds more."""
 _MEANT = 0.5
 """Of the smaller one of a thing and a tapped box: what both have in common where the thing was meant."""
 _IN_VIEW = 2.0
@@ -44,11 +44,12 @@ class Thing:
     uncertainty, strangeness: highest accepted means over the ROI outside of all things, in [0, 1] (see
     `Maps`). So the thing may come nearer, and fill more of the ROI. Single pixels up to it may be driven
     over, too. beside: uncertainty of the worst tile outside of all things as it was asked about.
-    shape: width over height of the mask, in cells, smoothed; infinite before. even: see `_EVEN`.
+    shape: width over height of the mask, in cells, at its narrowest, and smoothed; infinite before. room: see
+    `_ROOM`; 0 once it has not grown evenly.
     scene: embedding of its place, None where that is not known. call: id of the call that asks about it.
     since: when it was accepted, monotonic seconds. travelled: metres driven then, None where not known.
     blocked_by: the word of weight 0 or below that names it: it blocks. "" where it does not.
-    clear_frames: frames in a row that do not show it.
+    clear_frames: frames in a row that do not show it. spent: its time or its distance is over.
     """
 
     reasons: frozenset[Reason]
@@ -62,9 +63,10 @@ class Thing:
     strangeness: float = 0.0
     beside: float = 0.0
     shape: float = math.inf
-    even: bool = True
+    room: float = 1.0
     blocked_by: str = ""
     clear_frames: int = field(default=0, compare=False)
+    spent: bool = False
 
     def extend(self, mask: Mask) -> None:
         """Add `mask`, (h, w), to the thing."""
@@ -81,7 +83,8 @@ class Thing:
             return self.mask
         blocks = Reason.BLOCKED in self.reasons
         found = track(self.mask, seen, seen.maps, numbers, blocks=blocks, at_once=at_once)
-        if at_once or _shape(found) <= _WIDENS * self.shape or _widened(self.mask, found) <= 0:
+        widest = _WIDENS * max(self.room, 1.0) * self.shape
+        if at_once or _shape(found) <= widest or _widened(self.mask, found) <= 0:
             return found
         # What leaves the picture below looks wider than it is; beside what spans the ROI there is no room.
         bounds, columns = numbers.judging.region.bounds, np.flatnonzero(self.mask.any(axis=0))
@@ -94,12 +97,13 @@ class Thing:
         before, self.mask = self.mask, mask
         if before is None or mask is None:
             return
-        now, wider = _shape(mask), _widened(before, mask)
-        self.even = self.even and wider <= _EVEN
-        if math.isinf(self.shape):
-            self.shape = now
-        elif now < self.shape or self.even:
-            self.shape += (_NARROWS if now < self.shape else _BROADENS) * (now - self.shape)
+        now = _shape(mask)
+        self.shape = now if math.isinf(self.shape) else min(self.shape, (self.shape + now) / 2)
+        wider = _widened(before, mask)
+        if wider > _EVEN:
+            self.room = 0.0
+        elif wider > 0 and self.room:
+            self.room = min(self.room + _ROOM, _MOST_ROOM)
 
     def measure(self, seen: Assessment, inside: Mask, numbers: Numbers) -> None:
         """Raise the accepted figures to those of a frame with the things `inside`, (h, w)."""
@@ -141,19 +145,19 @@ class Thing:
     def ended(self, seen: Assessment, numbers: Numbers, now: float, travelled: float | None) -> bool:
         """Whether the thing is gone, or an acceptance has used up its time or its distance.
 
-        Both are twice as long while the thing is in view. What blocks ends only when it is gone, or when its
-        word has another sign or is not in use.
+        Both are twice as long while a thing is in view that is not accepted with its place. What blocks ends
+        only when it is gone, or when its word has another sign or is not in use.
         """
+        way = None if travelled is None or self.travelled is None else travelled - self.travelled
+        in_view = Reason.UNKNOWN_SCENE not in self.reasons and self.in_roi(seen, numbers).any()
+        longer = _IN_VIEW if in_view else 1.0
+        self.spent = now - self.since >= longer * numbers.accepted_for
+        self.spent = self.spent or (way or 0.0) >= longer * numbers.accepted_distance
         if self.blocked_by and seen.words.get(self.blocked_by, 1.0) > 0.0:
             return True
         if self.gone(seen, numbers):
             return True
-        if self.blocked_by:
-            return False
-        way = None if travelled is None or self.travelled is None else travelled - self.travelled
-        longer = _IN_VIEW if self.in_roi(seen, numbers).any() else 1.0
-        spent = now - self.since >= longer * numbers.accepted_for
-        return spent or (way or 0.0) >= longer * numbers.accepted_distance
+        return self.spent and not self.blocked_by
 
     def gone(self, seen: Assessment, numbers: Numbers) -> bool:
         """Whether the last frames do not show the thing. It counts frames, so call it once a frame.
@@ -188,6 +192,7 @@ def _shape(mask: Mask) -> float:
 
 def _widened(before: Mask, mask: Mask) -> int:
     """Return by how many cells the left or the right edge of what is set moved outwards, the greater one."""
+    before = resized(before, *mask.shape)
     was, now = np.flatnonzero(before.any(axis=0)), np.flatnonzero(mask.any(axis=0))
     return int(max(was[0] - now[0], now[-1] - was[-1])) if was.size and now.size else 0
 

@@ -162,6 +162,16 @@ def test_a_place_that_he_accepted_has_no_more_than_its_limits(hold: Scene) -> No
     assert hold.autopilot.mode == HOLD
 
 
+def test_nor_has_one_with_a_thing_in_it_that_is_gone(hold: Scene) -> None:
+    hold.run(1.0, View((Thing(AHEAD),), turned=60.0))
+    hold.human(AUTO)
+    hold.run(1.0, View((Thing(AHEAD),), turned=60.0))
+    hold.run(18.5, ELSEWHERE)
+    assert hold.autopilot.mode == AUTO
+    hold.run(1.5, ELSEWHERE)
+    assert hold.autopilot.mode == HOLD
+
+
 def test_a_blocked_way_that_he_accepted_holds_again_after_its_limits(blocked: Scene) -> None:
     blocked.human(AUTO)
     blocked.run(45.0, LOG)

@@ -271,22 +271,25 @@ def test_of_many_things_the_newest_count(report: Scene) -> None:
 
 def log_from_afar(step: int) -> Box:
     """A log that looks like a ball at first: with each step it is wider, and hardly higher."""
-    return Box(0.44 - 0.006 * step, 0.66, 0.52 + 0.006 * step, 0.74 + 0.001 * step)
+    return Box(0.44 - 0.004 * step, 0.66, 0.52 + 0.004 * step, 0.74 + 0.001 * step)
 
 
 def test_an_accepted_thing_that_turns_out_wider_bit_by_bit_is_one_thing(report: Scene) -> None:
     report.run(1.0, View((Thing(log_from_afar(0)),)))
     report.go()
-    for step in range(25):
+    for step in range(14):
         report.run(0.5, View((Thing(log_from_afar(step)),)))
     assert report.opened() == [1]
+    for step in range(14, 40):
+        report.run(0.5, View((Thing(log_from_afar(step)),)))
+    assert report.opened() == [1, 2], "somebody has stepped out from behind it"
 
 
 def test_one_that_is_as_wide_at_once_is_not(report: Scene) -> None:
     report.run(1.0, View((Thing(log_from_afar(0)),)))
     report.go()
-    report.run(12.0, View((Thing(log_from_afar(0)),)))
-    report.run(1.0, View((Thing(log_from_afar(24)),)))
+    report.run(6.0, View((Thing(log_from_afar(0)),)))
+    report.run(1.0, View((Thing(log_from_afar(13)),)))
     assert report.opened() == [1, 2]
 
 
@@ -335,6 +338,17 @@ def test_a_thing_that_blocks_and_fills_the_picture_is_no_new_place(report: Scene
     assert report.calls.reason_filter.reasons(report.now) == BLOCKED
     report.run(1.0, View(turned=60.0))
     assert report.opened() == [1, 2]
+
+
+def test_it_hides_a_new_place_no_longer_than_an_accepted_one(report: Scene) -> None:
+    large = Thing(Box(0.28, 0.66, 0.72, 0.95))
+    report.run(1.0, View((large,)))
+    assert tapped(report, -1.0, large.box) is Result.APPLIED
+    report.run(39.0, View((large,), turned=60.0))
+    assert report.opened() == [1]
+    report.run(3.0, View((large,), turned=60.0))
+    assert report.opened() == [1, 2]
+    assert report.call.reasons == {Reason.UNKNOWN_SCENE}
 
 
 def test_nor_does_a_large_one_that_is_gone_though_another_one_is_still_there(report: Scene) -> None:

@@ -79,7 +79,9 @@ class Gate:
                 message = {**message, "headers": headers}
             await send(message)
 
-        refusal = self._refusal(scope)
+        refusal, connection = self._refusal(scope), scope.get("state", {}).get("connection")
+        if refusal is None and connection is not None:
+            connection.let_in = True
         with self._guard.survived("a request", asyncio.get_running_loop().time()):
             await (self._app if refusal is None else refusal)(scope, receive, answer)
 
@@ -150,6 +152,8 @@ def _cookies(headers: Headers, name: str) -> list[str]:
 
 
 MOST_CONNECTIONS = 64
+MOST_STRANGERS = 8
+"""Connections of one address without a request that the gate has let in. An ssh tunnel is one address."""
 _IDLE = 10.0
 """Seconds within which a connection must make a request, and between two requests."""
 _STALLED = 10.0
@@ -157,16 +161,33 @@ _STALLED = 10.0
 
 
 class BoundedConnection(H11Protocol):  # type: ignore[misc]  # it is Any for mypy
-    """Ends a connection that is one too many, makes no request, or does not take what it is sent."""
+    """Ends a connection that is one too many, makes no request, or does not take what it is sent.
 
+    The oldest one that no request of the gate let in goes first, so that nobody is locked out by such.
+    """
+
+    app_state: dict[str, Any]
+    let_in = False
+    """Whether the gate has let in a request of it."""
+    _made_at = 0.0
     _seen: Any = None
     _idle_timer: asyncio.TimerHandle | None = None
     _stall_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:
         super().connection_made(transport)
-        if len(self.connections) > MOST_CONNECTIONS:
-            transport.abort()
+        self._made_at = self.loop.time()
+        self.app_state = {**self.app_state, "connection": self}
+        there = sorted(
+            (one for one in self.connections if not one.transport.is_closing()), key=lambda one: one._made_at
+        )
+        strangers = [one for one in there if not one.let_in]
+        same = [one for one in strangers if (one.client or "")[:1] == (self.client or "")[:1]]
+        if len(same) > MOST_STRANGERS:
+            same[0].transport.abort()
+        elif len(there) > MOST_CONNECTIONS:
+            strangers[0].transport.abort()
+        if transport.is_closing():
             return
         transport.set_write_buffer_limits(high=0)
         accepted = transport.get_extra_info("socket")

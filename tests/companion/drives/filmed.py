@@ -1,4 +1,4 @@
-"""Films the simulated trail from the meadow into the forest, and configures a rover that looks at it."""
+"""Films the simulated trail in the forest and then on gravel, and configures a rover that looks at it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def film(folder: Path, step: float) -> tuple[int, int]:
     world = World(0)
     camera = Camera(world)
     height = width = 0
-    for number, place in enumerate(np.arange(42.0, 56.0, step)):
+    places = np.concatenate([np.arange(42.0, 49.0, step), np.arange(84.0, 91.0, step)])
+    for number, place in enumerate(places):
         image, _ = camera.render(world.trail.pose(float(place)), 0.1 * number)
         cv2.imwrite(str(folder / f"{number:03d}.jpg"), image[..., ::-1])
         height, width = image.shape[:2]

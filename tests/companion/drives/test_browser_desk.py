@@ -217,6 +217,10 @@ def test_ctrl_c_keeps_what_was_answered_and_a_page_that_was_closed_can_be_opened
         call = person.call()  # each request opens a page, and closes it
         water = [{"word": "water", "weight": -1}]
         person.post("/answer", call=call["id"], motion="none", changes=water)
+        deadline = time.monotonic() + PATIENCE
+        while not person.news()["calls"][0]["answers"]:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
         assert person.call()["id"] == call["id"], "that does not cover it, so it waits"
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)

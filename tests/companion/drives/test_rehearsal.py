@@ -30,7 +30,7 @@ TORN = 10
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The simulated trail from the meadow into the forest. File 10 is torn; companion.toml is beside it."""
+    """The simulated trail in the forest and then on gravel. File 10 is torn; companion.toml is beside it."""
     folder = tmp_path_factory.mktemp("drive")
     film(folder, 0.35)
     (folder / f"{TORN:03d}.jpg").write_bytes(b"torn")
@@ -81,7 +81,7 @@ def test_a_place_that_was_answered_is_known_the_next_time(
     frame = first[1]["each"][0]["frame"]
     answers = tmp_path / "answers.txt"
     lines = [f"{frame} = no such word: 1", f"{frame} = dirt path: 1; tree: -1, go", "999.jpg = go"]
-    answers.write_text("\n".join(["# the forest", *lines]))
+    answers.write_text("\n".join(["# the gravel", *lines]))
     told = rehearsed(drive, tmp_path / "out", "--answers", str(answers))
     said = capsys.readouterr().out
     assert "999.jpg: an answer was not used" in said

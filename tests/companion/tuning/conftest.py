@@ -14,7 +14,7 @@ from tests.companion.drives.filmed import film
 
 @pytest.fixture(scope="session")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The simulated trail from the meadow into the forest, with labels; companion.toml is beside it.
+    """The simulated trail in the forest and then on gravel, with labels; companion.toml is beside it.
 
     The labels are no truth: the upper half is `tree`, below are `gravel` and a `crate`.
     """

@@ -182,7 +182,7 @@ class BoundedConnection(H11Protocol):  # type: ignore[misc]  # it is Any for myp
             (one for one in self.connections if not one.transport.is_closing()), key=lambda one: one._made_at
         )
         strangers = [one for one in there if not one.let_in]
-        same = [one for one in strangers if (one.client or "")[:1] == (self.client or "")[:1]]
+        same = [one for one in strangers if one.address == self.address]
         if len(same) > MOST_STRANGERS:
             same[0].transport.abort()
         elif len(there) > MOST_CONNECTIONS:
@@ -194,6 +194,11 @@ class BoundedConnection(H11Protocol):  # type: ignore[misc]  # it is Any for myp
         # Else a computer that was switched off would count as one that watches.
         accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * _STALLED))
         self._idle_timer = self.loop.call_later(_IDLE, self._check)
+
+    @property
+    def address(self) -> str:
+        """The other end's, without its port; "" where that is gone already."""
+        return str(self.client[0]) if self.client else ""
 
     def connection_lost(self, exc: Exception | None) -> None:
         for timer in _set(self._idle_timer, self._stall_timer):

@@ -21,6 +21,8 @@ from tests.companion.calls.scenes import (
     View,
 )
 
+LARGE = Thing(Box(0.28, 0.66, 0.72, 0.95))
+"""It fills more than a tenth of the picture."""
 FAR = Thing(Box(0.34, 0.60, 0.42, 0.67))
 TENT = Thing(BESIDE, "tent")
 TOUCHING = (Box(0.52, 0.72, 0.64, 0.84), Box(0.51, 0.70, 0.61, 0.80))
@@ -320,20 +322,18 @@ def test_an_accepted_thing_that_fills_more_of_the_region_is_not_asked_about_agai
 def test_an_accepted_thing_that_fills_the_picture_is_no_new_place_and_a_place_behind_it_is(
     report: Scene,
 ) -> None:
-    large = Thing(Box(0.28, 0.66, 0.72, 0.95))
-    report.run(1.0, View((large,)))
+    report.run(1.0, View((LARGE,)))
     report.go()
-    report.run(3.0, View((large,), turned=60.0))
+    report.run(3.0, View((LARGE,), turned=60.0))
     assert report.opened() == [1]
     report.run(1.0, View(turned=60.0))
     assert report.opened() == [1, 2]
 
 
 def test_a_thing_that_blocks_and_fills_the_picture_is_no_new_place(report: Scene) -> None:
-    large = Thing(Box(0.28, 0.66, 0.72, 0.95))
-    report.run(1.0, View((large,)))
-    assert tapped(report, -1.0, large.box) is Result.APPLIED
-    report.run(3.0, View((large,), turned=60.0))
+    report.run(1.0, View((LARGE,)))
+    assert tapped(report, -1.0, LARGE.box) is Result.APPLIED
+    report.run(3.0, View((LARGE,), turned=60.0))
     assert report.opened() == [1]
     assert report.calls.reason_filter.reasons(report.now) == BLOCKED
     report.run(1.0, View(turned=60.0))
@@ -341,12 +341,11 @@ def test_a_thing_that_blocks_and_fills_the_picture_is_no_new_place(report: Scene
 
 
 def test_it_hides_a_new_place_no_longer_than_an_accepted_one(report: Scene) -> None:
-    large = Thing(Box(0.28, 0.66, 0.72, 0.95))
-    report.run(1.0, View((large,)))
-    assert tapped(report, -1.0, large.box) is Result.APPLIED
-    report.run(39.0, View((large,), turned=60.0))
+    report.run(1.0, View((LARGE,)))
+    assert tapped(report, -1.0, LARGE.box) is Result.APPLIED
+    report.run(39.0, View((LARGE,), turned=60.0))
     assert report.opened() == [1]
-    report.run(3.0, View((large,), turned=60.0))
+    report.run(3.0, View((LARGE,), turned=60.0))
     assert report.opened() == [1, 2]
     assert report.call.reasons == {Reason.UNKNOWN_SCENE}
 

@@ -212,7 +212,8 @@ def rehearsed(judge: DriveJudge, worlds: Worlds, clock: Clock, limit: int) -> Me
         asked = operator(OPERATOR, film.operator, DRIVABLE)
         run_trials([Trial(Combination.of(judge.engine.settings), judge, asked)], _filmed(film, clock))
     scenes = [Scene(entry) for entry in judge.engine.memory.history]
-    return merged(first_memory(begun.model_id, begun.preferences, limit), scenes, limit)[0]
+    first = first_memory(begun.model_id, begun.preferences, limit)
+    return merged(first, scenes, limit, judge.engine.perceiver.meaning)[0]
 
 
 def _filmed(film: FilmedField, clock: Clock) -> Iterator[DriveFrame]:

@@ -127,9 +127,10 @@ def _remembered(config: Config, source: str | None) -> tuple[Memory | None, Mapp
     """Return the memory that the rover begins with, None for a new one, and pictures by `Entry.order`."""
     if source is None:
         return None, {}
-    model_id, scenes = read_checked(config, Path(source))
+    perceiver, scenes = read_checked(config, Path(source))
     limit = config.journal.scenes
-    memory, added, *_ = merged(first_memory(model_id, config.preferences, limit), scenes, limit)
+    begun = first_memory(perceiver.model_id, config.preferences, limit)
+    memory, added, *_ = merged(begun, scenes, limit, perceiver.meaning)
     return memory, {one.entry.order: one.picture for one in added}
 
 

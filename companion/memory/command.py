@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,10 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, History
 from anytraverse.memory import Memory, first_memory
-from anytraverse.perception import Prompt, surroundings_of
-from anytraverse.preferences import Preferences, Setting
+from anytraverse.perception import Perceiver, Prompt, surroundings_of
+from anytraverse.preferences import MAX_WORDS, Preferences, Setting
 from anytraverse.regions import Box
+from anytraverse.synonyms import Meaning, meaning_of, opposed
 from companion.config import Config, load_config, state_folder
 from companion.memory import listing
 from companion.memory.pictures import delete_unused, picture_of, read_picture, store_picture
@@ -125,7 +127,8 @@ def take_in(file: str, source: str) -> int:
     config = load_config(file)
     folder = state_folder(config)
     with _naming(source):
-        model_id, scenes = read_checked(config, Path(source))
+        perceiver, scenes = read_checked(config, Path(source))
+    model_id = perceiver.model_id
     _become_owner(folder)
     with _stopped(folder, "then type this again") as journal:
         memory = journal.load_memory()
@@ -136,7 +139,7 @@ def take_in(file: str, source: str) -> int:
                 f"{folder} holds scenes of model {memory.model_id}, and [perceiver] name is {model_id}: set "
                 "it back, or start the companion once, which leaves the old scenes out, and stop it"
             )
-        after, added, known, left_out = merged(memory, scenes, config.journal.scenes)
+        after, added, known, left_out = merged(memory, scenes, config.journal.scenes, perceiver.meaning)
         if added:
             journal.commit(Batch(memory=after))
     lost = _store_pictures(folder, after, added)
@@ -149,16 +152,21 @@ def take_in(file: str, source: str) -> int:
         )
     if lost:
         print(f"{lost} pictures could not be written to {folder}: make room on the disk")
+    if new := after.preferences.without(*memory.preferences):
+        print(f"words that are in force from now on: {new.format()}")
     if words := _overruled(memory, added):
         print(f"words set here without a call that these scenes set otherwise: {', '.join(words)}")
     return 0
 
 
-def merged(memory: Memory, scenes: Sequence[Scene], limit: int) -> tuple[Memory, list[Scene], int, int]:
+def merged(
+    memory: Memory, scenes: Sequence[Scene], limit: int, meaning: Meaning
+) -> tuple[Memory, list[Scene], int, int]:
     """Return the memory with the scenes added, those that were added, how many it had, how many lack room.
 
     They count as answered now, in the order of the file, and by no call of this rover. Never forgets a scene
-    for a new one. limit: the most scenes.
+    for a new one. limit: the most scenes. Words of the newest scene come into force, unless this rover knows
+    them: surroundings are familiar only where the words of their scenes are in force.
     """
     had = {_content(entry) for entry in memory.history}
     new: list[Scene] = []
@@ -183,7 +191,25 @@ def merged(memory: Memory, scenes: Sequence[Scene], limit: int) -> tuple[Memory,
     entries = [*memory.history, *(scene.entry for scene in added)]
     history = History(entries, max(limit, len(memory.history)))
     given = {word: weight for one in added for word, weight in one.entry.preferences.items()}
-    return replace(memory, history=history, clock=clock).giving(given), added, known, left_out
+    after = replace(memory, history=history, clock=clock)
+    if new and new[0] is scenes[-1]:  # an older one may have words that were forgotten since
+        after = _with_new_words(after, added[-1].entry, meaning)
+    return after.giving(given), added, known, left_out
+
+
+def _with_new_words(memory: Memory, entry: Entry, meaning: Meaning) -> Memory:
+    """Return the memory with those words of an entry in force that it does not know, as far as they fit."""
+    own = memory.preferences
+    words = {
+        word: setting
+        for word, setting in entry.preferences.settings.items()
+        if not any(word in known for known in (own, memory.settled, memory.given))
+        and not opposed(word, setting.weight, own, meaning)
+        and (word in entry.examples or meaning_of(word, meaning) is not None)
+    }
+    new = Preferences(dict(islice(reversed(words.items()), MAX_WORDS - len(own))))  # the last set first
+    taps = {word: kept for word, kept in entry.examples.items() if word in new}
+    return memory.using(own.merged(new), {**memory.examples, **taps})
 
 
 def _content(entry: Entry) -> tuple[bytes, Preferences]:
@@ -207,8 +233,8 @@ def _store_pictures(folder: Path, memory: Memory, added: Sequence[Scene]) -> int
     return sum(not store_picture(folder, scene.entry, scene.picture) for scene in added if scene.picture)
 
 
-def read_checked(config: Config, source: Path) -> tuple[str, list[Scene]]:
-    """Read an exported file, and try it on the perceiver. Returns the model's id, too. Takes seconds.
+def read_checked(config: Config, source: Path) -> tuple[Perceiver, list[Scene]]:
+    """Read an exported file, and try it on the perceiver. Returns that, too. Takes seconds.
 
     Raises OSError, SceneFileError, MemoryCommandError.
     """
@@ -232,7 +258,7 @@ def read_checked(config: Config, source: Path) -> tuple[str, list[Scene]]:
             whole = False
         if not whole:
             raise SceneFileError(f"{source}: the perceiver cannot use a tapped example: nothing is imported")
-    return perceiver.model_id, scenes
+    return perceiver, scenes
 
 
 def _become_owner(folder: Path) -> None:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from anytraverse.adoption import adopted_memory
 from anytraverse.history import Entry, History, Match, Place
 from anytraverse.memory import Memory, first_memory
-from anytraverse.perception import make_perceiver
+from anytraverse.perception import Example, make_perceiver
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.cli import main
@@ -199,7 +199,10 @@ def test_scenes_are_carried_to_another_rover_with_words_taps_and_pictures_once(
     other.state.mkdir()
     code, told, _ = other.type("import", file)
     assert code == 0
-    assert told == "2 scenes are added, 0 were there already; now 2 are remembered\n"
+    assert told == (
+        "2 scenes are added, 0 were there already; now 2 are remembered\n"
+        "words that are in force from now on: drum: -1\n"
+    )
     memory, before = other.memory, rover.memory
     assert memory is not None
     assert before is not None
@@ -212,7 +215,8 @@ def test_scenes_are_carried_to_another_rover_with_words_taps_and_pictures_once(
     tapped = memory.history[0].examples["drum"][0]
     assert tapped.vector.tolist() == before.history[0].examples["drum"][0].vector.tolist()
     assert [path.read_bytes() for path in (other.state / "scenes").iterdir()] == [PICTURE] * 2
-    assert dict(memory.preferences) == {"grass": 1.0}, "words in use are this rover's"
+    assert dict(memory.preferences) == {"grass": 1.0, "drum": -1.0}
+    assert [tap.vector.tolist() for tap in memory.examples["drum"]] == [tapped.vector.tolist()]
     engine, notices = load_engine(load_config(other.config), memory)
     assert (len(engine.memory.history), notices) == (2, []), "the next start takes it as it is"
     assert other.type("import", file)[1].startswith("0 scenes are added, 2 were there already")
@@ -249,6 +253,38 @@ def test_words_set_here_that_an_imported_scene_sets_otherwise_are_told(
     rover.type("export", str(tmp_path / "scenes"))
     told = other.type("import", str(tmp_path / "scenes"))[1]
     assert told.endswith("words set here without a call that these scenes set otherwise: drum\n")
+
+
+def _scene(seed: int, words: str, tapped: str = "") -> Scene:
+    embedding = np.random.default_rng(seed).random(3).astype(np.float32)
+    taps = {tapped: (Example("m", embedding),)} if tapped else {}
+    return Scene(Entry(embedding, Preferences.parse(words), order=0, matched=0, examples=taps))
+
+
+def test_words_that_a_rover_does_not_know_come_into_force_with_the_newest_imported_scene() -> None:
+    memory = first_memory("m", Preferences.parse("grass: 1"))
+    scenes = [_scene(1, "mud: 1; trail: 1"), _scene(2, "grass: -1; trail: 0.5; crate: -1; stain: 1", "crate")]
+    after, *_ = merged(memory, scenes, 8, PERCEIVER.meaning)
+    assert dict(after.preferences) == {"grass": 1.0, "trail": 0.5, "crate": -1.0}, "mud was forgotten there"
+    assert list(after.examples) == ["crate"], "nobody can ground a stain"
+
+
+def test_an_imported_word_does_not_come_into_force_where_the_rover_knows_it_otherwise() -> None:
+    begun = first_memory("m", Preferences.parse("grass: 1"))
+    own = replace(begun, settled={"trail": 4}, given={"gravel": -1.0}, clock=4)
+    scene = _scene(1, "trail: 1; gravel: 1; lawn: -1; bush: -1")
+    assert dict(merged(own, [scene], 8, PERCEIVER.meaning)[0].preferences) == {"grass": 1.0, "bush": -1.0}
+    full = first_memory("m", Preferences.of({f"word {number}": 1.0 for number in range(15)}))
+    after, *_ = merged(full, [scene], 8, PERCEIVER.meaning)
+    assert dict(after.preferences) == {**full.preferences, "bush": -1.0}, "the one that was set last fits"
+
+
+def test_an_older_scene_of_a_file_that_was_imported_before_brings_no_words_into_force() -> None:
+    newest = _scene(2, "bush: -1")
+    memory, *_ = merged(first_memory("m", Preferences.parse("grass: 1")), [newest], 8, PERCEIVER.meaning)
+    after, added, *_ = merged(memory, [_scene(1, "mud: 1"), newest], 8, PERCEIVER.meaning)
+    assert len(added) == 1
+    assert dict(after.preferences) == {"grass": 1.0, "bush": -1.0}
 
 
 def test_scenes_of_another_model_are_refused_from_either_side(
@@ -352,7 +388,8 @@ def test_merging_loses_nothing_that_was_here_keeps_to_the_limit_and_stamps_upwar
 ) -> None:
     own = [replace(entry, order=number, matched=number) for number, entry in enumerate(here)]
     memory = replace(first_memory("m", Preferences()), history=History(own, 8), clock=9)
-    after, added, known, left_out = merged(memory, [Scene(entry) for entry in there], limit)
+    scenes = [Scene(entry) for entry in there]
+    after, added, known, left_out = merged(memory, scenes, limit, PERCEIVER.meaning)
     assert [entry for entry in after.history if entry.order <= 9] == list(memory.history)
     assert len(added) + known + left_out == len(there)
     assert len(after.history) == len(here) + len(added) <= max(limit, len(here))

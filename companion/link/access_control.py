@@ -40,13 +40,16 @@ class AccessControl:
         self._common: dict[SenderId, _Buckets] = {READERS: {}, OTHER_OPERATORS: {}}
         self.rejected: Counter[Rejected] = Counter()
 
-    def accepts(self, message: Any, now: float) -> bool:
-        """Whether to accept a message at all: where a key is set, whether it is signed and new."""
+    def accepts(self, message: Any, now: float, *, first: bool) -> bool:
+        """Whether to accept a message at all: where a key is set, whether it is signed and new.
+
+        first: whether it came by the first connection.
+        """
         if self._signing is None:
             return True
         if self._signing.is_radio_report(message):
             return False
-        reason = self._signing.refusal(message, now)
+        reason = self._signing.refusal(message, now, first=first)
         if reason:
             self.rejected[reason] += 1
         return not reason

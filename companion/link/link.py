@@ -294,7 +294,7 @@ class Link:
     def _route(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[InboundEvent]:
         for message in messages:
             with self._error_guard.survived(message.get_type(), now):
-                if not self._access.accepts(message, now):
+                if not self._access.accepts(message, now, first=channel is self._channels[0]):
                     continue
                 event = self._router.route(message, channel, now)
                 if event is not None:

@@ -10,35 +10,45 @@ from pathlib import Path
 from typing import Any, Literal
 
 from companion.config.link_settings import LinkError
+from companion.system.computer import is_synchronised
 from companion.vehicle.state import SOFTWARE_MADE
 from companion.wire import signing as wire
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
-from companion.wire.signing import MINUTE, TICKS, SigningKey, Stream, ticks
+from companion.wire.signing import DAY, TICKS, SigningKey, Stream, ticks
 from companion.wire.signing_key import SigningKeyError, read_key
 from companion.wire.signing_store import NAME, TimestampFile
 
 log = logging.getLogger(__name__)
 
 
-DAY = 24 * 60 * MINUTE
-
-
 class SigningClock:
     """Finds the time for signing. A board without a clock battery may start anywhere in the past.
 
-    The wall clock counts while it is later than this software, and at most a day before the newest timestamp
-    of the last run (`newest`). Otherwise only verified frames give the time. wall: returns s since 1970.
+    The wall clock counts where the network set it, or while it is later than this software, and at most a
+    day before the newest timestamp of the last run (`newest`). Otherwise only verified frames give the time.
+    wall: returns s since 1970. synchronised: returns whether the network set that.
     """
 
-    def __init__(self, newest: int, wall: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        newest: int,
+        wall: Callable[[], float] = time.time,
+        synchronised: Callable[[], bool] = is_synchronised,
+    ) -> None:
         self._earliest = max(ticks(SOFTWARE_MADE), newest - DAY)
         self._wall = wall
+        self._synchronised = synchronised
         self._offset: int | None = None
+
+    @property
+    def synchronised(self) -> bool:
+        """Whether the network set the wall clock."""
+        return self._synchronised()
 
     def now(self, now: float) -> int | None:
         """The time as a signing timestamp; None while it is not known. now: s, monotonic."""
         own = ticks(self._wall())
-        if own >= self._earliest:
+        if own >= self._earliest or self._synchronised():
             return own
         return None if self._offset is None else self._offset + int(now * TICKS)
 
@@ -76,7 +86,7 @@ _HINTS = {
     wire.UNSIGNED: "is not signed: load our key into it, or set unsigned_autopilot on a private wire",
     wire.SIGNATURE: "is signed with another key: load our key into it",
     wire.REPLAY: "is signed with an old time: it needs GPS, or a ground station that signs",
-    wire.AHEAD: "is signed over a year ahead of our clock: set the clock",
+    wire.AHEAD: "is signed far ahead of our clock: set the clock, or load the key into it again",
 }
 
 
@@ -132,12 +142,16 @@ class Signing:
         """Whether `message` is a radio's own report, which is ignored without being counted as refused."""
         return message.get_type() in RADIO_FRAMES and not wire.is_signed(bytes(message.get_msgbuf()))
 
-    def refusal(self, message: Any, now: float) -> wire.FrameRefusal | Literal["echo"]:
-        """Why a decoded message is refused: unsigned, signature, replay, ahead or echo; "" when accepted."""
+    def refusal(self, message: Any, now: float, *, first: bool = True) -> wire.FrameRefusal | Literal["echo"]:
+        """Why a decoded message is refused: unsigned, signature, replay, ahead or echo; "" when accepted.
+
+        first: whether it came by the first connection, the only one where an autopilot may be without a key.
+        """
         frame = bytes(message.get_msgbuf())
-        if not wire.is_signed(frame) and self._may_be_unsigned(frame, message):
+        if first and not wire.is_signed(frame) and self._may_be_unsigned(frame, message):
             return ""
-        reason = wire.refusal(frame, self._key, self._timestamps, self._clock.now(now))
+        clock, synchronised = self._clock.now(now), self._clock.synchronised
+        reason = wire.refusal(frame, self._key, self._timestamps, clock, synchronised=synchronised)
         if reason == wire.REPLAY and wire.stream_of(frame) in self._own:
             return "echo"
         if reason:

@@ -15,7 +15,7 @@ from anytraverse.release import own_version
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.storage.writer import SLOW
-from companion.system.computer import HOT, WARM, existing
+from companion.system.computer import HOT, WARM, existing, is_synchronised
 from companion.vehicle.state import is_set
 
 VERSIONS, SERVICE, SPACE, SPEED = "versions", "service", "disk", "disk speed"
@@ -161,7 +161,7 @@ def _slowest(folder: Path) -> float:
     return slowest
 
 
-_RTC, _SYNCHRONISED = Path("/sys/class/rtc/rtc0"), Path("/run/systemd/timesync/synchronized")
+_RTC = Path("/sys/class/rtc/rtc0")
 
 
 def check_clock(rover: Rover) -> list[Finding]:
@@ -174,7 +174,7 @@ def check_clock(rover: Rover) -> list[Finding]:
         else "; it has no battery: after a start, times come from network or autopilot (GNSS)"
     )
     if is_set(now):
-        by = ", set by the network" if _SYNCHRONISED.exists() else ""
+        by = ", set by the network" if is_synchronised() else ""
         return [passed(CLOCK, f"{shown}{by}{battery}")]
     signed = rover.config.link.signing_key is not None
     silent = ", and with a signing key it sends nothing until a signed frame tells the time" if signed else ""

@@ -19,6 +19,13 @@ _COOLING = ("cpufreq", "processor", "cpu")
 _THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
 """A Raspberry Pi's firmware says here what it limits now."""
 _UNDER_VOLTAGE, _CAPPED_OR_THROTTLED = 0b0001, 0b1110
+SYNCHRONISED = Path("/run/systemd/timesync/synchronized")
+"""systemd-timesyncd makes this file once it has set the clock. Other services of NTP do not."""
+
+
+def is_synchronised() -> bool:
+    """Whether the network has set the clock since the boot; False where nobody says so."""
+    return SYNCHRONISED.exists()
 
 
 class Computer:

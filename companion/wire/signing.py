@@ -23,7 +23,9 @@ EPOCH = 1_420_070_400
 """Zero of the timestamps, 2015-01-01 UTC, in s since 1970."""
 LAST = (1 << 48) - 1
 MINUTE = 60 * TICKS
-FARTHEST_AHEAD = 366 * 24 * 60 * MINUTE
+DAY = 24 * 60 * MINUTE
+"""How far the first frame of a stream may be ahead of a clock that the network set."""
+FARTHEST_AHEAD = 366 * DAY
 """How far a verified frame may be ahead of a clock that counts as right."""
 MAX_STREAMS = 64
 
@@ -31,7 +33,7 @@ UNSIGNED: Final = "unsigned"
 SIGNATURE: Final = "signature"
 REPLAY: Final = "replay"
 AHEAD: Final = "ahead"
-"""Why a frame is refused: no signature; not our key; not newer than those received; a year ahead of us."""
+"""Why a frame is refused: no signature; not our key; not newer than those received; too far ahead of us."""
 
 FrameRefusal = Literal["", "unsigned", "signature", "replay", "ahead"]
 
@@ -133,18 +135,24 @@ class Timestamps:
         self._note(stream, self.last)
         return self.last
 
-    def check(self, stream: Stream, timestamp: int, clock: int | None) -> FrameRefusal:
+    def check(
+        self, stream: Stream, timestamp: int, clock: int | None, *, synchronised: bool = False
+    ) -> FrameRefusal:
         """Check and store the timestamp of a verified frame; return why it is refused, "" when accepted.
 
-        clock: our time, None while it is not known: then only the stored timestamps count.
+        clock: our time, None while it is not known: then only the stored timestamps count. synchronised:
+        whether the network set it. Then it alone judges a new stream: one sender whose clock is ahead must
+        not make all others old.
         """
-        ours = max(clock or 0, self.last)
+        ours, farthest, floor = max(clock or 0, self.last), FARTHEST_AHEAD, self.floor
         known = self._streams.get(stream)
-        if timestamp <= (self.floor if known is None else known):
+        if known is None and clock is not None and synchronised:
+            ours, farthest, floor = clock, DAY, min(floor, clock)
+        if timestamp <= (floor if known is None else known):
             return REPLAY
         if known is None and timestamp + MINUTE < ours:
             return REPLAY
-        if clock is not None and timestamp > ours + FARTHEST_AHEAD:
+        if clock is not None and timestamp > ours + farthest:
             return AHEAD
         self._note(stream, timestamp)
         self.last = max(self.last, timestamp)
@@ -158,10 +166,15 @@ class Timestamps:
             self.floor = max(self.floor, self._streams.pop(forgotten))
 
 
-def refusal(frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None) -> FrameRefusal:
-    """Why a whole frame is refused, "" when accepted. The timestamp is checked only after the signature."""
+def refusal(
+    frame: bytes, key: SigningKey, timestamps: Timestamps, clock: int | None, *, synchronised: bool = False
+) -> FrameRefusal:
+    """Why a whole frame is refused, "" when accepted. The timestamp is checked only after the signature.
+
+    clock, synchronised: as of `Timestamps.check`.
+    """
     if not is_signed(frame):
         return UNSIGNED
     if not key.signed(frame):
         return SIGNATURE
-    return timestamps.check(stream_of(frame), timestamp_of(frame), clock)
+    return timestamps.check(stream_of(frame), timestamp_of(frame), clock, synchronised=synchronised)

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
-from companion.link.inbound import RcChannels
+from companion.link.inbound import RcChannels, VehicleUpdate
 from companion.link.signing import open_signing
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import Acknowledgement
@@ -240,6 +240,21 @@ def test_an_exempted_autopilot_may_tell_unsigned_but_ask_nothing(tmp_path: Path)
     assert "is not signed" in str(stage.link.trouble)
     assert all(frame.message.get_signed() is False for frame in stage.frames)
     assert all(frame.message.get_msgbuf()[2] == 1 for frame in stage.frames)
+
+
+def test_an_autopilot_without_a_key_is_believed_on_the_first_connection_alone(tmp_path: Path) -> None:
+    more = {"wifi": ConnectionSettings("udpin:127.0.0.1:0")}
+    stage = Stage(tmp_path, exempt=True, settings=LinkSettings("udpin:127.0.0.1:0", more=more))
+    forged = stage.beat(signed=False)
+    stage.more["wifi"].far.write(forged)
+    stage.run(1.0)
+    assert stage.reported(VehicleUpdate) == [], "whoever reaches the radio would receive our HOLD"
+    assert stage.rejected == {"unsigned": 1}
+    stage.arrive(forged)
+    assert len(stage.reported(VehicleUpdate)) == 1
+    stage.more["wifi"].far.write(stage.beat())
+    stage.run(1.0)
+    assert stage.rejected == {"unsigned": 1}, "a signed one is believed everywhere"
 
 
 def test_a_radios_own_frames_count_for_nothing(stage: Stage) -> None:

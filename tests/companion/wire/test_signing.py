@@ -13,6 +13,7 @@ from companion.wire import signing
 from companion.wire.signing import (
     AHEAD,
     BLOCK,
+    DAY,
     FARTHEST_AHEAD,
     MAX_STREAMS,
     MINUTE,
@@ -145,6 +146,25 @@ def test_a_verified_time_ahead_of_ours_moves_ours_but_not_by_over_a_year() -> No
     assert timestamps.check(GROUND, NOW + FARTHEST_AHEAD, NOW) == ""
     assert timestamps.next(Stream(1, 191, 0), NOW) == NOW + FARTHEST_AHEAD + 1
     assert Timestamps().check(GROUND, NOW + FARTHEST_AHEAD + 1, NOW) == AHEAD
+
+
+def test_one_sender_whose_clock_is_ahead_does_not_make_others_old_where_the_network_set_our_clock() -> None:
+    timestamps, other = Timestamps(), Stream(254, 190, 0)
+    assert timestamps.check(GROUND, NOW + 365 * DAY, NOW) == "", "the network had not set our clock yet"
+    assert timestamps.check(other, NOW, NOW) == REPLAY
+    assert timestamps.check(other, NOW - MINUTE - 1, NOW, synchronised=True) == REPLAY
+    assert timestamps.check(other, NOW + DAY + 1, NOW, synchronised=True) == AHEAD
+    assert timestamps.check(other, NOW, NOW, synchronised=True) == ""
+    assert timestamps.check(other, NOW, NOW, synchronised=True) == REPLAY
+    assert timestamps.check(GROUND, NOW + 365 * DAY + 1, NOW, synchronised=True) == "", (
+        "it is heard as before"
+    )
+
+
+def test_a_forgotten_stream_that_was_ahead_does_not_make_others_old_where_the_network_set_our_clock() -> None:
+    timestamps = Timestamps(floor=NOW + 365 * DAY)
+    assert timestamps.check(GROUND, NOW, NOW, synchronised=True) == REPLAY
+    assert timestamps.check(GROUND, NOW + 1, NOW, synchronised=True) == ""
 
 
 def test_our_timestamps_rise_though_the_clock_goes_back_and_our_own_frames_do_not_come_back_in() -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from companion.link.signing import DAY, SigningClock
+from companion.link.signing import SigningClock
 from companion.vehicle.state import SOFTWARE_MADE
-from companion.wire.signing import EPOCH, MAX_STREAMS, REPLAY, TICKS, Stream, ticks
+from companion.wire.signing import DAY, EPOCH, MAX_STREAMS, REPLAY, TICKS, Stream, ticks
 from companion.wire.signing_store import NAME, RESERVE, SYNC_EVERY, TimestampFile
 
 BOOT, NEXT_BOOT = bytes([1] * 16), bytes([2] * 16)
@@ -200,4 +200,5 @@ def test_a_clock_that_was_never_set_is_not_believed_until_a_verified_source_tell
 def test_a_clock_over_a_day_behind_what_was_heard_before_is_not_believed() -> None:
     assert SigningClock(NOW + DAY, lambda: WALL).now(0.0) == NOW
     assert SigningClock(NOW + DAY + 1, lambda: WALL).now(0.0) is None
+    assert SigningClock(NOW + DAY + 1, lambda: WALL, lambda: True).now(0.0) == NOW, "the network set it"
     assert EPOCH + ticks(SOFTWARE_MADE) / TICKS == 1_767_225_600

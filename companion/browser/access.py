@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import hmac
+import logging
+import math
 import socket
+import time
 from collections.abc import Iterable
 from typing import Any
 from urllib.parse import parse_qs
@@ -16,6 +19,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from companion.system.error_guard import ErrorGuard
+
+log = logging.getLogger(__name__)
 
 HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -30,6 +35,35 @@ _LONGEST_QUERY = 512
 _MOST_HEADERS = 8 << 10
 """Bytes of a request's headers, names and values."""
 _HERE = frozenset({"localhost", "127.0.0.1", "[::1]"})
+_KNOWN_FOR = 30 * 24 * 3600
+"""Seconds for which a browser need not say the token again."""
+_SLOWED = 0.5
+"""Seconds until a wrong token is answered."""
+_LOG_EVERY = 60.0
+
+
+class WrongTokens:
+    """Counts requests with a wrong token, and logs them once a minute at most."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._logged_at = -math.inf
+
+    def note(self, sender: str) -> None:
+        """Count a request. sender: its address."""
+        self.count += 1
+        now = time.monotonic()
+        if now - self._logged_at >= _LOG_EVERY:
+            self._logged_at = now
+            log.warning("a wrong token from %s, %d since the start", sender or "nowhere", self.count)
+
+
+class _LateResponse(PlainTextResponse):  # type: ignore[misc]  # it is Any for mypy
+    """Is sent after `_SLOWED`, so that nobody tries tokens fast: a connection takes one at a time."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await asyncio.sleep(_SLOWED)
+        await super().__call__(scope, receive, send)
 
 
 class Gate:
@@ -44,20 +78,20 @@ class Gate:
         origin: str = "",
         most_posted: int = 0,
         where_the_token_is: str = "[web] token in companion.toml",
+        wrong_tokens: WrongTokens | None = None,
     ) -> None:
         """token: "" for none. own_address: where it listens if only this computer reaches it, else "".
 
         origin: "http://HOST:PORT" as browsers elsewhere open it; then it answers to no other name but this
         computer's own. most_posted: bytes of JSON that a POST may bring; 0: the page only shows.
+        wrong_tokens: where they are counted.
         """
         self._app = app
         self._origin = origin
         self._most_posted = most_posted
         self._hint = where_the_token_is
         self._token = token.encode()
-        self._cookie = hmac.new(self._token, b"the cookie of the page", hashlib.sha256).hexdigest()
-        # A browser knows cookies by computer, not by port, and over ssh two rovers' pages are on localhost.
-        self._cookie_name = f"anytraverse-{self._cookie[:8]}"
+        self._wrong_tokens = wrong_tokens or WrongTokens()
         itself = f"[{own_address}]" if ":" in own_address else own_address
         named = {itself, _host(origin.partition("://")[2])} - {""}
         self._names = _HERE | named if named else None
@@ -118,22 +152,41 @@ class Gate:
         return None
 
     def _without_token(self, scope: Scope, headers: Headers) -> Response | None:
+        """Return the answer to a request that neither knows the token nor has a cookie that says so."""
+        port, now = (scope.get("server") or ("", 0))[1], int(time.time())
+        # A browser knows cookies by computer, not by port, and over ssh two rovers' pages are on localhost.
+        name = f"anytraverse-{self._proof(f'name {port}')[:8]}"
         kind, _, given = headers.get("authorization", "").partition(" ")
-        if kind.lower() == "bearer" and self._is_token(given.strip()):
+        bearer = given.strip() if kind.lower() == "bearer" else ""
+        if bearer and self._is_token(bearer):
             return None
-        query = parse_qs(scope["query_string"][:_LONGEST_QUERY].decode("latin-1"))
-        if self._is_token(query.get("token", [""])[-1]):  # with a cookie, too: it must leave the address bar
-            shown = RedirectResponse("/", 303)
-            shown.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="strict")
+        query = parse_qs(scope["query_string"][:_LONGEST_QUERY].decode("latin-1")).get("token", [""])[-1]
+        if query and self._is_token(query):  # with a cookie, too: it must leave the address bar
+            shown, until = RedirectResponse("/", 303), now + _KNOWN_FOR
+            value = f"{until}.{self._proof(f'until {until} {port}')}"
+            shown.set_cookie(name, value, max_age=_KNOWN_FOR, httponly=True, samesite="strict")
             return shown
-        own = self._cookie.encode()
-        if any(hmac.compare_digest(one.encode(), own) for one in _cookies(headers, self._cookie_name)):
+        if any(self._is_valid(one, port, now) for one in _cookies(headers, name)):
             return None
-        return PlainTextResponse(
-            f"this page needs its token: open it as http://.../?token=... ({self._hint})\n",
-            401,
-            {"www-authenticate": "Bearer"},
+        why = f"this page needs its token: open it as http://.../?token=... ({self._hint})\n"
+        if bearer or query:
+            self._wrong_tokens.note((scope.get("client") or ("",))[0])
+            return _LateResponse(why, 401, {"www-authenticate": "Bearer"})
+        return PlainTextResponse(why, 401, {"www-authenticate": "Bearer"})
+
+    def _is_valid(self, cookie: str, port: int, now: int) -> bool:
+        """Return whether we made a cookie for this port, at most 30 days ago by our clock."""
+        until = cookie.partition(".")[0]
+        if not (until.isascii() and until.isdecimal() and len(until) <= 12):
+            return False
+        made = hmac.compare_digest(
+            cookie.encode(), f"{until}.{self._proof(f'until {until} {port}')}".encode()
         )
+        return made and now <= int(until) <= now + _KNOWN_FOR
+
+    def _proof(self, text: str) -> str:
+        """Return what only somebody who knows the token can make of a text."""
+        return hmac.new(self._token, f"the cookie of the page, {text}".encode(), hashlib.sha256).hexdigest()
 
     def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(errors="replace"), self._token)

@@ -10,6 +10,7 @@ from prometheus_client import generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector, CollectorRegistry
 
+from companion.browser.access import WrongTokens
 from companion.web.news import FRESH, WELL, News
 
 _PREFIX = "anytraverse_"
@@ -75,8 +76,9 @@ FIGURES = (
 class Metrics(Collector):  # type: ignore[misc]  # it is Any for mypy
     """Collects the figures of the news when it is asked. Outdated ones are left out, but for `up`."""
 
-    def __init__(self, news: News) -> None:
+    def __init__(self, news: News, wrong_tokens: WrongTokens) -> None:
         self._news = news
+        self._wrong_tokens = wrong_tokens
         self._registry = CollectorRegistry(auto_describe=False)
         self._registry.register(self)
 
@@ -93,6 +95,8 @@ class Metrics(Collector):  # type: ignore[misc]  # it is Any for mypy
         """Make the metrics."""
         news, fresh = self._news, self._news.age <= FRESH
         yield _gauge("up", "1 while the companion tells what it does.", float(fresh))
+        count = self._wrong_tokens.count
+        yield CounterMetricFamily(f"{_PREFIX}wrong_tokens_total", "Requests with a wrong token.", value=count)
         yield _gauge("well", "1 while it is known to do its work, as /healthz.", float(not news.trouble()))
         if math.isfinite(news.age):
             yield _gauge("news_age_seconds", "Since the companion told something.", news.age)

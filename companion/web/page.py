@@ -5,6 +5,7 @@ Nothing here waits, and no failure of the page reaches the rest of the daemon.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import socket
@@ -69,6 +70,7 @@ class Page:
         ).encoded()
         self._launch = launch
         self._process: SideProcess[WebChild] = SideProcess("page", self._start, restarts)
+        self._listener: socket.socket | None = None
         self._guard = ErrorGuard(lambda _now: None)
         self._told_at = self._wanted_at = float("-inf")
         self._wanted = self._too_large = self._acknowledged = False
@@ -127,9 +129,12 @@ class Page:
     def close(self) -> None:
         """Kill the process."""
         self._process.close()
+        self._end_listening()
 
     def _poll(self, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
         self._process.poll(now, self._take)
+        if self._process.child is None:
+            self._end_listening()
         every = _SOON if self._acknowledged else _EVERY
         if self._process.child is not None and now - self._told_at >= every:
             self._told_at, self._acknowledged = now, False
@@ -148,17 +153,25 @@ class Page:
         return True
 
     def _start(self) -> WebChild:
-        """Bind the port and start the process, which alone keeps the socket. Raises OSError."""
+        """Bind the port and start the process, which alone takes connections. Raises OSError."""
         assert self._listen is not None
+        self._end_listening()
         try:
-            listener = self._listen.bind()
+            self._listener = listener = self._listen.bind()
         except OSError as error:
             error.filename = self._listen.url()
             raise
-        with listener:
-            listener.listen(_BACKLOG)
-            child = self._launch(listener)
-            # A port that was free is the same one after a restart.
-            self._listen = self._listen._replace(port=listener.getsockname()[1])
+        listener.listen(_BACKLOG)
+        child = self._launch(listener)
+        # A port that was free is the same one after a restart.
+        self._listen = self._listen._replace(port=listener.getsockname()[1])
         child.send(self._setup)
         return child
+
+    def _end_listening(self) -> None:
+        """Free the port, although a process that was killed and has not ended yet has the socket, too."""
+        if self._listener is not None:
+            with contextlib.suppress(OSError):  # it never listened
+                self._listener.shutdown(socket.SHUT_RDWR)
+            self._listener.close()
+            self._listener = None

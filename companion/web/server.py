@@ -25,7 +25,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from companion.browser.access import Gate
+from companion.browser.access import Gate, WrongTokens
 from companion.browser.incidents import shown
 from companion.browser.requests import MOST_POSTED
 from companion.browser.site import EventStreams, Server, as_json, event, posted, static_routes
@@ -65,7 +65,8 @@ class Site:
         self._news = news
         self._answering = answering
         self._folder = folder
-        self._metrics = Metrics(news)
+        self.wrong_tokens = WrongTokens()
+        self._metrics = Metrics(news, self.wrong_tokens)
         self._disk = ThreadPoolExecutor(2, "disk")
         self._reading = BoundedSemaphore(MOST_READING)
         self._downloads = 0
@@ -257,7 +258,13 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     site = Site(news, StateFolder(setup["folder"]), answering)
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
     most_posted = MOST_POSTED if answering is not None else 0
-    gate = Gate(site.app(), token=setup["token"], own_address=setup["own_address"], most_posted=most_posted)
+    gate = Gate(
+        site.app(),
+        token=setup["token"],
+        own_address=setup["own_address"],
+        most_posted=most_posted,
+        wrong_tokens=site.wrong_tokens,
+    )
     server = Server(gate)
     beating = asyncio.create_task(_beat(channel, server, site, answering))
     await server.serve(sockets=[listener])

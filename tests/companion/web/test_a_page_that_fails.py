@@ -116,6 +116,28 @@ def test_a_process_that_says_too_much_is_taken_a_little_at_a_time(tmp_path: Path
         stage.close()
 
 
+def test_a_process_that_was_killed_and_has_not_ended_yet_does_not_keep_the_port(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    held: list[int] = []
+
+    def launch(listener: socket.socket) -> WebChild:
+        held.append(os.dup(listener.fileno()))  # as a process keeps it that waits for the disk
+        return WebChild(listener)
+
+    stage = Stage(tmp_path, launch=launch)
+    try:
+        first, url = stage.ready().pid(), stage.page.url
+        os.kill(first, signal.SIGKILL)
+        stage.until(lambda: stage.pid() not in (0, first))
+        assert stage.ready().page.figures() == {"url": url, "trouble": "", "restarts": 1}
+        assert "in use" not in caplog.text
+    finally:
+        stage.close()
+        for descriptor in held:
+            os.close(descriptor)
+
+
 def test_a_busy_port_is_said_once_and_tried_again_until_it_is_free(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -17,7 +17,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from companion.browser.access import Gate
+from companion.browser import access
+from companion.browser.access import Gate, WrongTokens
 from companion.web.page import missing
 from tests.companion.web.played import JPEG, TOKEN, Stage
 
@@ -223,9 +224,9 @@ def test_who_does_not_know_the_token_sees_nothing(tmp_path: Path) -> None:
             answer = stage.get(path)
             assert answer.status == 401, path
             assert TOKEN.encode() not in answer.body
-        for wrong in (TOKEN[:-1], TOKEN + "x", "", TOKEN.lower(), "ü" * 16):
-            assert stage.get("/", headers={"Authorization": f"Bearer {quote(wrong)}"}).status == 401
-            assert stage.get(f"/?token={quote(wrong)}").status == 401
+        assert stage.get("/", headers={"Authorization": f"Bearer {TOKEN[:-1]}"}).status == 401
+        assert stage.get(f"/?token={TOKEN}x").status == 401
+        assert b"wrong_tokens_total 2.0" in stage.get("/metrics", headers=known).body
         entered = stage.get(f"/?token={TOKEN}")
         cookie = entered.headers["set-cookie"]
         name = cookie.partition("=")[0]
@@ -243,7 +244,14 @@ def test_who_does_not_know_the_token_sees_nothing(tmp_path: Path) -> None:
         stage.close()
 
 
-def through_the_gate(token: str, query: str = "", **headers: bytes) -> Any:
+def through_the_gate(
+    token: str,
+    query: str = "",
+    *,
+    port: int = 8191,
+    wrong_tokens: WrongTokens | None = None,
+    **headers: bytes,
+) -> Any:
     """The first message that the gate answers with; None where it lets the request in."""
     told: list[Any] = []
 
@@ -254,20 +262,83 @@ def through_the_gate(token: str, query: str = "", **headers: bytes) -> Any:
         told.append(message)
 
     named = [(name.encode(), value) for name, value in headers.items()]
-    scope = {"type": "http", "method": "GET", "path": "/", "query_string": query.encode(), "headers": named}
-    asyncio.run(Gate(app, token=token, own_address="")(scope, app, send))
+    scope = {
+        "type": "http",
+        "method": "GET",
+        "path": "/",
+        "query_string": query.encode(),
+        "headers": named,
+        "server": ("127.0.0.1", port),
+        "client": ("10.0.0.7", 5000),
+    }
+    asyncio.run(Gate(app, token=token, own_address="", wrong_tokens=wrong_tokens)(scope, app, send))
     return told[0]
 
 
-def own_cookie(token: str) -> bytes:
+def own_cookie(token: str, port: int = 8191) -> bytes:
     """The cookie that the gate gives to who knows the token, without its attributes."""
-    given = dict(through_the_gate(token, f"token={token}")["headers"])[b"set-cookie"]
+    given = dict(through_the_gate(token, f"token={token}", port=port)["headers"])[b"set-cookie"]
     return bytes(given).partition(b";")[0]
 
 
 def test_the_pages_of_two_rovers_on_localhost_do_not_log_each_other_out() -> None:
     one, again, other = (own_cookie(token).partition(b"=")[0] for token in (TOKEN, TOKEN, TOKEN + "2"))
     assert one == again != other
+
+
+def test_a_cookie_counts_for_30_days_on_its_port_and_with_its_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [1_790_000_000.0]
+    monkeypatch.setattr("companion.browser.access.time.time", lambda: clock[0])
+    cookie = own_cookie(TOKEN)
+    renamed = cookie.partition(b"=")[2]
+    assert through_the_gate(TOKEN, cookie=cookie) is None
+    for port, token in ((8192, TOKEN), (8191, TOKEN + "2")):
+        name = own_cookie(token, port=port).partition(b"=")[0]
+        assert through_the_gate(token, port=port, cookie=name + b"=" + renamed)["status"] == 401
+    name, _, value = cookie.partition(b"=")
+    until, _, proof = value.partition(b".")
+    later = str(int(until) + 1).encode()
+    assert through_the_gate(TOKEN, cookie=name + b"=" + later + b"." + proof)["status"] == 401
+    clock[0] += 30 * 24 * 3600
+    assert through_the_gate(TOKEN, cookie=cookie) is None
+    clock[0] += 1
+    assert through_the_gate(TOKEN, cookie=cookie)["status"] == 401
+    clock[0] = 0.0
+    assert through_the_gate(TOKEN, cookie=cookie)["status"] == 401, (
+        "else a clock set back would keep it alive"
+    )
+
+
+@pytest.mark.parametrize("wrong", [TOKEN[:-1], TOKEN + "x", "", TOKEN.lower(), "ü" * 16, "\ud800"])
+def test_a_token_that_is_nearly_right_is_wrong(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(access, "_SLOWED", 0.0)
+    given = quote(wrong, errors="surrogatepass")
+    assert through_the_gate(TOKEN, f"token={given}")["status"] == 401
+    assert through_the_gate(TOKEN, authorization=b"Bearer " + given.encode())["status"] == 401
+
+
+def test_wrong_tokens_are_counted_logged_once_a_minute_and_answered_late(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    waited: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        waited.append(seconds)
+
+    monkeypatch.setattr("companion.browser.access.asyncio.sleep", sleep)
+    wrong = WrongTokens()
+    for number in range(3):
+        refused = through_the_gate(TOKEN, f"token={TOKEN}{number}", wrong_tokens=wrong)
+        assert refused["status"] == 401
+    bearer = b"Bearer " + TOKEN.encode()
+    assert through_the_gate(TOKEN, wrong_tokens=wrong, authorization=bearer + b"x")["status"] == 401
+    assert through_the_gate(TOKEN, wrong_tokens=wrong)["status"] == 401, "none was given"
+    assert through_the_gate(TOKEN, wrong_tokens=wrong, authorization=bearer) is None
+    assert (wrong.count, len(waited)) == (4, 4)
+    assert [record.getMessage() for record in caplog.records] == [
+        "a wrong token from 10.0.0.7, 1 since the start"
+    ]
+    assert TOKEN not in caplog.text
 
 
 @pytest.mark.parametrize("beside", [b'a="', b'a="\\"', b"[=]", b"\xff", b"", b"a=" + 4000 * b'\\"'])

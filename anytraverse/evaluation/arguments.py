@@ -55,6 +55,16 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_dask(parser: argparse.ArgumentParser) -> None:
+    """Add the argument for the cluster."""
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="do the work on a Dask cluster with the same files, e.g. tls://host:8786; who reaches its "
+        "scheduler can run any program on its computers, and they on this one",
+    )
+
+
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Add the arguments for what was seen of frames."""
     parser.add_argument(

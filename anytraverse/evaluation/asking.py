@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from anytraverse.evaluation.arguments import add_choice, open_chosen
+from anytraverse.evaluation.arguments import add_choice, add_dask, open_chosen
 from anytraverse.evaluation.datasets import KINDS, Dataset, kind_and_path
 from anytraverse.evaluation.defaults import Defaults, read_defaults
 from anytraverse.evaluation.evaluating import Evaluation, Share
@@ -45,9 +45,7 @@ def add_asked(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=out, metavar="DIR", help="where to write, by default %(default)s"
     )
-    parser.add_argument(
-        "--dask", metavar="ADDRESS", help="judge on a Dask cluster with the same files, e.g. tcp://host:8786"
-    )
+    add_dask(parser)
     parser.add_argument("--json", action="store_true", help="print nothing but the last line, the JSON")
 
 

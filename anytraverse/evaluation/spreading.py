@@ -46,7 +46,8 @@ def spread(
     """Do all jobs. Without processes and cluster, one after the other in this process.
 
     work: a function of a module, so that another process can import it; so are the jobs' types. dask: the
-    address of a scheduler, e.g. "tcp://host:8786"; its workers need this package and the same files.
+    address of a scheduler, e.g. "tls://host:8786", with certificates from Dask's own configuration; its
+    workers need this package and the same files. Results are unpickled: a cluster must be trusted.
     done: called with the number of each job that is done, and its result.
     Raises SpreadError, and what `work` raises where it runs in this process.
     """
@@ -87,6 +88,11 @@ def _on_cluster(
     except (OSError, ValueError) as error:
         raise SpreadError(
             f"no Dask scheduler answers at {address}: start one, or leave --dask away"
+        ) from error
+    except TypeError as error:  # as Dask says it
+        raise SpreadError(
+            f"{address} needs certificates: set ca-file, client.cert and client.key of distributed.comm.tls "
+            "in Dask's configuration"
         ) from error
     with client:
         if not client.scheduler_info(n_workers=-1)["workers"]:

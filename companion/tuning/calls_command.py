@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from anytraverse.evaluation.arguments import add_cache, add_choice, cache_bytes
+from anytraverse.evaluation.arguments import add_cache, add_choice, add_dask, cache_bytes
 from anytraverse.evaluation.asking import conclude
 from anytraverse.evaluation.datasets import Selection, kind_and_path, open_dataset
 from anytraverse.evaluation.defaults import read_defaults
@@ -78,9 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_where(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--jobs", type=int, default=0, metavar="N", help="processes, by default all cores")
-    parser.add_argument(
-        "--dask", metavar="ADDRESS", help="do the work on a Dask cluster, e.g. tcp://host:8786"
-    )
+    add_dask(parser)
     add_cache(parser)
 
 

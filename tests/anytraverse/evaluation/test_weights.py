@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import shlex
+import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from itertools import product
@@ -222,6 +225,35 @@ def test_a_worker_with_another_model_is_refused(drive: Path) -> None:
 
 def share_of(drive: Path, model: str) -> Share:
     return Share(f"folder:{drive}", "all", "grey", model, 1, ("dirt: 1",), (2,))
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificate")
+def test_a_cluster_with_tls_takes_the_certificates_of_dasks_configuration(tmp_path: Path) -> None:
+    distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
+    certificate, key = str(tmp_path / "cert.pem"), str(tmp_path / "key.pem")
+    made = (
+        f"openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=rover -keyout {key} -out {certificate}"
+    )
+    subprocess.run(shlex.split(made), check=True, capture_output=True)
+    parts = {"cert": certificate, "key": key}
+    ends = {
+        f"tls_{end}_{part}": path for end in ("scheduler", "worker", "client") for part, path in parts.items()
+    }
+    own = {"ca-file": certificate, "client.cert": certificate, "client.key": key}
+    with distributed.LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        dashboard_address=None,
+        protocol="tls://",
+        host="127.0.0.1",
+        security=distributed.Security(tls_ca_file=certificate, require_encryption=True, **ends),
+    ) as cluster:
+        address = cluster.scheduler_address
+        with pytest.raises(SpreadError, match="needs certificates"):
+            spread(abs, [-1], dask=address, done=lambda _number, _result: None)
+        with dask.config.set({f"distributed.comm.tls.{name}": path for name, path in own.items()}):
+            assert spread(abs, [-1, 2], dask=address, done=lambda _number, _result: None) == [1, 2]
 
 
 def died(_job: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, cast
 
@@ -87,8 +87,16 @@ class AnswerHandler:
     the motion of all answers that still wait. A go counts once its answer is stored in the journal.
     """
 
-    def __init__(self, calls: OperatorCalls, vision: VisionClient, store: AnswerStore) -> None:
+    def __init__(
+        self,
+        calls: OperatorCalls,
+        vision: VisionClient,
+        store: AnswerStore,
+        share: Callable[[SenderId], SenderId],
+    ) -> None:
+        """share: returns the key of a sender's share of the link."""
         self._calls = calls
+        self._share = share
         self._vision = vision
         self._last_sent = self._last_applied = self._last_cancelled = 0
         self._matched_at = -math.inf
@@ -155,7 +163,15 @@ class AnswerHandler:
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
         frame_id = observation.frame.id if observation is not None else 0
-        if not self._vision.answer(pending, changes, frame_id=frame_id, call_id=number, go=go, place=place):
+        if not self._vision.answer(
+            pending,
+            changes,
+            frame_id=frame_id,
+            call_id=number,
+            go=go,
+            place=place,
+            owner=self._share(answer.sender),
+        ):
             return self._reply(answer, target, Result.BUSY, _VISION_BUSY)
         self._last_sent = pending.number
         return Handled()
@@ -171,7 +187,7 @@ class AnswerHandler:
         request: the token of its `Applied`.
         """
         changes = replace(changes_of(operations), missing_ok=True)
-        return self._vision.answer(request, changes)
+        return self._vision.answer(request, changes, owner=self._share(request.sender))
 
     def applied(self, applied: Applied, now: float) -> Handled:
         """Handle the vision process's result for an answer or for words alone: applied or refused."""

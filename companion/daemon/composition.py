@@ -96,7 +96,7 @@ def compose(
         folder / "status.json",
         position.clock.stamp,
     )
-    answer_handler = AnswerHandler(calls, vision, link.answer_store)
+    answer_handler = AnswerHandler(calls, vision, link.answer_store, link.share)
     after_write = persistence.after_write
     link.dead_man.enabled = config.call.px4_deadman == "manual_control"
     policy = PolicyService(link, vision, calls, policy_state, after_write, HoldGate(config))

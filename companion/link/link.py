@@ -37,7 +37,7 @@ from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement
-from companion.wire.ids import CAMERA_COMPONENT_ID, ERROR, TUNNEL_CALL, Policy, State
+from companion.wire.ids import CAMERA_COMPONENT_ID, ERROR, TUNNEL_CALL, Policy, SenderId, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary
 
@@ -269,6 +269,10 @@ class Link:
     def send_text(self, text: str, severity: int, now: float) -> None:
         """Send a text once, with MAV_SEVERITY `severity`; not the same one again within 5 s."""
         self._text_sender.send(text, severity, now)
+
+    def share(self, sender: SenderId) -> SenderId:
+        """Return the key of the share of the link that `sender` counts under: see `AccessControl.share`."""
+        return self._access.share(sender)
 
     def acknowledge(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
         """Send the result of an answer to its sender, and store it for when the answer is repeated."""

@@ -55,8 +55,10 @@ from companion.wire.ids import State
 
 log = logging.getLogger(__name__)
 
-MAX_JOBS = 8
-"""Answers that may wait for their outcome at once."""
+OF_AN_OWNER = 2
+"""Answers of one owner that may wait for their outcome at once."""
+MAX_JOBS = 12
+"""Answers of all: two of each operator with a share of the link, of the others together, and of the page."""
 MAX_DRAWINGS = 16
 STORED_FRAMES = 2
 """Stored frames, of the open call and the hold. A restarted process gets those that have come as PNG."""
@@ -103,11 +105,15 @@ Result = Judged | Applied | Drawn | Encoded
 
 
 class _Asked(NamedTuple):
-    """A request that waits. token: its caller's. frame_id: of the frame that it gives back, 0: none."""
+    """A request that waits. token: its caller's. frame_id: of the frame that it gives back, 0: none.
+
+    owner: of `VisionClient.answer`.
+    """
 
     token: object
     frame_id: int
     at: float
+    owner: object = None
 
 
 class VisionClient:
@@ -226,13 +232,19 @@ class VisionClient:
         call_id: int = 0,
         go: bool = False,
         place: Place | None = None,
+        owner: object = None,
     ) -> bool:
         """Request that an answer be applied; an `Applied` with `token` follows.
 
         frame_id: of the call's or hold's frame, 0: words alone. place: the call's, by default the vehicle's.
-        False when too many answers wait, or the process hangs or is not ready.
+        owner: whose answers are bounded together, None: no one's. False when too many answers wait, in all or
+        of this owner, or the process hangs or is not ready.
         """
-        return self._ask(token, lambda number: Apply(number, changes, frame_id, call_id, go, place))
+        if owner is not None and sum(one.owner == owner for one in self._unanswered.values()) >= OF_AN_OWNER:
+            return False
+        return self._ask(
+            token, lambda number: Apply(number, changes, frame_id, call_id, go, place), owner=owner
+        )
 
     def restore(self, token: object, frame_id: int, png: bytes) -> bool:
         """Request that the frame of a call that was open at a restart be judged; an `Applied` follows.
@@ -455,13 +467,15 @@ class VisionClient:
             return []
         return [Applied(token, None, error, self.memory) for token in tokens]
 
-    def _ask(self, token: object, request: Callable[[int], Request], frame_id: int = 0) -> bool:
+    def _ask(
+        self, token: object, request: Callable[[int], Request], frame_id: int = 0, owner: object = None
+    ) -> bool:
         if not self.watchdog.responsive or len(self._unanswered) >= MAX_JOBS:
             return False
         self._numbers += 1
         if not self._send(request(self._numbers)):
             return False
-        self._unanswered[self._numbers] = _Asked(token, frame_id, time.monotonic())
+        self._unanswered[self._numbers] = _Asked(token, frame_id, time.monotonic(), owner)
         return True
 
     def _send(self, request: Request) -> bool:

@@ -20,11 +20,13 @@ from anytraverse.history import Entry
 from companion.cameras import open_camera
 from companion.cameras.newest import CameraThread, Patience
 from companion.system.child_process import end_with, step_back
+from companion.vision.answer_queue import AnswerQueue
 from companion.vision.beside import BesideJudging
 from companion.vision.codec import Splitter, decode_trusted, encode
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Alive,
+    Apply,
     Encode,
     Failed,
     Logged,
@@ -32,6 +34,7 @@ from companion.vision.messages import (
     Ready,
     Report,
     Request,
+    Restore,
     Scenes,
     Situation,
     Start,
@@ -172,7 +175,7 @@ def receive_start(port: Port) -> Start:
 
 
 def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float) -> None:
-    period, encoder = 1.0 / rate, BesideJudging()
+    period, encoder, answers = 1.0 / rate, BesideJudging(), AnswerQueue()
     tuned, due, alive_at = False, time.monotonic(), float("-inf")
     while True:
         for request in port.requests(timeout=0.0):
@@ -181,9 +184,14 @@ def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float)
                 period = 1.0 / (request.rate or rate)
             if isinstance(request, Encode):
                 encoder.start(request, worker.recent(request.frame_id))
-                continue
-            for report in worker.handle(request):
-                port.send(report)
+            elif isinstance(request, (Apply, Restore)):
+                answers.add(request)
+            else:
+                _handle(request, worker, port)
+        began = time.monotonic()
+        if (answer := answers.take(began)) is not None:
+            _handle(answer, worker, port)
+            answers.handled(began, time.monotonic())
         while port.has_room() and (encoded := encoder.take()) is not None:
             port.send(encoded)
         frame = reader.take(timeout=_FRAME_TIMEOUT)
@@ -199,5 +207,11 @@ def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float)
             continue
         due = max(due + period, now - period)
         judged = worker.judge(frame)
+        answers.judged()
         if judged.update is not None or port.has_room():
             port.send(judged)
+
+
+def _handle(request: Request, worker: Worker, port: Port) -> None:
+    for report in worker.handle(request):
+        port.send(report)

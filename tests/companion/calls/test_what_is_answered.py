@@ -28,6 +28,7 @@ class Queue:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.jobs: list[tuple[Any, Changes, bool, bool]] = []
+        self.owners = list[object]()
         self.full = False
 
     def answer(
@@ -39,8 +40,10 @@ class Queue:
         call_id: int = 0,
         go: bool = False,
         place: Place | None = None,
+        owner: object,
     ) -> bool:
         """As `VisionClient.answer`."""
+        self.owners.append(owner)
         assert (call_id > 0) or frame_id == 0
         assert (place is None) == (call_id == 0)
         if not self.full:
@@ -77,7 +80,9 @@ class Talk:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.eyes = Queue(scene)
-        self.answer_handler = AnswerHandler(scene.calls, cast(VisionClient, self.eyes), AnswerStore(None))
+        self.answer_handler = AnswerHandler(
+            scene.calls, cast(VisionClient, self.eyes), AnswerStore(None), lambda sender: (sender[0], 0)
+        )
         self.said: list[Acknowledgement] = []
 
     def say(self, target: int, motion: Motion = Motion.NONE, **words: float) -> None:
@@ -299,3 +304,4 @@ def test_too_many_waiting_answers_are_refused_for_now(held: Scene) -> None:
     talk.say(1, GO)
     talk.seen()
     assert talk.last[0] is Result.APPLIED
+    assert set(talk.eyes.owners) == {(255, 0)}

@@ -193,6 +193,17 @@ def test_waiting_answers_are_bounded_and_none_is_lost_or_overtaken(stage: Stage)
     assert stage.ask("again", drum=1.0)
 
 
+def test_of_one_owner_two_answers_wait_and_others_have_their_places(stage: Stage) -> None:
+    def ask(owner: object) -> bool:
+        return stage.vision.answer(owner, Changes({"drum": 1.0}), owner=owner)
+
+    assert [ask("flood") for _ in range(3)] == [True, True, False]
+    assert [ask("operator") for _ in range(3)] == [True, True, False]
+    stage.show()
+    assert len([one for one in stage.turn() if isinstance(one, Applied)]) == 4
+    assert ask("flood")
+
+
 def test_pictures_that_were_asked_for_are_bounded(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
     stage.show()
     stage.turn()

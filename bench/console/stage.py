@@ -55,6 +55,7 @@ class Rover:
         config.write_text(
             re.sub(r'\[web\]\nlisten = ".*"\n', _PAGE, config.read_text(encoding="utf-8")), encoding="utf-8"
         )
+        config.chmod(0o600)  # it holds a token
         port = str(free_port())
         self.second_link = f"udpout:127.0.0.1:{port}"
         with config.open("a", encoding="utf-8") as more:

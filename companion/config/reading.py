@@ -35,6 +35,9 @@ def load_config(path: str | Path) -> Config:
     }
     words = read_words(layers, problems)
     problems += _too_slow_for_sticks(main, sections)
+    if sections["web"].token and main.others_may_read:
+        reason = f"everybody on this computer may read it: chmod o-r {main.path}"
+        problems.append(main.problem(("web", "token"), reason))
     if problems:
         raise ConfigError(problems)
     if sections["video"].listen and len(words.vocabulary) < MAX_WORDS:

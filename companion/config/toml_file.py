@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -130,9 +132,18 @@ _AT_LINE = re.compile(r"^(.*?) \(at line (\d+), column \d+\)$", re.DOTALL)
 class Layer:
     """One file that was read. Of several layers, the values of the first one win."""
 
-    def __init__(self, path: Path, data: Mapping[str, Any], lines: Mapping[KeyPath, int]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        data: Mapping[str, Any],
+        lines: Mapping[KeyPath, int],
+        *,
+        others_may_read: bool = False,
+    ) -> None:
+        """others_may_read: whether users outside of the file's group may."""
         self.path = path
         self.data = data
+        self.others_may_read = others_may_read
         self._lines = lines
 
     @classmethod
@@ -140,11 +151,12 @@ class Layer:
         """Read a file. Raises ConfigError when it cannot be read or is no TOML."""
         try:
             with path.open("rb") as file:
-                raw = file.read(_LARGEST + 1)
+                raw, mode = file.read(_LARGEST + 1), os.fstat(file.fileno()).st_mode
             if len(raw) > _LARGEST:
                 raise _file_error(path, "is larger than 1 MiB: this is no configuration")
             text = raw.decode().replace("\r\n", "\n")
-            return cls(path, tomllib.loads(text), key_lines(text))
+            others_may_read = bool(mode & stat.S_IROTH)
+            return cls(path, tomllib.loads(text), key_lines(text), others_may_read=others_may_read)
         except FileNotFoundError:
             raise _file_error(path, "there is no such file: `companion init` writes one") from None
         except OSError as error:

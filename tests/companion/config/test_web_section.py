@@ -17,6 +17,7 @@ TOKEN = "a-token-of-23-characters"
 def loaded(folder: Path, web: str) -> Config:
     path = folder / "companion.toml"
     path.write_text(f'[vehicle]\nfile = ""\n[web]\n{web}\n')
+    path.chmod(0o600)
     return load_config(path)
 
 
@@ -70,6 +71,22 @@ def test_a_weak_token_is_refused_and_not_shown(tmp_path: Path, token: str) -> No
     with pytest.raises(ConfigError, match=r"web\.token: give 16 to 128") as refused:
         loaded(tmp_path, f'token = "{token}"')
     assert token not in str(refused.value)
+
+
+def test_a_token_that_everybody_may_read_is_refused_with_what_to_type(tmp_path: Path) -> None:
+    file = tmp_path / "companion.toml"
+    loaded(tmp_path, f'token = "{TOKEN}"')
+    file.chmod(0o644)
+    with pytest.raises(
+        ConfigError, match=r"web\.token: everybody on this computer may read it: chmod o-r"
+    ) as why:
+        load_config(file)
+    assert TOKEN not in str(why.value)
+    file.chmod(0o640)
+    assert load_config(file).web.token == TOKEN
+    file.write_text('[vehicle]\nfile = ""\n')
+    file.chmod(0o644)
+    load_config(file)
 
 
 def test_a_token_is_not_printed(tmp_path: Path) -> None:

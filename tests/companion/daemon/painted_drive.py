@@ -46,4 +46,5 @@ def to_a_drum(
     config = folder / "companion.toml"
     values = {"frames": frames, "port": port, "link": link, "state": folder / "state"}
     config.write_text(CONFIG.format(**values, listen=listen, token=token, recorded=recorded))
+    config.chmod(0o600)  # it may hold a token
     return config

@@ -181,6 +181,7 @@ def test_the_configuration_of_a_rover_whose_secrets_were_left_out_can_be_used(tm
         '[roi]\nleft = 0.4\n[link]\nurl = "udpout:127.0.0.1:14550"\n'
         '[link.more.second]\nurl = "udpin:127.0.0.1:14551"\n'
     )
+    rover.chmod(0o600)
     recording = Recording(DRIVE)
     recording.config = format_config(load_config(rover))
     assert "0123456789abcdef" not in recording.config

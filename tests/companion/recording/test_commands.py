@@ -55,6 +55,7 @@ class Rover:
         self.folder, self.state = folder, folder / "state"
         self.config = folder / "companion.toml"
         self.config.write_text(CONFIG)
+        self.config.chmod(0o600)
         (folder / "signing.key").write_text("s3cretkey")
         (self.state / "calls").mkdir(parents=True)
         (self.state / "logs").mkdir()

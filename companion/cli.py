@@ -131,12 +131,14 @@ def _run(options: argparse.Namespace) -> int:
     from companion.config import ConfigError, load_config
     from companion.config.link_settings import LinkError
     from companion.storage import JournalError
+    from companion.system.child_process import shut_out
     from companion.system.service_manager import ServiceManager, stop_on_signals
     from companion.wire.parameters import ParameterError
 
     log_to_stderr(logging.DEBUG if options.verbose else logging.INFO)
     if sys.__stderr__ is not None:
         faulthandler.enable(sys.__stderr__)  # systemd's watchdog sends SIGABRT: the log shows what hung
+    shut_out()
     stop, service = stop_on_signals(), ServiceManager()
     service.pause(stop)
     if stop():

@@ -11,7 +11,7 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-_SET_DEATH_SIGNAL = 1
+_SET_DEATH_SIGNAL, _SET_DUMPABLE = 1, 4
 
 
 class ChildProcess:
@@ -95,6 +95,14 @@ def end_with(parent: int) -> None:
     ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != parent:  # it died before the call of prctl
         os._exit(0)
+
+
+def shut_out() -> None:
+    """Let no other process of this user read or write our memory, or take our descriptors; root still may.
+
+    A process that we start by its own program is open again.
+    """
+    ctypes.CDLL(None).prctl(_SET_DUMPABLE, 0)
 
 
 def step_back(niceness: int, first_out: int) -> None:

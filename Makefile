@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo console test lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants bench-modes bench-calls house faults service vm deb clean
+.PHONY: help demo console test lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -49,6 +49,9 @@ bench-modes: ready-dev ## set modes by hand round the companion's own, over a sl
 
 bench-calls: ready-dev ## count the calls of simulated and real drives, and those that ask again (an hour); ARGS=--quick
 	@$(PYTHON_IN_VENV) -m bench.calls $(ARGS)
+
+bench-attack: ready-dev ## attack the companion on its link, its page and its files (ten minutes); ARGS="gate --quick"
+	@$(PYTHON_IN_VENV) -m bench.attack $(ARGS)
 
 bench-vision: ready-dev ## kill the vision process 200 times between an answer and its acknowledgement; ARGS="--kills 20"
 	@$(PYTHON_IN_VENV) -m bench.vision.kills $(ARGS)

@@ -254,6 +254,18 @@ BENCHES = {
             Quoted("longest_override_s", "our driving mode stood over a human's, the longest", "s", LESS),
         ),
     ),
+    "attack": Bench(
+        "bench.attack",
+        "floods, forged names, a page and files without the right to them: what is reached, and what suffers",
+        (10, 3),
+        quick=("--quick",),
+        figures=(
+            Quoted("worst_heartbeat_gap_s", "between two heartbeats, the longest", "s", LESS),
+            Quoted("longest_without_judging_s", "without a judged frame, the longest", "s", LESS),
+            Quoted("reached", "what an attacker got at", "", LESS),
+            Quoted("secrets", "secrets that were read", "", LESS),
+        ),
+    ),
     "calls": Bench(
         "bench.calls",
         "drives in virtual time, answered by go, words or taps: how many calls, and how many ask again",

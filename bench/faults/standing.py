@@ -1,7 +1,8 @@
 """Sets up a rover that stands armed in AUTO: the daemon as it ships, and around it all that it talks to.
 
 The daemon, `python -m companion run`, and the vision process that it starts are processes of their own, with
-the perceiver `builtin:lexicon`. Camera, autopilot and operator are played by this process, over real sockets.
+the perceiver `builtin:lexicon`, unless told otherwise. Camera, autopilot and operator are played by this
+process, over real sockets.
 """
 
 from __future__ import annotations
@@ -41,10 +42,10 @@ _TEXT = """\
 source = "field:{frames}"
 latency = 0
 [perceiver]
-name = "builtin:lexicon"
+name = "{perceiver}"
 threads = 1
 [web]
-listen = ""
+{web}
 [recording]
 size = {recorded}
 rate = 10
@@ -107,8 +108,14 @@ class Standing:
         signs: bool = False,
         listens: bool = False,
         recorded: int = 0,
+        perceiver: str = "builtin:lexicon",
+        web: str = 'listen = ""',
+        link: str = "",
     ) -> None:
-        """out: an existing folder. signs: all sign with one key. listens: as of `Wire`. recorded: MB."""
+        """out: an existing folder. signs: all sign with one key. listens: as of `Wire`. recorded: MB.
+
+        web, link: lines of [web], and more of [link].
+        """
         self.out, self.state = out, out / "state"
         self.thing = False
         """Whether an unknown thing is ahead."""
@@ -127,9 +134,10 @@ class Standing:
         self._frame_id, self._frame_at = 0, 0.0
         self.config = out / "companion.toml"
         host, port = self._frames.address
-        link = 'signing_key = "signing.key"' if signs else ""
+        link = f'signing_key = "signing.key"\n{link}' if signs else link
         self._text = {"frames": f"{host}:{port}", "url": self.wire.url, "link": link, "policy": policy}
-        self._text["recorded"] = str(recorded)
+        self._text |= {"recorded": str(recorded), "perceiver": perceiver, "web": web}
+        self.config.touch(0o600)  # it may hold a token
         self.config.write_text(_TEXT.format(**self._text, state=self.state), encoding="utf-8")
         self.daemon: Child | None = None
 

@@ -42,6 +42,8 @@ class Wire:
         self._encoder = mavlink.MAVLink(None, SYSTEM, AUTOPILOT_COMPONENT_ID)
         self._signing = None if key is None else Signing(key)
         self._beats_at = 0.0
+        self.reboots = False
+        """Whether the autopilot says nothing."""
         self._heard = b""
         self.messages: dict[str, Any] = {}
         """The companion's newest message of each type."""
@@ -60,6 +62,12 @@ class Wire:
             return f"udpin:{HOST}:{self._listener[1]}"
         return f"udpout:{HOST}:{self._socket.getsockname()[1]}"
 
+    @property
+    def companion(self) -> tuple[str, int]:
+        """Where the companion listens. Only with `listens`."""
+        assert self._listener is not None
+        return self._listener
+
     def step(self, now: float) -> None:
         """Carry what came in, and let the autopilot say what is due."""
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
@@ -71,7 +79,7 @@ class Wire:
                     self._socket.sendto(data, other)
                 for message in self._parser.parse_buffer(data) or []:
                     self._take(message, address, now)
-        if now >= self._beats_at:
+        if now >= self._beats_at and not self.reboots:
             self._beats_at = now + 1.0
             self._beat()
 

@@ -47,7 +47,7 @@ def read_listen(text: str) -> Listen | None:
     except ValueError:
         raise ValueError('give "127.0.0.1:8191", another numeric address and port, or "" for none') from None
     if not (port.isdecimal() and port.isascii() and int(port) <= 65535):
-        raise ValueError(f'port "{port}" is not in 0..65535')
+        raise ValueError("the port is not in 0..65535")
     return Listen(str(address), int(port))
 
 

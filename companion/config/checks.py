@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from companion.cameras.shown import is_like_a_url, shown
+
 Schema = Mapping[str, Any]
 """Part of a JSON schema (draft 2020-12), for editors."""
 
@@ -15,11 +17,13 @@ Schema = Mapping[str, Any]
 class Check:
     """Checks a value of the file and converts it for the configuration. Raises ValueError for a wrong one.
 
-    schema: the same check for editors. It may accept more than `take`, never less.
+    schema: the same check for editors. It may accept more than `take`, never less. shown: makes what may be
+    shown and stored of a value, right or wrong, None for nothing. Without it the value is shown to nobody.
     """
 
     take: Callable[[object], Any]
     schema: Schema
+    shown: Callable[[object], object] | None = None
 
     def __call__(self, value: object) -> Any:
         return self.take(value)
@@ -31,6 +35,19 @@ class NestedError(ValueError):
     def __init__(self, found: Sequence[tuple[tuple[str, ...], str]]) -> None:
         super().__init__("; ".join(f"{'.'.join(keys)} {reason}" for keys, reason in found))
         self.found = found
+
+
+def harmless(value: object) -> object:
+    """Return what may be shown of a number, flag, name, address or path, or of a list of them; else None."""
+    match value:
+        case bool() | int() | float():
+            return value
+        case str():
+            return shown(value)
+        case list() | tuple():
+            found = [harmless(one) for one in value]
+            return None if None in found else found
+    return None
 
 
 def number(low: float, high: float, *, above: bool = False, word: str | None = None) -> Check:
@@ -48,7 +65,7 @@ def number(low: float, high: float, *, above: bool = False, word: str | None = N
         return float(value)
 
     numbers = {"type": "number", "exclusiveMinimum" if above else "minimum": low, "maximum": high}
-    return Check(check, {"anyOf": [numbers, {"const": word}]} if word else numbers)
+    return Check(check, {"anyOf": [numbers, {"const": word}]} if word else numbers, harmless)
 
 
 def whole(low: int, high: int) -> Check:
@@ -59,7 +76,7 @@ def whole(low: int, high: int) -> Check:
             raise ValueError(f"give a whole number from {low} to {high}")
         return value
 
-    return Check(check, {"type": "integer", "minimum": low, "maximum": high})
+    return Check(check, {"type": "integer", "minimum": low, "maximum": high}, harmless)
 
 
 def _flag(value: object) -> bool:
@@ -76,10 +93,21 @@ def _text(value: object) -> str:
     return value
 
 
-flag = Check(_flag, {"type": "boolean"})
+flag = Check(_flag, {"type": "boolean"}, harmless)
 """Accepts true or false."""
 text = Check(_text, {"type": "string"})
-"""Accepts a printable string, which may be empty."""
+"""Accepts a printable string, which may be empty. It is not shown."""
+
+
+def _path(value: object) -> str:
+    written = _text(value)
+    if is_like_a_url(written):
+        raise ValueError("give a path on this computer")
+    return written
+
+
+path = Check(_path, text.schema, harmless)
+"""Accepts a path, which may be empty."""
 
 
 def choice(*options: str) -> Check:
@@ -90,7 +118,7 @@ def choice(*options: str) -> Check:
             raise ValueError(f"choose one of {', '.join(options)}")
         return value
 
-    return Check(check, {"enum": list(options)})
+    return Check(check, {"enum": list(options)}, harmless)
 
 
 def listing(check_one: Check, least: int, most: int) -> Check:
@@ -102,18 +130,22 @@ def listing(check_one: Check, least: int, most: int) -> Check:
             raise ValueError(f"give a list of {count} values")
         return tuple(check_one(one) for one in value)
 
-    return Check(check, {"type": "array", "items": check_one.schema, "minItems": least, "maxItems": most})
+    schema = {"type": "array", "items": check_one.schema, "minItems": least, "maxItems": most}
+    return Check(check, schema, check_one.shown)
 
 
-def checked(parse: Callable[[str], object]) -> Check:
-    """Accept a text for which `parse` raises no ValueError; the text itself is stored."""
+def checked(parse: Callable[[str], object], shown: Callable[[object], object] | None = None) -> Check:
+    """Accept a text for which `parse` raises no ValueError; the text itself is stored.
+
+    shown: as in `Check`.
+    """
 
     def check(value: object) -> str:
         written = _text(value)
         parse(written)
         return written
 
-    return Check(check, text.schema)
+    return Check(check, text.schema, shown)
 
 
 Conflict = tuple[tuple[str, ...], str]
@@ -123,6 +155,11 @@ Conflict = tuple[tuple[str, ...], str]
 def setting(default: Any, check: Check, meaning: str, *, tables: bool = False) -> Any:
     """Define a setting of a section. tables: its value is a tuple of (name, section) pairs."""
     return field(default=default, metadata={"check": check, "meaning": meaning, "tables": tables})
+
+
+def checks_of(section: type[Section]) -> dict[str, Check]:
+    """Return the checks of a section's settings."""
+    return {one.name: one.metadata["check"] for one in fields(section)}
 
 
 def section_schema(section: type[Section]) -> Schema:

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from companion.cameras.shown import is_like_a_url, shown
+
 _FORMS = "udpin:0.0.0.0:14550, udpout:127.0.0.1:14550, tcp:127.0.0.1:5760 or serial:/dev/ttyAMA0:57600"
 MAIN = "main"
 MAX_CONNECTIONS = 4
@@ -40,15 +42,19 @@ def read_url(url: str) -> Address:
     scheme, _, rest = url.partition(":")
     place, _, number = rest.rpartition(":")
     if scheme not in {"udpin", "udpout", "tcp", "serial"} or not place or not number.isdecimal():
-        raise LinkError(f'link "{url}" is not understood: {_FORMS}')
+        raise LinkError(f'link "{shown(url)}" is not understood: {_FORMS}')
     if scheme == "serial":
+        if is_like_a_url(place):
+            raise LinkError(
+                f'link "{shown(url)}" is not understood: a serial link is a device of this computer'
+            )
         return Address(scheme, place, int(number))
     try:
         host = str(ipaddress.IPv4Address("127.0.0.1" if place == "localhost" else place))
     except ValueError as error:
-        raise LinkError(f'link "{url}": "{place}" is no IPv4 address (names are not looked up)') from error
+        raise LinkError(f'link "{shown(url)}": that is no IPv4 address (names are not looked up)') from error
     if int(number) > 65535 or (int(number) == 0 and scheme != "udpin"):
-        raise LinkError(f'link "{url}": port {number} is not in 1..65535')
+        raise LinkError(f'link "{shown(url)}": port {number} is not in 1..65535')
     return Address(scheme, host, int(number))
 
 

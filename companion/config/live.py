@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.browser.listen import Listen, read_listen
-from companion.config.checks import Section, checked, setting
+from companion.config.checks import Section, checked, harmless, setting
 
 
 @dataclass(frozen=True)
 class Live(Section):
     """The live view: the topics of the recordings, for Foxglove and Lichtblick, while it happens."""
 
-    listen: str = setting("", checked(read_listen), 'address:port of the live view; "": none')
+    listen: str = setting("", checked(read_listen, harmless), 'address:port of the live view; "": none')
 
     @property
     def address(self) -> Listen | None:

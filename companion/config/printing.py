@@ -7,17 +7,18 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
-from companion.cameras import without_credentials
-from companion.config.checks import Check, Section, number, section_schema, text
+from companion.config.checks import Check, Section, harmless, number, section_schema, text
 from companion.config.schema import SECTIONS, Config
-from companion.config.toml_file import SECRETS
 from companion.config.words import WORDS_OFFERED
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def format_config(config: Config) -> str:
-    """Format `config` as TOML, with each setting's meaning. The vehicle's file is merged into it."""
+    """Format what may be shown of `config` as TOML, with each setting's meaning, to be printed and recorded.
+
+    The vehicle's file is merged into it. Of the values, only what `Check.shown` makes of them is in it.
+    """
     return "\n".join(_lines(config)) + "\n"
 
 
@@ -61,18 +62,19 @@ def _section(name: str, section: Section) -> Iterator[str]:
     for field in fields(section):
         value = getattr(section, field.name)
         meaning = field.metadata["meaning"]
+        shown = field.metadata["check"].shown
         if (name, field.name) == ("vehicle", "file"):
-            yield f'file = ""  # merged into this from {value or "no file"}'
+            yield f'file = ""  # merged into this from {harmless(value) or "no file"}'
         elif value is None:
             yield f"# {field.name} is not set: {meaning}"
-        elif value and (name, field.name) in SECRETS:
-            yield f"# {field.name} is set, and not shown: {meaning}"
         elif field.metadata["tables"]:
             tables += [(f"{name}.{field.name}.{key}", table) for key, table in value]
+        elif value == field.default:
+            yield f"{field.name} = {toml_value(value)}  # {meaning}"
+        elif shown is None:
+            yield f"# {field.name} is set, and not shown: {meaning}"
         else:
-            # A person shows this to others: the password of a camera's URL is not theirs.
-            shown = without_credentials(value) if isinstance(value, str) else value
-            yield f"{field.name} = {toml_value(shown)}  # {meaning}"
+            yield f"{field.name} = {toml_value(shown(value))}  # {meaning}"
     for inner, table in tables:
         yield from _section(inner, table)
 

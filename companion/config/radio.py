@@ -14,12 +14,14 @@ from companion.config.checks import (
     NestedError,
     Section,
     checked,
+    checks_of,
     flag,
+    harmless,
     listing,
     number,
+    path,
     section_schema,
     setting,
-    text,
     whole,
 )
 from companion.config.link_settings import LONGEST_PACE, ConnectionSettings, LinkSettings, read_url
@@ -32,7 +34,7 @@ class Connection(Section):
 
     url: str = setting(
         "udpin:127.0.0.1:14550",
-        checked(read_url),
+        checked(read_url, harmless),
         "udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud",
     )
     budget: float = setting(300.0, number(0, 1e6), "bytes/s of unsolicited traffic, 0 unlimited")
@@ -89,7 +91,7 @@ def _connection(name: str, table: object, problems: list[Conflict]) -> Connectio
 
 
 def _checked(key: str, value: object) -> Any:
-    checks = {field.name: field.metadata["check"] for field in fields(Connection)}
+    checks = checks_of(Connection)
     if key not in checks:
         raise ValueError(f"is not known; {nearest(key, checks)}")
     return checks[key](value)
@@ -110,7 +112,7 @@ class Link(Connection):
     allowed_senders: tuple[int, int] = setting(
         (245, 255), listing(whole(1, 255), 2, 2), "first and last system id that may change anything"
     )
-    signing_key: str | None = setting(None, text, "file of the signing key; unset: nothing is signed")
+    signing_key: str | None = setting(None, path, "file of the signing key; unset: nothing is signed")
     unsigned_autopilot: bool = setting(
         False,  # noqa: FBT003
         flag,

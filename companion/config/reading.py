@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from companion.config.checks import NestedError, Section
+from companion.cameras.shown import shown
+from companion.config.checks import NestedError, Section, checks_of, harmless
 from companion.config.link_settings import LONGEST_PACE_WITH_STICKS
+from companion.config.radio import Connection
 from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Vehicle
-from companion.config.toml_file import ConfigError, Layer, Problem, nearest
+from companion.config.toml_file import ConfigError, KeyPath, Layer, Problem, nearest
 from companion.config.words import read_words
 from companion.wire.parameters import MAX_WORDS, OBSTACLE
 
@@ -21,7 +23,7 @@ SERVICE = Path("/var/lib/anytraverse")
 
 def load_config(path: str | Path) -> Config:
     """Load the file `path` and the vehicle's file that it names; `path` wins. Raises ConfigError."""
-    main = Layer.read(Path(os.path.expanduser(path)))
+    main = Layer.read(Path(os.path.expanduser(path)), _shown)
     problems: list[Problem] = []
     layers = [main]
     _refuse_unknown(main, (*WORD_KEYS, *SECTIONS), problems)
@@ -75,7 +77,7 @@ def state_folder(config: Config, service: Path = SERVICE) -> Path:
 
 def word_problem(path: str | Path, word: str, reason: str) -> Problem:
     """Make a problem with a word in use, located in `path` or in the vehicle's file. Raises ConfigError."""
-    main = Layer.read(Path(os.path.expanduser(path)))
+    main = Layer.read(Path(os.path.expanduser(path)), _shown)
     vehicle = _read_vehicle(main, [])
     owner = main if vehicle is None or "words" in main.data else vehicle
     return owner.problem(("words", word), reason)
@@ -88,11 +90,13 @@ def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:
     path = main.path.parent / os.path.expanduser(name)
     if not os.path.isfile(path):
         problems.append(
-            main.problem(("vehicle", "file"), f'there is no file {path}: name the vehicle\'s file, or ""')
+            main.problem(
+                ("vehicle", "file"), f'there is no file {shown(str(path))}: name the vehicle\'s file, or ""'
+            )
         )
         return None
     try:
-        return Layer.read(path)
+        return Layer.read(path, _shown)
     except ConfigError as error:
         problems.extend(error.problems)
         return None
@@ -114,7 +118,7 @@ def _refuse_unknown(layer: Layer, known: Sequence[str], problems: list[Problem])
 
 def _place_of(layer: Layer, key: str) -> str:
     """Say below which [section] a setting belongs; "" when there is no such setting."""
-    place = next((name for name, section in SECTIONS.items() if key in _settings_of(section)), None)
+    place = next((name for name, section in SECTIONS.items() if key in checks_of(section)), None)
     if place is None:
         return ""
     # In the shipped file headlines are commented out like the settings below them, and easily left so.
@@ -122,15 +126,25 @@ def _place_of(layer: Layer, key: str) -> str:
     return f"below [{place}]{missing}"
 
 
-def _settings_of(section: type[Section]) -> list[str]:
-    return [field.name for field in fields(section)]
+def _shown(keys: KeyPath, value: object) -> object:
+    """Return what may be shown of a value of the file; None for nothing, as of unknown settings."""
+    match keys:
+        case ("words", _):
+            return harmless(value)
+        case ("link", "more", _, key):
+            check = checks_of(Connection).get(key)
+        case (name, key) if name in SECTIONS:
+            check = checks_of(SECTIONS[name]).get(key)
+        case _:
+            check = None
+    return check.shown(value) if check is not None and check.shown is not None else None
 
 
 def _read_section(
     name: str, section: type[Section], layers: Sequence[Layer], problems: list[Problem]
 ) -> Section:
     """Read a section. The first layer that has a setting gives its value; a wrong value is left out."""
-    checks = {field.name: field.metadata["check"] for field in fields(section)}
+    checks = checks_of(section)
     given: dict[str, Any] = {}
     source: dict[str, Layer] = {}
     before = len(problems)

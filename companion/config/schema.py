@@ -16,16 +16,18 @@ from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
 from companion.cameras import CameraOptions, split_source
 from companion.cameras.pixel_formats import MJPEG, PIXEL_FORMATS, frame_bytes
+from companion.cameras.shown import is_like_a_url, shown
 from companion.config.checks import (
     Conflict,
     Section,
     checked,
     choice,
     flag,
+    harmless,
     listing,
     number,
+    path,
     setting,
-    text,
     whole,
 )
 from companion.config.live import Live
@@ -43,7 +45,7 @@ SMALLEST_RING = 20
 class Camera(Section):
     """Where frames come from."""
 
-    source: str = setting("folder:pictures", checked(split_source), "kind:place of the camera")
+    source: str = setting("folder:pictures", checked(split_source, harmless), "kind:place of the camera")
     rate: float = setting(10.0, number(0.5, 60), "frames/s that the companion aims to judge")
     playback: float | None = setting(
         None, number(0.5, 240), "frames/s of a video or folder; unset: the video's own, 10 for a folder"
@@ -88,15 +90,24 @@ class Camera(Section):
 
 
 def _known_perceiver(name: str) -> None:
-    if name.partition(":")[0] not in KINDS:
+    kind, _, place = name.partition(":")
+    if kind not in KINDS:
         raise ValueError(f"no perceiver is called that: begin with one of {', '.join(KINDS)}")
+    if is_like_a_url(place):
+        raise ValueError("give a bundle's folder on this computer")
+
+
+def _shown_perceiver(name: object) -> str | None:
+    return shown(name, KINDS) if isinstance(name, str) else None
 
 
 @dataclass(frozen=True)
 class Perceiver(Section):
     """Which perceiver turns words and frames into maps, and how its networks run."""
 
-    name: str = setting("builtin", checked(_known_perceiver), "kind, or kind:folder of its bundle")
+    name: str = setting(
+        "builtin", checked(_known_perceiver, _shown_perceiver), "kind, or kind:folder of its bundle"
+    )
     providers: tuple[str, ...] = setting(
         ("CPU",),
         listing(choice(*PROVIDERS), 1, len(PROVIDERS)),
@@ -123,7 +134,7 @@ class Perceiver(Section):
 class Vehicle(Section):
     """Which vehicle's file is merged into this one."""
 
-    file: str = setting("vehicles/rover.toml", text, 'the vehicle\'s file, relative to this one; "" for none')
+    file: str = setting("vehicles/rover.toml", path, 'the vehicle\'s file, relative to this one; "" for none')
 
 
 @dataclass(frozen=True)
@@ -279,7 +290,7 @@ class Journal(Section):
     """Where data is stored that must survive a restart."""
 
     folder: str | None = setting(
-        None, text, "folder; unset: $STATE_DIRECTORY under systemd, else ~/.local/state/anytraverse"
+        None, path, "folder; unset: $STATE_DIRECTORY under systemd, else ~/.local/state/anytraverse"
     )
     scenes: int = setting(256, whole(1, 10_000), "answered scenes that are stored")
 

@@ -6,13 +6,11 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
-
-from companion.cameras import without_credentials
 
 _LONGEST_VALUE = 40
 
@@ -21,7 +19,7 @@ _LONGEST_VALUE = 40
 class Problem:
     """One problem to correct. line: from 1, None for the whole file. key: such as "call.votes", may be empty.
 
-    value: the value in the file, as Python object; None when it does not matter.
+    value: what may be shown of the value in the file, None for nothing.
     """
 
     file: Path
@@ -45,13 +43,11 @@ class ConfigError(Exception):
 
 
 def _short(value: object) -> str:
-    text = str(value).lower() if isinstance(value, bool) else without_credentials(repr(value))
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
 
 
 KeyPath = tuple[str, ...]
-SECRETS = frozenset({("web", "token")})
-"""Settings whose values are shown to nobody."""
 
 _TOKEN = re.compile(
     r"""
@@ -137,18 +133,23 @@ class Layer:
         path: Path,
         data: Mapping[str, Any],
         lines: Mapping[KeyPath, int],
+        shown: Callable[[KeyPath, object], object],
         *,
         others_may_read: bool = False,
     ) -> None:
-        """others_may_read: whether users outside of the file's group may."""
+        """shown: makes what a problem may show of the value at some keys, None for nothing.
+
+        others_may_read: whether users outside of the file's group may.
+        """
         self.path = path
         self.data = data
         self.others_may_read = others_may_read
         self._lines = lines
+        self._shown = shown
 
     @classmethod
-    def read(cls, path: Path) -> Layer:
-        """Read a file. Raises ConfigError when it cannot be read or is no TOML."""
+    def read(cls, path: Path, shown: Callable[[KeyPath, object], object] = lambda *_: None) -> Layer:
+        """Read a file. Raises ConfigError when it cannot be read or is no TOML. shown: as above."""
         try:
             with path.open("rb") as file:
                 raw, mode = file.read(_LARGEST + 1), os.fstat(file.fileno()).st_mode
@@ -156,7 +157,7 @@ class Layer:
                 raise _file_error(path, "is larger than 1 MiB: this is no configuration")
             text = raw.decode().replace("\r\n", "\n")
             others_may_read = bool(mode & stat.S_IROTH)
-            return cls(path, tomllib.loads(text), key_lines(text), others_may_read=others_may_read)
+            return cls(path, tomllib.loads(text), key_lines(text), shown, others_may_read=others_may_read)
         except FileNotFoundError:
             raise _file_error(path, "there is no such file: `companion init` writes one") from None
         except OSError as error:
@@ -175,9 +176,7 @@ class Layer:
         """Make a problem with the value at `keys`, on its line or that of the table around it."""
         around = (keys[:depth] for depth in range(len(keys), 0, -1))
         line = next((self._lines[key] for key in around if key in self._lines), None)
-        value = self.value(keys)
-        shown = None if isinstance(value, Mapping) or keys in SECRETS else value
-        return Problem(self.path, line, ".".join(keys), shown, reason)
+        return Problem(self.path, line, ".".join(keys), self._shown(keys, self.value(keys)), reason)
 
     def value(self, keys: KeyPath) -> object:
         """The value at `keys`; None when there is none."""

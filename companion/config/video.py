@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.browser.listen import Listen, read_listen
-from companion.config.checks import Conflict, Section, checked, number, setting, whole
+from companion.config.checks import Conflict, Section, checked, harmless, number, path, setting, whole
 
 PATH = "/anytraverse"
 WIDTH = 640
@@ -52,8 +52,10 @@ def video_size(height: int, width: int) -> tuple[int, int]:
 class Video(Section):
     """The companion as a MAVLink camera, with a video in which an operator points at things."""
 
-    listen: str = setting("", checked(read_listen), 'address:port of the RTSP video; "": no camera')
-    url: str = setting("", checked(check_url), 'its address, as told to ground stations; "": that of listen')
+    listen: str = setting("", checked(read_listen, harmless), 'address:port of the RTSP video; "": no camera')
+    url: str = setting(
+        "", checked(check_url, harmless), 'its address, as told to ground stations; "": that of listen'
+    )
     component: int = setting(100, whole(100, 105), "MAVLink component of the camera")
     rate: float = setting(5.0, number(1.0, 15.0), "pictures per second")
     encoder: str = setting(
@@ -61,7 +63,7 @@ class Video(Section):
         checked(check_encoder),
         "the GStreamer element that encodes H.264, with its properties",
     )
-    python: str = setting("/usr/bin/python3", checked(str), "the Python that has GStreamer's bindings (gi)")
+    python: str = setting("/usr/bin/python3", path, "the Python that has GStreamer's bindings (gi)")
 
     def conflicts(self) -> Iterator[Conflict]:
         listen = self.address

@@ -6,14 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from companion.browser.listen import Listen, check_token, read_listen
-from companion.config.checks import Conflict, Section, checked, setting
+from companion.config.checks import Conflict, Section, checked, harmless, setting
 
 
 @dataclass(frozen=True)
 class Web(Section):
     """The page that shows a browser what the companion does."""
 
-    listen: str = setting("127.0.0.1:8191", checked(read_listen), 'address:port of the page; "": no page')
+    listen: str = setting(
+        "127.0.0.1:8191", checked(read_listen, harmless), 'address:port of the page; "": no page'
+    )
     token: str = setting("", checked(check_token), "whoever knows it sees the page and may answer on it")
 
     def conflicts(self) -> Iterator[Conflict]:

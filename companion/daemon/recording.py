@@ -92,7 +92,7 @@ class Recording:
         rate: float,
         config: str,
     ) -> None:
-        """rate: frames/s that are recorded. config: the configuration in force, without secrets."""
+        """rate: frames/s that are recorded. config: the one in force, as `format_config` makes it."""
         self.left_out = 0
         self.guard = ErrorGuard(lambda _now: None)
         self._listeners: tuple[int, ...] = ()

@@ -85,7 +85,7 @@ class _DriveClock:
 class Recording:
     """Recordings of one drive, in their order: a file, or all of a folder.
 
-    model: the perceiver's id. config: the rover's configuration, TOML without secrets.
+    model: the perceiver's id. config: the rover's configuration, TOML of `format_config`.
     """
 
     def __init__(self, path: Path) -> None:

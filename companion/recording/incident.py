@@ -40,7 +40,7 @@ README = """What a rover's AnyTraverse companion recorded around {what}.
 
 recording.mcap   where anything was recorded: frames, maps, assessments, calls, answers, vehicle, log
                  Open it in Foxglove or Lichtblick (layout: foxglove/anytraverse.json of `companion init`)
-config.toml      the configuration, without its secrets
+config.toml      the configuration; of the camera's source and of addresses, what is no secret
 status.json      what the companion said of itself last
 calls/           records and pictures of the calls
 logs/            its log
@@ -95,8 +95,8 @@ def write_incident(
 ) -> Incident:
     """Write the zip. It works beside a companion that runs, and with recordings that end anywhere.
 
-    folder: the companion's state. config: without secrets, as `format_config` makes it. windows: what is
-    taken of the recordings. calls: whose files are taken, beside those of the windows. what: for the reader.
+    folder: the companion's state. config: as `format_config` makes it. windows: what is taken of the
+    recordings. calls: whose files are taken, beside those of the windows. what: for the reader.
     short: whether it is for a radio, see `README_SHORT`.
     Raises OSError, FileExistsError where `out` is there already.
     """

@@ -35,7 +35,7 @@ class PackingError(Exception):
 
 
 class Asked(NamedTuple):
-    """What is to be packed. folder: the companion's state. config: without secrets.
+    """What is to be packed. folder: the companion's state. config: as `format_config` makes it.
 
     call: id of the call or hold, 0: the last minute. not_recorded: why nothing is recorded, "" where it is.
     """

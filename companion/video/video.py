@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from companion.cameras.shown import shown
 from companion.config import Config
 from companion.config.video import PATH
 from companion.system.error_guard import ErrorGuard
@@ -105,7 +106,7 @@ class Video:
     def figures(self) -> dict[str, Any]:
         """Return where the video is, whether it is watched, what is wrong, and how often it was restarted."""
         return {
-            "url": self.url,
+            "url": self.url and (shown(self._settings.url) or self.url),
             "watched": self.watched,
             "trouble": self.trouble,
             "restarts": self._process.restarted,

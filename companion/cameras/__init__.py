@@ -15,10 +15,11 @@ CameraError                 the camera must be opened again; the text says what 
 from __future__ import annotations
 
 import importlib
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from companion.cameras.shown import is_like_a_url, plain_words, shown
 
 if TYPE_CHECKING:
     from anytraverse.frame import Depth, Image, Intrinsics
@@ -35,7 +36,6 @@ __all__ = [
     "SourceError",
     "open_camera",
     "split_source",
-    "without_credentials",
 ]
 
 
@@ -135,26 +135,22 @@ class Camera(Protocol):
 
 CameraMaker = Callable[[str, CameraOptions], Camera]
 
+_OF_FILES = ("video", "folder", "v4l2")
+
 
 def split_source(source: str) -> tuple[str, str]:
     """Split a source into (kind, place). Raises SourceError for an unknown kind or a missing place."""
     kind, _, place = source.partition(":")
     if kind not in KINDS:
         known = ", ".join(f"{name}:..." for name in KINDS)
-        raise SourceError(f'"{without_credentials(source)}" names no camera: begin with one of {known}')
+        raise SourceError(f'"{shown(source)}" names no camera: begin with one of {known}')
     if not place.strip() and kind != "oak":
         raise SourceError(f'"{source}" says what kind of camera but not where: write {kind}:PLACE')
+    if kind in _OF_FILES and is_like_a_url(place):
+        raise SourceError(
+            f"{kind}: is for files and devices of this computer: begin an address with rtsp:// or http://"
+        )
     return kind, place
-
-
-def without_credentials(text: str) -> str:
-    """Return a text with "***" for the user and password of each URL in it, for logs and people.
-
-    Everything up to the last "@" of a URL goes, since a password may hold any sign, even if its "://" is
-    mistyped. Of a query goes what is called a password or token.
-    """
-    text = re.sub(r"((?://|\b(?:rtsp|https?):)/*)[^\s/]\S*@", r"\1***@", text)
-    return re.sub(r"((?:passw(?:or)?d|pwd|pass|token)=)[^&\s\"']+", r"\1***", text, flags=re.IGNORECASE)
 
 
 def open_camera(source: str, options: CameraOptions | None = None) -> Camera:
@@ -171,4 +167,10 @@ def open_camera(source: str, options: CameraOptions | None = None) -> Camera:
         raise SourceError(
             f'camera "{kind}" needs {error.name}: pip install "anytraverse-companion[{extra}]"'
         ) from error
-    return maker(place, options or CameraOptions())
+    try:
+        return maker(place, options or CameraOptions())
+    except CameraError:
+        raise
+    except Exception as error:  # a driver may raise anything, with the source in it
+        told = plain_words(str(error), source) or type(error).__name__
+        raise CameraError(f"{shown(source)} cannot be opened: {told}") from None

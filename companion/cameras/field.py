@@ -6,6 +6,7 @@ import ipaddress
 
 from companion.cameras import CameraError, CameraOptions, Capture, NoFrameYet, SourceError
 from companion.cameras.frame_socket import FrameError, FrameStream, FrameTimeout
+from companion.cameras.shown import shown
 
 
 class FieldCamera:
@@ -40,7 +41,9 @@ def _address(place: str) -> tuple[str, int]:
         port = int(number)
         loopback = host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
-        raise SourceError(f'"{place}" is no address: write field:127.0.0.1:PORT') from None
+        raise SourceError("the field's camera is at no such address: write field:127.0.0.1:PORT") from None
     if not loopback or not 0 < port < 65536:
-        raise SourceError(f'"{place}" is no loopback address with a port: write field:127.0.0.1:PORT')
+        raise SourceError(
+            f"{shown(f'field:{place}')} is no loopback address with a port: write field:127.0.0.1:PORT"
+        )
     return host.strip("[]"), port

@@ -29,6 +29,7 @@ from companion.cameras import (  # noqa: E402
     SourceError,
 )
 from companion.cameras.late_frames import CAME_LATE, LateFrames, StreamClock  # noqa: E402
+from companion.cameras.shown import address  # noqa: E402
 
 OPENS_WITHIN = 3.0
 LEAST_READ_TIMEOUT = 2.0
@@ -50,7 +51,7 @@ class _Stream:
 
     def __init__(self, place: str, options: CameraOptions) -> None:
         self._url = _checked(f"{self.SCHEME}:{place}")
-        self._name = f"{self.SCHEME}://{self._url.hostname}:{self._url.port or self.PORT}"
+        self._name = address(self._url.geturl())
         self._latency, self._freshness = options.latency, options.freshness
         self._late, self._clock = LateFrames(options.freshness), StreamClock()
         os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = _USERS_OPTIONS or self.OPTIONS
@@ -126,7 +127,7 @@ class _Stream:
             with socket.create_connection((host, self._url.port or self.PORT), _PROBE_TIMEOUT) as plain:
                 code = self._status_code(plain)
         except socket.gaierror:
-            return f"the name {host} is not known: check [camera] source and the network"
+            return f"the name of {self._name} is not known: check [camera] source and the network"
         except TimeoutError:
             return f"{self._name} does not answer: check camera, power and network"
         except ConnectionRefusedError:
@@ -215,12 +216,15 @@ def _busy() -> float:
 
 
 def _checked(url: str) -> SplitResult:
-    """Split a URL. Raises SourceError when it names no host."""
+    """Split a URL. Raises SourceError when it names no host, or when its host may be part of a password."""
     try:
         split = urlsplit(url)
-        if split.hostname and split.port != 0 and url.isascii() and " " not in url:
+        if split.hostname and split.port != 0 and url.isascii() and " " not in url and address(url):
             return split
     except ValueError:  # a wrong port
         pass
     scheme = url.partition(":")[0]
-    raise SourceError(f"the source is no address: write {scheme}://USER:PASSWORD@HOST:PORT/PATH")
+    raise SourceError(
+        f"the source is no address: write {scheme}://USER:PASSWORD@HOST:PORT/PATH, "
+        "with %40 for an @ elsewhere, and %2F, %3F and %23 for / ? # in a password"
+    )

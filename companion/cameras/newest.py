@@ -18,8 +18,8 @@ from companion.cameras import (
     Capture,
     EndOfFrames,
     NoFrameYet,
-    without_credentials,
 )
+from companion.cameras.shown import plain_words
 
 _log = logging.getLogger(__name__)
 
@@ -192,8 +192,10 @@ class CameraThread:
                 _log.info("%s", end)
                 self._set(state=CameraState.ENDED, reason=str(end))
                 return
+            except CameraError as failure:
+                reason = str(failure)[:_LONGEST_REASON]
             except Exception as failure:  # a driver may raise anything, and the rover still needs its camera
-                reason = without_credentials(str(failure) or type(failure).__name__)[:_LONGEST_REASON]
+                reason = (plain_words(str(failure)) or type(failure).__name__)[:_LONGEST_REASON]
             if self._status.read > read_before:
                 pause = self._patience.first
             if reason != self._status.reason:
@@ -220,7 +222,7 @@ class CameraThread:
                 except NoFrameYet:
                     pass
                 except BadFrame as bad:
-                    self._bad = without_credentials(str(bad))[:_LONGEST_REASON]
+                    self._bad = str(bad)[:_LONGEST_REASON]
                     self._set(refused=self._status.refused + 1)
                     if not warned:
                         _log.warning("frame refused: %s (further ones are only counted)", self._bad)

@@ -28,6 +28,7 @@ from companion.cameras import (  # noqa: E402
     NoFrameYet,
 )
 from companion.cameras.late_frames import CAME_LATE  # noqa: E402
+from companion.cameras.shown import shown  # noqa: E402
 
 _USUAL_SIZE = (640, 480)
 _STEREO_SIZE, _USUAL_FPS = (640, 400), 30.0
@@ -160,5 +161,5 @@ def _chosen(place: str) -> Any:
     if chosen:
         raise CameraError(f"there are several OAKs: write oak:ID with one of {ids}")
     if found:
-        raise CameraError(f"there is no OAK {place}: write oak:ID with one of {ids}")
+        raise CameraError(f"{shown(f'oak:{place}')} is not there: write oak:ID with one of {ids}")
     raise CameraError("no OAK is there: check its cable, its supply and the udev rule (docs/cameras.md)")

@@ -26,10 +26,10 @@ from companion.cameras import (
     Capture,
     NoFrameYet,
     SourceError,
-    without_credentials,
 )
 from companion.cameras.late_frames import CAME_LATE, LateFrames
 from companion.cameras.pixel_formats import frame_bytes, to_rgb
+from companion.cameras.shown import plain_words, program
 
 _log = logging.getLogger(__name__)
 
@@ -65,8 +65,9 @@ class Pipe:
         except ValueError as error:
             raise SourceError(f"{error}: correct [camera]") from error
         self._width, self._height, self._format = width or 0, height or 0, form or ""
-        command = _split(place)
-        self._name = os.path.basename(command[0])
+        self._source = place
+        self._name = program(place) or "the program"
+        command = _split(place, self._name)
         self._latency = options.latency
         self._late = LateFrames(options.freshness)
         self._sizes = _WrongSize(self._size)
@@ -161,14 +162,13 @@ class Pipe:
         *lines, rest = (self._error_text + data).replace(b"\r", b"\n").split(b"\n")
         self._error_text = rest[-_LONGEST_LINE:]
         for line in lines if data else [*lines, rest]:
-            self._log_line(without_credentials(line.decode(errors="replace"))[:_LONGEST_LINE].strip())
+            self._log_line(plain_words(line.decode(errors="replace"), self._source)[:_LONGEST_LINE])
 
     def _log_line(self, line: str) -> None:
-        line = "".join(letter if letter.isprintable() else " " for letter in line)
         if not line:
             return
-        self._last_words = re.sub(r" @ 0x[0-9a-f]+", "", line)
-        shape = re.sub(r"[0-9a-fx.]+", "0", line)
+        self._last_words = line
+        shape = re.sub(r"[0-9]+", "0", line)
         if shape in _KNOWN_LINES or self._lines_left <= 0:
             return
         _KNOWN_LINES.append(shape)
@@ -208,8 +208,8 @@ class _WrongSize:
         return size % self._size != 0 and size & (size - 1) != 0
 
 
-def _split(place: str) -> list[str]:
-    """Split a command like a shell does. Raises SourceError when there is no such program."""
+def _split(place: str, name: str) -> list[str]:
+    """Split a command like a shell does. Raises SourceError when there is no such program. name: its own."""
     try:
         command = shlex.split(place)
     except ValueError as error:
@@ -219,7 +219,5 @@ def _split(place: str) -> list[str]:
     if not command:
         raise SourceError("the source pipe: names no command: write pipe:COMMAND")
     if shutil.which(command[0]) is None:
-        raise CameraError(
-            f"{command[0]} is not installed, or not executable: install it, or write its full path"
-        )
+        raise CameraError(f"{name} is not installed, or not executable: install it, or write its full path")
     return command

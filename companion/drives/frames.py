@@ -13,6 +13,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.look import read_picture
 from companion.cameras import CameraError, split_source
 from companion.cameras.folder import pictures
+from companion.cameras.shown import shown
 from companion.cameras.video import open_video, own_rate
 from companion.drives.drive import Drive, DriveError, DriveFrame, printable
 from companion.drives.recorded import Recording
@@ -36,15 +37,21 @@ def open_drive(where: str, rate: float) -> Drive:
             return _Video(path, rate)
     except CameraError as error:
         raise DriveError(str(error).removesuffix(": check [camera] source")) from error
-    raise DriveError(f"{where} is no drive: give a folder of pictures, a video file, or a recording")
+    raise DriveError(f"{shown(where)} is no drive: give a folder of pictures, a video file, or a recording")
 
 
 def located(where: str) -> tuple[str, Path]:
-    """Return the kind of a drive, "folder" or "video" or as it is named, and its absolute path."""
+    """Return the kind of a drive, "folder" or "video" or as it is named, and its absolute path.
+
+    Raises DriveError.
+    """
     path = Path(where).expanduser()
     kind = "folder" if path.is_dir() else "video"
     if not path.exists() and ":" in where:
-        kind, place = split_source(where)
+        try:
+            kind, place = split_source(where)
+        except CameraError as error:
+            raise DriveError(str(error)) from error
         path = Path(place).expanduser()
     return kind, Path(os.path.abspath(path))
 

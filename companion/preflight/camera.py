@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from companion.cameras import without_credentials
+from companion.cameras.shown import shown
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.vision.exposure import ADVICE
@@ -27,7 +27,7 @@ def check_camera(rover: Rover) -> list[Finding]:
     seen, config = rover.seen, rover.config
     if seen.trouble:
         return [failed(CAMERA, seen.trouble)]
-    what = f"{without_credentials(config.camera.source)}, {seen.width} x {seen.height}"
+    what = f"{shown(config.camera.source)}, {seen.width} x {seen.height}"
     aspect, is_now = config.mount.aspect, seen.width / seen.height
     if config.mount.height is not None and abs(is_now / aspect - 1.0) > _ASPECT_OFF:
         wrong = (

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from companion.cameras import CameraError, CameraOptions, Capture, without_credentials
+from companion.cameras import CameraError, CameraOptions, Capture
+from companion.cameras.shown import shown
 from companion.cameras.v4l2_devices import DeviceError, devices
 from companion.config import ConfigError, load_config
 from companion.preflight.watching import newest_capture
@@ -55,7 +56,7 @@ def list_cameras(file: str, folder: str) -> int:
             capture = newest_capture(camera.source, camera.options, _SETTLES)
             path = _save(capture, Path(folder) / f"camera-{number}.jpg")
         except (CameraError, OSError) as error:
-            print(f"   {without_credentials(str(error))}")
+            print(f"   {error}")
             continue
         saved += 1
         height, width, _ = capture.image.shape
@@ -76,7 +77,7 @@ def _configured(file: str) -> Iterator[Found]:
         yield Found(f"the one in {file}", why=str(error))
         return
     source = config.camera.source
-    name = f"the one in {file}: {without_credentials(source)}"
+    name = f"the one in {file}: {shown(source)}"
     yield Found(name, source, options=config.camera_options)
 
 

@@ -18,7 +18,6 @@ from companion.cameras import (
     EndOfFrames,
     NoFrameYet,
     open_camera,
-    without_credentials,
 )
 from companion.config import Config
 from companion.vision.exposure import exposure_name
@@ -122,7 +121,7 @@ def watch(config: Config) -> Seen:
     try:
         watched = _read_for(config.camera.source, config.camera_options, seconds)
     except CameraError as error:
-        return Seen(without_credentials(str(error)))
+        return Seen(str(error))
     if watched.newest is None:
         return Seen(watched.why)
     silence = 0.0 if watched.ended else time.monotonic() - watched.arrived[-1]

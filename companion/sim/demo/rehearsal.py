@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from companion.cameras.shown import shown
 from companion.sim.demo.child import Child, ChildError
 from companion.sim.demo.config import write_config
 from companion.sim.demo.operator import start_operator
@@ -26,7 +27,7 @@ def run_camera_demo(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     logs.mkdir(exist_ok=True)
     port = free_port()
     story.plain(
-        f"No rover: {camera} is judged as if one drove by it. `shadow` says where it would have held."
+        f"No rover: {shown(camera)} is judged as if one drove by it. `shadow` says where it would have held."
     )
     operator = start_operator(f"udpin:127.0.0.1:{port}", logs, auto=auto)
     try:

@@ -258,7 +258,6 @@ BENCHES = {
         "bench.attack",
         "floods, forged names, a page and files without the right to them: what is reached, and what suffers",
         (10, 3),
-        quick=("--quick",),
         figures=(
             Quoted("worst_heartbeat_gap_s", "between two heartbeats, the longest", "s", LESS),
             Quoted("longest_without_judging_s", "without a judged frame, the longest", "s", LESS),

@@ -86,6 +86,7 @@ def written(folder: Path, source: str, more: str = "") -> Path:
         folder = "{folder / "state"}"
         """
     )
+    path.chmod(0o600)
     return path
 
 

@@ -163,10 +163,10 @@ mv -T "$opt/anytraverse.new" "$opt/anytraverse"
 release=$("$opt/anytraverse/bin/companion" --version)
 if booted && systemctl --quiet is-active companion; then
     say "done: $release runs, with your settings of before. To see what it does, type:"
-    say "  $opt/anytraverse/bin/companion status $config/companion.toml"
+    say "  sudo $opt/anytraverse/bin/companion status $config/companion.toml"
 else
     say "done: $release is installed and does not run yet. Name your camera and your autopilot, then start it. Type:"
     say "  sudoedit $config/companion.toml"
     say "  sudo systemctl enable --now companion"
-    say "  $opt/anytraverse/bin/companion status $config/companion.toml"
+    say "  sudo $opt/anytraverse/bin/companion status $config/companion.toml"
 fi

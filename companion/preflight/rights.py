@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from companion.cameras import CameraError, split_source
 from companion.config.link_settings import LinkError
+from companion.config.reading import SERVICE
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped
 from companion.system.computer import is_folder
@@ -25,6 +26,8 @@ class _User(NamedTuple):
 
 
 _READ, _WRITE, _ENTER = 4, 2, 1
+_HOMES = ("/home/", "/root/", "/run/user/")
+"""What ProtectHome=yes of the unit hides."""
 _PATHS = ("v4l2", "video", "folder")
 """Kinds of camera whose place is a path. Others may hold a password, which must not be shown."""
 
@@ -40,6 +43,12 @@ def check_rights(rover: Rover) -> list[Finding]:
         for path, rights in _used(rover)
         if not _is_absent(path) and not _may(user, path, rights)
     ]
+    if rover.folder == SERVICE:
+        bad += [
+            failed(RIGHTS, f"the service does not see {path}: move it out of the home folder, e.g. to /opt")
+            for path, _ in _used(rover)
+            if str(path).startswith(_HOMES)
+        ]
     return bad or [passed(RIGHTS, f"user {user.name} may use its files and devices")]
 
 
@@ -58,6 +67,9 @@ def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
     yield rover.folder, _READ | _WRITE | _ENTER
     if config.link.signing_key is not None:
         yield Path(config.link.signing_key), _READ
+    bundle = Path(config.perceiver.name.partition(":")[2])
+    if bundle.is_absolute():
+        yield bundle, _READ | (_ENTER if is_folder(bundle) else 0)
     try:
         kind, where = split_source(config.camera.source)
         place = Path(where)

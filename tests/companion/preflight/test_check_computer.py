@@ -151,6 +151,19 @@ def test_what_the_service_s_user_may_not_use_is_told_with_what_to_type(opened: P
     assert len(check_rights(one)) == 3, "nothing below a folder that cannot be entered can be used"
 
 
+def test_what_the_service_needs_in_a_home_folder_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = rover(tmp_path, more='[perceiver]\nname = "clipseg:/home/pi/clipseg"\n')
+    one.folder.mkdir()
+    assert only(check_rights(one))[0] == "pass", "no service"
+    monkeypatch.setattr(rights, "SERVICE", one.folder)
+    assert only(check_rights(one)) == (
+        "fail",
+        "the service does not see /home/pi/clipseg: move it out of the home folder, e.g. to /opt",
+    )
+
+
 def test_a_camera_s_command_or_url_is_no_file_of_which_rights_are_checked(tmp_path: Path) -> None:
     command = f"pipe:/usr/bin/rpicam-vid {'-n ' * 100}-o -"
     more = f'[camera]\nsource = "{command}"\nwidth = 640\nheight = 480\npixel_format = "yuv420p"\n'

@@ -3,7 +3,8 @@
 answers, torrent, heartbeats, noise: floods of the link, with a real vision process, an open call and an
 operator. gate: the rover's page without its token. identities: autopilot and operator without the key, and
 what they said played back. files: paths that lead out of what MAVLink FTP serves, and links that a part which
-was broken into could have left there.
+was broken into could have left there. secrets: a camera's password, in 25 forms, looked for in all that a
+companion prints, logs, records and packs.
 Prints a line for each kind; the last line is one JSON object: worst_heartbeat_gap_s,
 longest_without_judging_s, secrets, reached, and all figures by kind. Exit code 1: a promise was broken.
 Run: make bench-attack, or python -m bench.attack [answers gate] [--quick]
@@ -27,12 +28,14 @@ from bench.attack.floods import RATES, flood
 from bench.attack.gate import gate
 from bench.attack.identities import identities
 from bench.attack.outcome import Outcome
+from bench.attack.secrets import secrets
 
 KINDS: Mapping[str, Callable[..., Outcome]] = {
     **{name: partial(flood, name) for name in RATES},
     "gate": gate,
     "identities": identities,
     "files": files,
+    "secrets": secrets,
 }
 
 

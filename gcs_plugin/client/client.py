@@ -33,10 +33,15 @@ from gcs_plugin.client.fetch import Fetch
 from gcs_plugin.client.listing import Listing
 from gcs_plugin.client.outbox import Outbox
 from gcs_plugin.client.policy_request import PendingPolicy
-from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.rovers import FRESH_S, Rover
 from gcs_plugin.client.vehicle import read_position, read_vehicle
 
 MAX_ROVERS = 16
+"""Beyond that silent rovers are forgotten. One that is heard has a place: there are only 255 system ids."""
+KEPT_S = 600.0
+"""Seconds of silence for which an open call keeps a rover."""
+MOST_SENT = 16
+"""Messages that `outgoing` returns at once, at most."""
 MAX_EVENTS = 1024
 MAX_PROBLEMS = 8
 _ADDRESSED = frozenset({"COMMAND_ACK", "FILE_TRANSFER_PROTOCOL"})
@@ -105,10 +110,14 @@ class OperatorClient:
         """Return the messages to send now; also detects silent rovers and answers past their lifetime."""
         for rover in self._rovers.values():
             self._events.extend(rover.check_link(now))
+        self._forget_silent(now)
         self._outbox.settle(now)
-        heard = (rover.system for rover in self._rovers.values() if rover.alive(now))
-        messages = (self._outbox.next(system, now) for system in heard)
-        return [message for message in messages if message is not None]
+        messages: list[Any] = []
+        for system in [rover.system for rover in self._rovers.values() if rover.alive(now)]:
+            if len(messages) < MOST_SENT and (message := self._outbox.next(system, now)) is not None:
+                messages.append(message)
+                self._rovers[system] = self._rovers.pop(system)  # the others go first next time
+        return messages
 
     def events(self) -> list[ev.Event]:
         """Return the events since the last call of this method."""
@@ -158,18 +167,21 @@ class OperatorClient:
         return rover is not None and rover.alive(now)
 
     def _rover(self, system: int, *, companion: bool) -> Rover | None:
-        if system not in self._rovers and 0 < system < 256:
-            if companion:
-                self._make_room()
-            if len(self._rovers) < MAX_ROVERS:
-                self._rovers[system] = Rover(system)
+        may_come = 0 < system < 256 and (companion or len(self._rovers) < MAX_ROVERS)
+        if system not in self._rovers and may_come:
+            self._rovers[system] = Rover(system)
         return self._rovers.get(system)
 
-    def _make_room(self) -> None:
-        """Remove the first vehicle without a companion when the limit is reached."""
-        without = next((system for system, rover in self._rovers.items() if not rover.known), None)
-        if without is not None and len(self._rovers) >= MAX_ROVERS:
-            del self._rovers[without]
+    def _forget_silent(self, now: float) -> None:
+        """Beyond `MAX_ROVERS` forget those silent longest, but none that is heard or kept by an open call."""
+        silent = [
+            rover
+            for rover in self._rovers.values()
+            if rover.silence(now) >= (KEPT_S if rover.open_calls() else FRESH_S)
+        ]
+        silent.sort(key=lambda rover: rover.silence(now), reverse=True)
+        for rover in silent[: max(0, len(self._rovers) - MAX_ROVERS)]:
+            del self._rovers[rover.system]
 
     def _dispatch(self, rover: Rover, kind: str, message: Any, now: float) -> list[ev.Event]:
         if kind == "HEARTBEAT":

@@ -55,15 +55,18 @@ class Console:
         """Take in what has happened. wall: seconds since 1970."""
         happened = self.client.events()
         rovers = self.client.rovers
-        for system in rovers:
-            if system not in self.desks:
-                self.desks[system] = RoverDesk(self.client, system, self._folder, self._pages.get(system))
+        for system in self.desks.keys() - rovers.keys():
+            del self.desks[system]
+            self.revision += 1
+        for system, rover in rovers.items():
+            if system not in self.desks or self.desks[system].rover is not rover:
+                self.desks[system] = RoverDesk(self.client, rover, self._folder, self._pages.get(system))
                 self.revision += 1
         for event in happened:
             self._to_log(event, now)
             if event.system in self.desks:
                 self.desks[event.system].take(event, now, wall)
-        changed = [desk.step(now, wall) for system, desk in self.desks.items() if system in rovers]
+        changed = [desk.step(now, wall) for desk in self.desks.values()]
         busy = self.client.busy and now - self._progress_at >= 0.5
         if happened or any(changed) or busy:
             self._progress_at = now

@@ -27,8 +27,6 @@ class _End:
     def receive(self, message: Any, now: float) -> None:
         system = message.get_srcSystem()
         if message.get_srcComponent() == COMPONENT_ID and message.get_type() == "HEARTBEAT":
-            if system not in self.heard and len(self.heard) >= 255:
-                return
             self.heard[system] = now
         if self._links.of(system, now) in (self._number, None):
             self._links.client.receive(message, now)

@@ -35,12 +35,13 @@ class RoverDesk:
     def __init__(
         self,
         client: OperatorClient,
-        system: int,
+        rover: Rover,
         folder: Path | None = None,
         page: RoverPage | None = None,
     ) -> None:
         """folder, page: of `RoverIncidents`."""
-        self.system = system
+        self.rover = rover
+        self.system = system = rover.system
         self.stories = Stories(system)
         self.fetched = Fetched(client, system, self.stories)
         self.incidents = RoverIncidents(client, system, self.fetched.files, folder, page)
@@ -53,12 +54,7 @@ class RoverDesk:
         self.summaries = 0
         """How many points there ever were."""
         self.track = Track()
-        self._client = client
         self._output = TextOutput(io.StringIO(), colours=False)
-
-    @property
-    def rover(self) -> Rover:
-        return self._client.rovers[self.system]
 
     def take(self, event: ev.Event, now: float, wall: float) -> None:
         """Take in an event of this rover. wall: seconds since 1970."""

@@ -20,6 +20,7 @@ from companion.browser.site import EventStreams, event, posted, static_routes
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.export import MOST_CALLS
 from gcs_plugin.console.requests import read_request
+from gcs_plugin.console.rover_desk import RoverDesk
 from gcs_plugin.console.track import Background
 
 CYCLE = 0.02
@@ -120,23 +121,20 @@ class _Told:
 
     def __init__(self) -> None:
         self.revision = -1
-        self._points: dict[int, int] = {}
-        self._entries: dict[int, int] = {}
-        self._tracks: dict[int, int] = {}
+        self._told: dict[RoverDesk, tuple[int, int, int]] = {}
+        """How many points, entries and revisions of the track there were, by desk."""
 
     def news(self, console: Console, about: dict[str, Any]) -> list[bytes]:
         self.revision = console.revision
-        found = []
+        found, before, self._told = [], self._told, {}
         for system, desk in console.desks.items():
-            fresh = desk.summaries - self._points.get(system, 0)
-            if fresh:
+            points, entries, track = before.get(desk, (0, 0, 0))
+            if fresh := desk.summaries - points:
                 found.append(event("points", {"system": system, "points": list(desk.points)[-fresh:]}))
-            added = desk.entries - self._entries.get(system, 0)
-            if added:
+            if added := desk.entries - entries:
                 found.append(event("timeline", {"system": system, "entries": list(desk.timeline)[-added:]}))
-            if desk.track.revision != self._tracks.get(system, 0):
+            if desk.track.revision != track:
                 found.append(event("track", {"system": system, "points": desk.track.points}))
-            self._points[system], self._entries[system] = desk.summaries, desk.entries
-            self._tracks[system] = desk.track.revision
+            self._told[desk] = desk.summaries, desk.entries, desk.track.revision
         found.append(event("news", {**about, "rovers": console.documents(time.monotonic())}))
         return found

@@ -157,7 +157,7 @@ class Connection(Protocol):
 
 
 class Udp:
-    """Wraps a UDP socket. It sends to `peer`, or without one to all senders of the last 30 s."""
+    """Wraps a UDP socket. It sends to `peer`, or without one to the 16 newest senders of the last 30 s."""
 
     trouble = ""
 
@@ -212,8 +212,10 @@ class Udp:
             return None
         except OSError:
             return b""
-        if sender in self._heard or len(self._heard) < MAX_PEERS:
-            self._heard[sender] = time.monotonic()
+        self._heard.pop(sender, None)
+        self._heard[sender] = time.monotonic()
+        if len(self._heard) > MAX_PEERS:
+            del self._heard[next(iter(self._heard))]
         return datagram
 
     def _send(self, frame: bytes, peer: Any) -> None:

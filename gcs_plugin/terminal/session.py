@@ -110,7 +110,6 @@ class Session:
         self._fetches: dict[str, Fetch] = {}
         self._progress_shown_at = 0.0
         self._selected: int | None = None
-        self._asked: set[int] = set()
         self._state_files = StateFiles(client)
         self._turning: tuple[str, Addressed] | None = None
         """The question about words that the last answer would turn, and that answer."""
@@ -121,9 +120,9 @@ class Session:
         for event in self._client.events():
             self.totals.add(event)
             self._output.event(event, now, several=len(rovers) > 1)
-            if isinstance(event, ev.LinkChanged) and event.up and event.system not in self._asked:
-                self._asked.add(event.system)
-                self._client.request_parameters(event.system)
+            came = rovers.get(event.system) if isinstance(event, ev.LinkChanged) and event.up else None
+            if came is not None and not came.parameters:
+                self._client.request_parameters(came.system)
         for name, fetch in list(self._fetches.items()):
             self._check_fetch(name, fetch, now)
         for rover in rovers.values():

@@ -37,6 +37,11 @@ function show() {
   document.getElementById("nobody").hidden = shown.length > 0;
   if (news) showText("nobody-why", news.problems[0] ?? `Listening on ${news.links.join(", ")}.`);
   const main = document.getElementById("rovers");
+  for (const [system, gone] of rovers) {
+    if (shown.some((one) => one.system === system)) continue;
+    gone.part.remove();
+    [rovers, points, entries, tracks].forEach((one) => one.delete(system));
+  }
   arrange(main, shown.map((one) => view(one.system).part), 1);
   main.classList.toggle("several", shown.length > 1);
   for (const one of shown) {

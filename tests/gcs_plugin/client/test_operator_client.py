@@ -249,12 +249,3 @@ def test_no_bytes_from_the_air_ever_raise(pieces: list[bytes]) -> None:
     for piece in pieces:
         for message in parser.parse_buffer(b"\xfd" + piece) or []:
             client.receive(message, 1.0)
-
-
-def test_more_rovers_than_anyone_can_watch_are_left_out(speaker: MakeRover) -> None:
-    client, ground = OperatorClient(), speaker(255, 190)
-    for system in range(1, 100):
-        frame = speaker(system, 191).frame(mavlink.MAVLink_heartbeat_message(18, 8, 0, 1, 4, 3))
-        for message in ground.parse(frame):
-            client.receive(message, 1.0)
-    assert len(client.rovers) == 16

@@ -261,6 +261,24 @@ def test_of_two_rovers_the_one_that_calls_comes_first(
     assert rover.applied == []
 
 
+def test_forged_rovers_do_not_hide_the_rover_and_leave_the_page_when_they_are_silent(
+    served: Served, open_page: Callable[..., Any], tiny_rover: Callable[..., Any], thing_call: CallData
+) -> None:
+    tab = open_page()
+    for system in (0, *range(2, 256)):
+        served.say(tiny_rover(system).heartbeat())
+        served.turn()
+    sections = tab.locator("article.rover")
+    served.until(lambda: sections.count() > 16)
+    real = tiny_rover(1, thing_call)
+    served.rovers.append(real)
+    served.until(tab.locator(CALL).is_visible)
+    assert sections.first.locator("h2").inner_text() == "Rover 1"
+    served.until(lambda: sections.count() == 16)
+    tab.locator(CALL).get_by_role("button", name="Go").click()
+    served.until(lambda: real.applied != [])
+
+
 def test_a_link_that_is_cut_is_said_and_an_answer_waits_until_it_is_back(
     served: Served, open_page: Callable[..., Any], rover: Any
 ) -> None:

@@ -17,7 +17,7 @@ import pytest
 from companion.wire import devices
 from gcs_plugin.terminal import connection as streams
 from gcs_plugin.terminal import lookup
-from gcs_plugin.terminal.connection import Connection, LinkError, Udp, open_connection
+from gcs_plugin.terminal.connection import MAX_PEERS, Connection, LinkError, Udp, open_connection
 from tests.waiting import wait_for
 
 DEADLINE_S = 10.0
@@ -57,6 +57,17 @@ def test_udp_in_answers_whoever_spoke(opened: Callable[[str], Connection]) -> No
         assert read_until(ground, b"rover %d" % number) == b"rover %d" % number
     ground.write(b"to all")
     assert [read_until(rover, b"to all") for rover in rovers] == [b"to all", b"to all"]
+
+
+def test_udp_in_answers_the_newest_of_many_senders(opened: Callable[[str], Connection]) -> None:
+    ground = opened("udpin:127.0.0.1:0")
+    senders = [opened(f"udpout:127.0.0.1:{port_of(ground)}") for _ in range(MAX_PEERS + 1)]
+    for number, sender in enumerate(senders):
+        sender.write(b"sender %02d" % number)
+        assert read_until(ground, b"sender %02d" % number)
+    ground.write(b"to these")
+    assert read_until(senders[-1], b"to these") == b"to these"
+    assert senders[0].read() == b""
 
 
 def test_udp_in_forgets_who_is_silent(

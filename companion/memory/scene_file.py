@@ -19,10 +19,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from anytraverse.answers import MAX_EXAMPLES
-from anytraverse.decoding import picture_size
 from anytraverse.errors import AnyTraverseError
 from anytraverse.history import MAX_REFUSED, Embedding, Entry, Place, is_embedding
 from anytraverse.perception import Example, Perceiver
+from anytraverse.picture_size import jpeg_size
 from anytraverse.preferences import MAX_WORDS, Preferences, Setting
 from anytraverse.release import own_version
 from anytraverse.synonyms import refuse_contradictions
@@ -226,7 +226,7 @@ def _picture(value: object) -> bytes:
     if value is None:
         return b""
     content = _decoded(value, MAX_PICTURE)
-    size = picture_size(content) if content[:3] == b"\xff\xd8\xff" else None
+    size = jpeg_size(content)
     if size is None or not 0 < min(size) <= max(size) <= _MAX_SIDE:
         raise ValueError(f"a picture is no JPEG of at most {_MAX_SIDE} x {_MAX_SIDE} pixels")
     return content

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from anytraverse.picture_size import jpeg_size
 from companion.browser import wording as browser_wording
 from companion.browser.given import Answered, undoing, undone_words
 from companion.wire.answers import Operation
@@ -20,7 +21,6 @@ from companion.wire.texts import name
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import plain
-from gcs_plugin.terminal.pictures import jpeg_size
 
 SHOWN = 24
 """Calls of a rover that are shown, the newest ones."""

@@ -12,7 +12,7 @@ from datetime import datetime, timezone
 from html import escape
 from typing import Any
 
-from gcs_plugin.terminal.pictures import jpeg_size
+from anytraverse.picture_size import jpeg_size
 
 MOST_CALLS = 24
 MOST_BYTES = 6_000_000

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from anytraverse.picture_size import jpeg_size
 from companion.browser.wording import named
 from companion.wire.documents import (
     Check,
@@ -21,7 +22,6 @@ from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.console.calls import Stories, Story
 from gcs_plugin.console.files import Files, Rank
-from gcs_plugin.terminal.pictures import jpeg_size
 
 STATE_AGAIN_S, STATE_LONGEST_S = 5.0, 80.0
 """Seconds between two readings of /state.json: twice as long each time that it left something untold."""

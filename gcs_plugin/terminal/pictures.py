@@ -6,7 +6,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-_FRAME_HEADERS = {0xC0, 0xC1, 0xC2}  # JPEG markers SOF0 to SOF2
+from anytraverse.picture_size import jpeg_size
+
 _VIEWERS = ("xdg-open", "open")
 
 
@@ -26,19 +27,6 @@ class Pictures:
         measured = "not a JPEG" if size is None else f"{size[0]} x {size[1]} pixels"
         shown = "" if not self._show or _open(path) else "; no viewer is found here: open it by hand"
         return f"{path} ({measured}, {len(content)} bytes{shown})"
-
-
-def jpeg_size(content: bytes) -> tuple[int, int] | None:
-    """Read width and height in pixels from a JPEG's frame header (ITU-T T.81, B.2.2); None without one."""
-    if content[:2] != b"\xff\xd8":
-        return None
-    at = 2
-    while at + 9 <= len(content) and content[at] == 0xFF:
-        if content[at + 1] in _FRAME_HEADERS:
-            height, width = content[at + 5 : at + 7], content[at + 7 : at + 9]
-            return int.from_bytes(width, "big"), int.from_bytes(height, "big")
-        at += 2 + int.from_bytes(content[at + 2 : at + 4], "big")
-    return None
 
 
 def _open(path: Path) -> bool:

@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse import decoding
-from anytraverse.decoding import MAX_PIXELS, PictureTooLargeError, decode, picture_size
+from anytraverse.decoding import MAX_PIXELS, PictureTooLargeError, decode
 from anytraverse.evaluation.datasets.dataset import _decoded
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.look import PictureError, read_picture
+from anytraverse.picture_size import jpeg_size, picture_size
 from companion.cameras import BadFrame, CameraError, CameraOptions, open_camera
 from companion.vision.pictures import from_png
 
@@ -55,6 +56,17 @@ def test_a_lossless_webp_and_a_tiff_of_the_other_byte_order_tell_their_size_too(
     assert picture_size(lossless.tobytes()) == (70, 30)
     entries = struct.pack(">HHIHH", 256, 3, 1, 70, 0) + struct.pack(">HHII", 257, 4, 1, 30)
     assert picture_size(b"MM\0*" + struct.pack(">IH", 8, 2) + entries) == (70, 30)
+
+
+@pytest.mark.parametrize(
+    "piece", [b"\xff\xfe\0\2", b"\xff", b"\xff\0", b"\xff\xd0"], ids=["comments", "fill", "zeros", "restarts"]
+)
+def test_a_size_behind_more_markers_than_a_camera_writes_is_not_looked_for(piece: bytes) -> None:
+    content = a_file(".jpg", 70, 30)
+    few, many = (content[:2] + times * piece + content[2:] for times in (100, 100_000))
+    assert jpeg_size(few) == (70, 30)
+    assert jpeg_size(many) is None
+    assert decode(many) is None
 
 
 @given(st.sampled_from(KINDS), st.integers(0, 400), st.binary(max_size=40))

@@ -72,8 +72,13 @@ def test_the_wires_definition_needs_no_link() -> None:
     imported(["companion.wire.*"], [*VISION, "serial"])
 
 
-def test_the_operators_side_knows_of_the_rest_only_the_wire_the_words_and_what_pages_share() -> None:
-    light = ["anytraverse.preferences", "anytraverse.release", "companion.browser.*"]
+def test_the_operators_side_knows_of_the_rest_only_the_wire_the_words_and_what_is_as_light() -> None:
+    light = [
+        "anytraverse.picture_size",
+        "anytraverse.preferences",
+        "anytraverse.release",
+        "companion.browser.*",
+    ]
     shared = imported(["companion.wire.*", *light], VISION)["modules"]
     loaded = imported(["gcs_plugin.*"], VISION)["modules"]
     more = set(loaded) - set(shared)

@@ -16,6 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.assessment import Assessment
+from anytraverse.picture_size import jpeg_size
 from companion.preflight.report import CheckReport
 from companion.preflight.table import CHECKS
 from companion.storage import Journal
@@ -27,7 +28,6 @@ from companion.vision.pictures import LIMIT, panel
 from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion
 from companion.wire.payloads import CallData
-from gcs_plugin.terminal.pictures import jpeg_size
 from tests.anytraverse.conftest import HEIGHT, WIDTH
 from tests.companion.daemon.rig import MakeRig, Rig
 

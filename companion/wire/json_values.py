@@ -9,6 +9,8 @@ from typing import Any
 
 LONGEST = 300
 """Characters of a text."""
+LARGEST = 256 << 10
+"""Bytes of a document: several times what a rover writes, and read in some 30 ms whatever it holds."""
 
 
 class DocumentError(ValueError):
@@ -17,6 +19,8 @@ class DocumentError(ValueError):
 
 def read_object(content: bytes, what: str = "it") -> Mapping[str, Any]:
     """Read a JSON object. what: names it in an error. Raises DocumentError."""
+    if len(content) > LARGEST:
+        raise DocumentError(f"{what} is longer than {LARGEST >> 10} kB")
     try:
         told = json.loads(content)
     except (ValueError, RecursionError) as error:

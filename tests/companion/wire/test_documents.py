@@ -17,7 +17,7 @@ from companion.wire.documents import (
     read_state,
 )
 from companion.wire.ids import Kind, Reasons, Stage
-from companion.wire.json_values import LONGEST, DocumentError
+from companion.wire.json_values import LARGEST, LONGEST, DocumentError
 from companion.wire.payloads import CallData
 
 STATE: dict[str, Any] = {
@@ -109,6 +109,15 @@ def test_what_is_no_object_is_refused(content: bytes) -> None:
     for read in (read_state, read_checks, read_record):
         with pytest.raises(DocumentError):
             read(content)
+
+
+def test_a_document_far_longer_than_a_rovers_is_not_parsed(monkeypatch: pytest.MonkeyPatch) -> None:
+    padded = encoded(STATE).ljust(LARGEST)
+    assert read_state(padded) == read_state(encoded(STATE))
+    monkeypatch.setattr(json, "loads", None)
+    for read in (read_state, read_checks, read_record):
+        with pytest.raises(DocumentError, match="is longer than 256 kB"):
+            read(padded + b" ")
 
 
 @given(st.sampled_from([STATE, RECORD]), st.lists(st.tuples(st.integers(0, 40), JSON), max_size=4))

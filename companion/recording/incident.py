@@ -10,6 +10,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from itertools import islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
@@ -21,6 +22,8 @@ from companion.recording.shortened import FRAME_WIDTH, FRAMES, Shortened, Window
 from companion.recording.topics import TOPICS, Topic
 from companion.storage.log_file import FOLDER as LOGS
 from companion.storage.log_file import NAME as LOG
+from companion.wire.ids import newest_first
+from companion.wire.incidents import MOST_MEMBERS
 
 if TYPE_CHECKING:
     from companion.recording.reading import Read
@@ -133,7 +136,9 @@ def _write(
     packed.writestr("versions.json", json.dumps(versions(), indent=1))
     most = _LARGEST_SHORT if short else _LARGEST
     pictured = (list(calls) or sorted(told)[-1:]) if short else sorted(told)
-    beside = _beside(folder, sorted(told), pictured, short=short)
+    ranked = list(dict.fromkeys([*calls, *newest_first(list(told))]))
+    room = MOST_MEMBERS - len(packed.namelist())
+    beside = islice(_beside(folder, ranked, pictured, short=short), room)
     left_out = [left for path in beside if (left := _added(packed, folder, path, most))]
     return Incident(count, tuple(sorted(told)), tuple(left_out))
 

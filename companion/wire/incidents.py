@@ -16,6 +16,8 @@ LAST_S = 60.0
 """Seconds of a file that is about no call: the last minute."""
 MOST_KEPT = 4
 """Incidents whose files stay on the rover's disk, the newest ones."""
+MOST_MEMBERS = 200
+"""Files in one zip."""
 SHORT = "-short"
 """What the name of the short file has more than that of the whole one."""
 _NAME = re.compile(r"([0-9]{4,9})-(?:C([0-9]{1,5})|last)", re.ASCII)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -23,6 +24,14 @@ MEASURED_BYTES = 600
 """A file of fewer bytes says little about the link's rate."""
 
 
+Use = Callable[[bytes], "Future[None] | None"]
+"""Takes a file's content, at once or in a thread. Raises DocumentError, as the thread may."""
+
+
+class DamagedError(DocumentError):
+    """Reports a content that is not what the rover has: nothing of it is kept."""
+
+
 class Rank(IntEnum):
     """How urgent a file is; the lowest number goes first."""
 
@@ -40,9 +49,11 @@ class Rank(IntEnum):
 class _Wanted:
     path: str
     rank: Rank
-    use: Callable[[bytes], None]
+    use: Use
     failures: int = 0
     not_before: float = 0.0
+    taking: Future[None] | None = None
+    """What `use` does in a thread."""
 
 
 @dataclass
@@ -69,8 +80,8 @@ class Files:
         self.problems: dict[str, str] = {}
         """Why a file did not come, by path."""
 
-    def want(self, path: str, rank: Rank, use: Callable[[bytes], None]) -> None:
-        """Fetch a file, once, and give its content to `use`, which may raise DocumentError.
+    def want(self, path: str, rank: Rank, use: Use) -> None:
+        """Fetch a file, once, and give its content to `use`.
 
         A path that ends in "/" is a folder: `use` gets the names of its files, one a line.
         """
@@ -109,8 +120,9 @@ class Files:
 
     def step(self, now: float) -> bool:
         """Take what has come, and begin what is most urgent. Returns whether something changed."""
-        changed = self._finish(now)
-        ready = [one for one in self._wanted.values() if one.not_before <= now]
+        checked = self._take_checked(now)
+        changed = self._finish(now) or checked
+        ready = [one for one in self._wanted.values() if one.not_before <= now and one.taking is None]
         urgent = min(ready, key=lambda one: one.rank, default=None)
         if urgent is None:
             return changed
@@ -148,6 +160,20 @@ class Files:
             while len(self._begun) > MOST_BEGUN:
                 self._begun.pop(next(iter(self._begun)))
 
+    def _take_checked(self, now: float) -> bool:
+        """Take what threads are done with. Returns whether there was something."""
+        done = [(one, one.taking) for one in self._wanted.values() if one.taking and one.taking.done()]
+        for wanted, taking in done:
+            wanted.taking, problem = None, ""
+            try:
+                taking.result()
+            except DocumentError as error:
+                problem = str(error)
+                if isinstance(error, DamagedError):
+                    self.forget(wanted.path)
+            self._end(wanted, problem, now)
+        return bool(done)
+
     def _finish(self, now: float) -> bool:
         if self._running is None:
             return False
@@ -166,13 +192,19 @@ class Files:
             if isinstance(fetch, Fetch) and len(content) - running.before >= MEASURED_BYTES:
                 self.rate = (len(content) - running.before) / max(0.02, now - running.began)
             try:
-                wanted.use(content)
+                wanted.taking = wanted.use(content)
             except DocumentError as error:
                 problem = str(error)
+        if wanted.taking is None:
+            self._end(wanted, problem, now)
+        return True
+
+    def _end(self, wanted: _Wanted, problem: str, now: float) -> None:
+        """Be done with a file, or try it again later."""
         if not problem:
             self._wanted.pop(wanted.path, None)
             self.forget(wanted.path)
-            return True
+            return
         wanted.failures += 1
         soon = wanted.rank is Rank.CALL_PICTURE and wanted.failures == 1
         wanted.not_before = now + (SOON_S if soon else AGAIN_S * 2**wanted.failures)
@@ -181,4 +213,3 @@ class Files:
             self._wanted.pop(wanted.path, None)
         while len(self.problems) > MOST_WANTED:
             self.problems.pop(next(iter(self.problems)))
-        return True

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import struct
 import time
 import zipfile
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,12 @@ from companion.browser.incidents import shown
 from companion.wire.answers import PackIncident
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
-from companion.wire.incidents import DOCUMENT, FOLDER, Incidents, read_incidents
+from companion.wire.incidents import DOCUMENT, FOLDER, MOST_MEMBERS, Incidents, read_incidents
 from companion.wire.json_values import DocumentError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import MAX_BYTES
 from gcs_plugin.console.fetched import QUICK_FOR_LARGE
-from gcs_plugin.console.files import Files, Rank
+from gcs_plugin.console.files import DamagedError, Files, Rank
 from gcs_plugin.console.rover_page import Download, RoverPage
 
 AGAIN_S = 3.0
@@ -30,6 +32,11 @@ MOST_STORED = 32
 """Files that stay in the folder, the newest ones."""
 _LARGEST_CONTENT = 512 << 20
 """Bytes of what a file holds, as it says itself."""
+_END = struct.Struct("<4s4H2LH")
+"""A zip's end of central directory: magic, disks, members, bytes of the directory, its place, a comment."""
+_LONGEST_ENTRY = 256
+"""Bytes of the directory for one member."""
+_CHECKING = ThreadPoolExecutor(1, "check")
 _PATH, _DOCUMENT_PATH = f"/{FOLDER}/", f"/{DOCUMENT}"
 _STORED = re.compile(r"rover[0-9]{1,3}-[0-9]{8}-[0-9]{6}-.*\.zip", re.ASCII)
 
@@ -77,9 +84,15 @@ class RoverIncidents:
         if self._page is not None:
             if name not in self._downloads:
                 self._problems.pop(name, None)
-                self._downloads[name] = Download(self._page, _PATH + name)
+                self._downloads[name] = Download(
+                    self._page, _PATH + name, lambda content: self._store(name, content)
+                )
             return
-        self._files.want(_PATH + name, Rank.INCIDENT, lambda content: self._take(name, content))
+
+        def check(content: bytes) -> Future[None]:
+            return _CHECKING.submit(self._store, name, content)
+
+        self._files.want(_PATH + name, Rank.INCIDENT, check)
 
     def stop(self, name: str) -> None:
         """Stop fetching a file."""
@@ -91,7 +104,9 @@ class RoverIncidents:
         """Take downloads, and read what the rover tells: after a request, and once on a quick link."""
         for name, download in list(self._downloads.items()):
             if download.done:
-                self._take_download(name, download)
+                del self._downloads[name]
+                if download.problem:
+                    self._problems[name] = download.problem
         followed = now < self._followed_until and any(one.applied for one in self._asked.values())
         due = followed and now - self._read_at >= AGAIN_S
         first = self._read_at < 0 and (self._files.rate or 0.0) >= QUICK_FOR_LARGE
@@ -136,20 +151,10 @@ class RoverIncidents:
         if self._told.packing is None and not unsettled:
             self._followed_until = float("-inf")
 
-    def _take_download(self, name: str, download: Download) -> None:
-        del self._downloads[name]
-        try:
-            if download.problem:
-                raise DocumentError(download.problem)
-            self._take(name, download.content)
-        except DocumentError as error:
-            self._problems[name] = str(error)
-
-    def _take(self, name: str, content: bytes) -> None:
-        """Store a file that has come. Raises DocumentError for one that is damaged or cannot be stored."""
+    def _store(self, name: str, content: bytes) -> None:
+        """Check and store a file that has come, in a thread. Raises DocumentError."""
         if not _is_whole(content):
-            self._files.forget(_PATH + name)
-            raise DocumentError("it came damaged")
+            raise DamagedError("it came damaged")
         assert self._folder is not None
         path = self._folder / f"rover{self._system}-{time.strftime('%Y%m%d-%H%M%S')}-{name}"
         try:
@@ -164,14 +169,29 @@ class RoverIncidents:
 
 
 def _is_whole(content: bytes) -> bool:
-    """Whether this is a zip whose members are as they were packed."""
+    """Whether this is a zip as rovers write it, whose members are as they were packed."""
+    if not _is_bounded(content):
+        return False
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as packed:
-            if sum(one.file_size for one in packed.infolist()) > _LARGEST_CONTENT:
+            members = packed.infolist()
+            if len(members) > MOST_MEMBERS or sum(one.file_size for one in members) > _LARGEST_CONTENT:
                 return False
             return packed.testzip() is None
     except Exception:  # what came over a radio may be anything, and zipfile raises whatever it leads to
         return False
+
+
+def _is_bounded(content: bytes) -> bool:
+    """Whether a zip's directory is small. `zipfile` reads it by its bytes, whatever count stands beside them,
+    and others where a comment or the ZIP64 format follows: rovers write neither.
+    """
+    if len(content) < _END.size:
+        return False
+    magic, _, _, _, members, directory, _, comment = _END.unpack_from(content, len(content) - _END.size)
+    zip64 = b"PK\6\7" in content[-_END.size - 20 : -_END.size]
+    plain = magic == b"PK\5\6" and not comment and not zip64
+    return plain and members <= MOST_MEMBERS and directory <= MOST_MEMBERS * _LONGEST_ENTRY
 
 
 def _delete_oldest(folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import threading
+from collections.abc import Callable
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
@@ -51,14 +52,15 @@ class Download:
     """Fetches a file in a thread of its own.
 
     received: bytes so far. done: whether it has ended. problem: why it did not come, for a person; "" where
-    it came. content: the file then.
+    it came.
     """
 
-    def __init__(self, page: RoverPage, path: str) -> None:
+    def __init__(self, page: RoverPage, path: str, use: Callable[[bytes], None]) -> None:
+        """use: takes the file in that thread, or raises ValueError with what is wrong with it."""
         self.received = 0
         self.done = self.stopped = False
         self.problem = ""
-        self.content = b""
+        self._use = use
         self._page = page
         self._path = path
         threading.Thread(target=self._run, name="download", daemon=True).start()
@@ -70,7 +72,9 @@ class Download:
     def _run(self) -> None:
         connection = self._page.connection()
         try:
-            self.content = self._fetched(connection)
+            content = self._fetched(connection)
+            if not self.stopped:
+                self._use(content)
         except (OSError, http.client.HTTPException) as error:
             self.problem = f"the rover's page does not answer ({error or 'it is silent'})"
         except ValueError as error:

@@ -29,6 +29,7 @@ from companion.recording.messages import Message
 from companion.recording.ring_writer import RingWriter
 from companion.recording.shortened import Window
 from companion.recording.topics import TOPICS
+from companion.wire.incidents import MOST_MEMBERS
 from tests.companion.recording.made import BEGAN, NS, frame, opened, status, words
 
 SECRETS = ("sesame-open-sesame", "hunter2", "s3cretkey")
@@ -230,6 +231,15 @@ def test_an_incident_beside_a_ring_that_deletes_is_no_error(rover: Rover) -> Non
     (rover.state / "recordings" / "000002-event.mcap").unlink()
     packed = incident.write_incident(Path("out.zip"), rover.state, "", windows, [7], "a call")
     assert 0 < packed.messages < 60
+
+
+def test_no_more_is_packed_than_a_console_takes(rover: Rover) -> None:
+    for number in range(1, 1 + MOST_MEMBERS):
+        (rover.state / "calls" / f"{number}.json").write_text("{}")
+    incident.write_incident(Path("out.zip"), rover.state, "", [], range(1, 2 * MOST_MEMBERS), "many")
+    with zipfile.ZipFile("out.zip") as packed:
+        names = packed.namelist()
+    assert len(names) == MOST_MEMBERS
 
 
 @given(st.lists(st.tuples(st.integers(0, 100), st.integers(1, 30)), max_size=8))

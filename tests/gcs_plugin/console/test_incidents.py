@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import random
+import struct
+import threading
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -18,9 +20,10 @@ from companion.browser.requests import RequestError
 from companion.storage.served_tree import Document, Documents
 from companion.wire.answers import Acknowledgement, PackIncident
 from companion.wire.ids import Motion, Policy, Result, Stage, State
-from companion.wire.incidents import Incidents, Packed
+from companion.wire.incidents import MOST_MEMBERS, Incidents, Packed
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client.fetch import LIFETIME_S, MAX_BYTES
+from gcs_plugin.console import incidents
 from gcs_plugin.console.incidents import MOST_STORED
 from gcs_plugin.console.requests import IncidentFileRequest, IncidentRequest, read_request
 from gcs_plugin.console.rover_page import RoverPage, read_pages
@@ -240,6 +243,64 @@ def test_a_damaged_file_is_not_stored_and_is_fetched_anew(rover: Rover) -> None:
     rover.content = CONTENT
     rover.desk.until(lambda: "url" in rover.short(), 100.0)
     assert rover.stored() == [CONTENT]
+
+
+def test_while_a_file_is_checked_answers_leave(rover: Rover, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, may_end = threading.Event(), threading.Event()
+
+    def check(_: bytes) -> bool:
+        begun.set()
+        return may_end.wait(5.0)
+
+    monkeypatch.setattr(incidents, "_is_whole", check)
+    rover.pack()
+    rover.desk.post("fetch", name=NAME)
+    rover.desk.until(begun.is_set, 100.0)
+    assert (rover.short()["waits"], rover.short()["received"]) == (True, len(CONTENT))
+    rover.desk.post("answer", call=7, motion="go", changes=[])
+    rover.desk.run(1.0)
+    assert rover.desk.requests()[-1].motion is Motion.GO
+    may_end.set()
+    rover.desk.until(lambda: "url" in rover.short())
+
+
+def members(count: int) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for number in range(count):
+            archive.writestr(f"{number:05d}", b"")
+    return packed.getvalue()
+
+
+def with_end(content: bytes, members: int, after: bytes = b"") -> bytes:
+    """The zip with another count of members in its end, and a comment after it."""
+    end = list(struct.unpack("<4s4H2LH", content[-22:]))
+    end[3:5] = members, members
+    end[7] = len(after)
+    return content[:-22] + struct.pack("<4s4H2LH", *end) + after
+
+
+MANY = members(2000)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [MANY, with_end(MANY, 1), with_end(MANY, 1, b"a comment"), b"PK\5\6", b""],
+    ids=["many", "a count too small", "a comment", "torn", "empty"],
+)
+def test_a_directory_that_would_take_long_to_read_is_not_read(
+    content: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = list[Any]()
+    monkeypatch.setattr(zipfile, "ZipFile", opened.append)
+    assert not incidents._is_whole(content)
+    assert opened == []
+
+
+def test_a_zip_of_as_many_files_as_a_rover_packs_is_whole_and_one_of_more_is_not() -> None:
+    assert incidents._is_whole(members(MOST_MEMBERS))
+    assert not incidents._is_whole(members(MOST_MEMBERS + 1))
+    assert not incidents._is_whole(with_end(members(MOST_MEMBERS + 1), 1))
 
 
 def test_a_disk_that_takes_no_file_is_said(rover: Rover) -> None:

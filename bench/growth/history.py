@@ -30,7 +30,7 @@ from companion.storage import Journal
 from companion.storage.batch import Batch
 from companion.tasks import VISION
 from companion.vision.client import VisionClient
-from companion.vision.codec import decode, decode_trusted, encode
+from companion.vision.codec import decode, decode_trusted, encode, encode_trusted
 from companion.vision.memory_copy import MemoryCopy, update_from, updated
 from companion.vision.messages import Scenes, Start
 from companion.vision.process import Port, receive_start
@@ -165,9 +165,9 @@ def _measure_start(memory: Memory, count: int, rounds: int, series: Series) -> N
 def _handed_over(memory: Memory) -> Iterator[bytes]:
     copy = MemoryCopy(memory)
     first, more = copy.first_part()
-    yield encode(Start(Config(), first, 0, 1, more))
+    yield encode_trusted(Start(Config(), first, 0, 1, more))
     while scenes := copy.next_scenes():
-        yield encode(Scenes(scenes))
+        yield encode_trusted(Scenes(scenes))
 
 
 class _Sent(Port):

@@ -11,7 +11,7 @@ from anytraverse.frame import Frame
 from anytraverse.memory import Memory
 from companion.cameras.newest import CameraStatus
 from companion.vision.codec import Splitter, decode_trusted, encode
-from companion.vision.memory_copy import update_from
+from companion.vision.memory_copy import parts, update_from
 from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start
 from companion.vision.worker import Worker, weak_in_use
 
@@ -84,7 +84,8 @@ class LoopbackVision:
 
     def report(self, report: Report) -> None:
         """Sends any report to the supervisor."""
-        self._reports += Splitter().feed(encode(report))
+        for part in parts(report):
+            self._reports += Splitter().feed(encode(part))
 
     def _start(self, start: Start) -> None:
         engine, revision = self._make(start.memory), start.revision + 1

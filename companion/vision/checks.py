@@ -25,6 +25,7 @@ from companion.vision.freeze_detector import CELLS
 from companion.vision.messages import (
     LARGEST_JPEG,
     LONGEST_TEXT,
+    MOST_ROWS,
     Alive,
     Done,
     Drawn,
@@ -36,6 +37,7 @@ from companion.vision.messages import (
     Model,
     Ready,
     Report,
+    Scenes,
 )
 
 LARGEST_MAP = 4 << 20
@@ -127,6 +129,8 @@ def _check(message: Any, expected: Expected, now: float) -> None:
             _need(_whole(level) and _text(name) and _text(text), "a line of the log")
         case Failed(text):
             _need(_text(text), "a text")
+        case Scenes(entries):
+            _check_rows(entries)
         case _:
             raise BadReportError(f"no report but {type(message).__name__}")
 
@@ -273,9 +277,14 @@ def _check_update(update: Any) -> None:
     _check_examples(memory.examples)
     if memory.adoption is not None:
         _check_adoption(memory.adoption)
-    for entry in update.entries:
-        _check_entry(entry)
+    _check_rows(update.entries)
     _need(all(map(_whole, update.removed)) and all(map(_text, update.weak)), "rows of a memory")
+
+
+def _check_rows(entries: Any) -> None:
+    _need(isinstance(entries, tuple) and len(entries) <= MOST_ROWS, "rows of a memory")
+    for entry in entries:
+        _check_entry(entry)
 
 
 def _check_entry(entry: Any) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from companion.config import Config
 from companion.system.watchdog import Failure, Restarts, Watchdog
 from companion.vision.checks import MOST_TUNINGS, BadReportError, Expected, check_report
 from companion.vision.child import Child
-from companion.vision.codec import CodecError, decode, encode
+from companion.vision.codec import CodecError, decode, encode_trusted
 from companion.vision.freeze_detector import FreezeDetector
 from companion.vision.judging_rate import JudgingRate
 from companion.vision.measured_pace import MeasuredPace
@@ -63,6 +63,8 @@ MAX_DRAWINGS = 16
 STORED_FRAMES = 2
 """Stored frames, of the open call and the hold. A restarted process gets those that have come as PNG."""
 _SITUATION_EVERY = 0.2
+_READING = 0.02
+"""Seconds of a `poll` after which no further report is read: it waits for the next."""
 
 
 class VisionLostError(AnyTraverseError):
@@ -141,6 +143,7 @@ class VisionClient:
         self._config = config
         self._copy = MemoryCopy(memory)
         self._expected = Expected(first_frame - 1)
+        self._unread = deque[bytes]()
         self._settings: Settings | None = None
         self._numbers = 0
         self._unanswered: dict[int, _Asked] = {}
@@ -214,13 +217,15 @@ class VisionClient:
         results: list[Result] = []
         try:
             ended = child.ended()
-            for packed in child.receive():
-                report = check_report(decode(packed), self._expected, time.monotonic())
+            self._unread = self._unread or deque(child.receive())
+            until = time.monotonic() + _READING
+            while self._unread and time.monotonic() <= until:
+                report = check_report(decode(self._unread.popleft()), self._expected, time.monotonic())
                 results += self._take_report(report, now)
         except (CodecError, BadReportError) as error:
             failure: Failure | None = Failure(f"sent nonsense ({error})", "sent nonsense")
         else:
-            failure = self._failure(ended, now)
+            failure = self._failure("" if self._unread else ended, now)
         return _newest(results) + ([] if failure is None else self._restart(failure, now))
 
     def answer(
@@ -332,6 +337,7 @@ class VisionClient:
         except OSError as error:
             self._restart(Failure(f"cannot be started ({error})", "cannot be started"), now)
             return
+        self._unread.clear()
         memory, more = self._copy.first_part()
         first = self._expected.last_frame + 1
         self._send(Start(self._config, memory, self._copy.revision, first, more))
@@ -357,6 +363,8 @@ class VisionClient:
                 self.camera, self.delivered_at = camera, delivered_at
             case Failed(text):
                 self.failed = text
+            case Scenes(rows):
+                self._copy.add(rows)
             case Ready():
                 self._take_ready(report, now)
             case FrameJudged():
@@ -483,7 +491,7 @@ class VisionClient:
         if child is None:
             return False
         try:
-            if child.send(encode(request)):
+            if child.send(encode_trusted(request)):
                 return True
         except CodecError as error:
             log.error("a request was not sent to the vision process: %s", error)

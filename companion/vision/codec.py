@@ -2,7 +2,8 @@
 
 A message is a length (u32, little-endian) and a pickle. The vision process runs native code on whatever a
 camera sends, so the supervisor does not trust its pickles: it decodes dataclasses and enums of the modules
-listed here, and arrays of numbers, nothing else. Pixels, attention maps and features are left out.
+listed here, and arrays of numbers, nothing else, and no more of them than it has time for. Pixels, attention
+maps and features are left out.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from companion.vision.messages import Model
 
 LARGEST = 64 << 20
 """Bytes of one message, at most: more than the largest picture of a camera needs."""
+MOST_OPCODES = 100_000
+"""Opcodes of one report, at most: so many take about 0.1 s. A picture's or a map's content is one."""
 _LENGTH = struct.Struct("<I")
 _DATA_MODULES = frozenset(
     {
@@ -67,11 +70,26 @@ class Splitter:
         return found
 
 
-def encode(message: object) -> bytes:
-    """Encode a message, with its length prefix. Raises CodecError when it is longer than `LARGEST`."""
+def encode(report: object) -> bytes:
+    """Encode a message of the vision process, with its length prefix.
+
+    Nothing in it refers to an earlier part: a few such references could stand for millions of values.
+    Raises CodecError when it is longer than `LARGEST`.
+    """
+    return _encoded(report, references=False)
+
+
+def encode_trusted(request: object) -> bytes:
+    """Encode a message of the supervisor, with its length prefix. Raises CodecError like `encode`."""
+    return _encoded(request, references=True)
+
+
+def _encoded(message: object, *, references: bool) -> bytes:
     packed = io.BytesIO()
     packed.write(b"\0" * _LENGTH.size)
-    _Pickler(packed, protocol=5).dump(message)
+    pickler = _Pickler(packed, protocol=5)
+    pickler.fast = not references
+    pickler.dump(message)
     length = packed.tell() - _LENGTH.size
     if length > LARGEST:
         raise CodecError(f"a message of {length} bytes, at most {LARGEST} are sent")
@@ -83,7 +101,7 @@ def encode(message: object) -> bytes:
 def decode(packed: bytes) -> Any:
     """Decode a message of the vision process; `check_report` must check its values. Raises CodecError."""
     try:
-        return _Unpickler(io.BytesIO(packed)).load()
+        return _Unpickler(packed).load()
     except CodecError:
         raise
     except Exception as error:  # a damaged pickle may raise anything
@@ -165,18 +183,34 @@ _OPCODES = (
     pickle.BININT, pickle.BININT1, pickle.BININT2, pickle.LONG1, pickle.BINFLOAT, pickle.SHORT_BINUNICODE,
     pickle.BINUNICODE, pickle.SHORT_BINBYTES, pickle.BINBYTES, pickle.EMPTY_TUPLE, pickle.TUPLE1,
     pickle.TUPLE2, pickle.TUPLE3, pickle.TUPLE, pickle.EMPTY_LIST, pickle.APPEND, pickle.APPENDS,
-    pickle.EMPTY_DICT, pickle.STACK_GLOBAL, pickle.REDUCE, pickle.MEMOIZE, pickle.BINGET, pickle.LONG_BINGET,
+    pickle.EMPTY_DICT, pickle.STACK_GLOBAL, pickle.REDUCE,
 )
 # fmt: on
-"""All opcodes that a message needs. The others set attributes of any object that they name, or allocate
-gigabytes from nine bytes."""
+"""All opcodes that a message needs. The others set attributes of any object that they name, allocate
+gigabytes from nine bytes, or repeat what came before."""
 _Plain: Any = vars(pickle)["_Unpickler"]
+
+
+class _Counted(dict[int, Any]):
+    """What carries out each opcode, of which so many are left."""
+
+    left = MOST_OPCODES
+
+    def __getitem__(self, code: int) -> Any:
+        self.left -= 1
+        if self.left < 0:
+            raise CodecError(f"more than {MOST_OPCODES} opcodes")
+        return super().__getitem__(code)
 
 
 class _Unpickler(_Plain):  # type: ignore[misc]
     """Decodes only `_OPCODES`. It is Python's unpickler, because in C's no opcode can be forbidden."""
 
     dispatch: ClassVar[dict[int, Any]] = {code[0]: _Plain.dispatch[code[0]] for code in _OPCODES}
+
+    def __init__(self, packed: bytes) -> None:
+        super().__init__(io.BytesIO(packed))
+        self.dispatch = _Counted(self.dispatch)  # type: ignore[misc]
 
     def _set_items(self) -> None:
         """Set items whose keys are str: hashing a key that is nested in itself may never end."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from anytraverse.history import Entry, History
 from anytraverse.memory import Memory
 from companion.vision.checks import BadReportError
-from companion.vision.messages import MemoryUpdate
+from companion.vision.messages import MOST_ROWS, Done, FrameJudged, MemoryUpdate, Ready, Report, Scenes
 
 _SCENES = 64
-"""Remembered scenes in one message, at most. Encoding one takes about 0.1 ms of the main loop."""
+"""Remembered scenes in one request, at most. Encoding one takes about 0.1 ms of the main loop."""
+_MOST_SCENES = 10_000
+"""As many as [journal] scenes allows."""
 
 
 class MemoryCopy:
@@ -25,16 +27,25 @@ class MemoryCopy:
         self.memory = memory
         self.revision = 0
         self._unsent: deque[Entry] = deque()
+        self._rows: tuple[Entry, ...] = ()
+        """Rows of the next update that came before it."""
+
+    def add(self, rows: tuple[Entry, ...]) -> None:
+        """Take in rows of the next update. Raises BadReportError for more than a memory has."""
+        self._rows += rows
+        if len(self._rows) > _MOST_SCENES:
+            raise BadReportError(f"{len(self._rows)} rows of one update")
 
     def apply(self, update: MemoryUpdate) -> None:
         """Apply an update. Raises BadReportError when it is not based on the present copy."""
         if update.base != self.revision or update.revision != self.revision + 1:
             raise BadReportError(f"memory {update.revision} on {update.base}, not on {self.revision}")
-        self.memory = updated(self.memory, update)
-        self.revision = update.revision
+        self.memory = updated(self.memory, replace(update, entries=(*self._rows, *update.entries)))
+        self.revision, self._rows = update.revision, ()
 
     def first_part(self) -> tuple[Memory | None, int]:
         """Return the copy with its first scenes only, and how many `next_scenes` returns after it."""
+        self._rows = ()
         if self.memory is None:
             return None, 0
         self._unsent = deque(self.memory.history)
@@ -61,6 +72,17 @@ def update_from(
         removed=tuple(stamp for stamp in before if stamp not in after),
         weak=weak,
     )
+
+
+def parts(report: Report) -> Iterator[Report]:
+    """Split off rows of a report's update that are more than one message carries: they go before it."""
+    if isinstance(report, FrameJudged | Done | Ready) and (update := report.update) is not None:
+        rows = update.entries
+        while len(rows) > MOST_ROWS:
+            yield Scenes(rows[:MOST_ROWS])
+            rows = rows[MOST_ROWS:]
+        report = replace(report, update=replace(update, entries=rows))
+    yield report
 
 
 def updated(base: Memory | None, update: MemoryUpdate) -> Memory:

@@ -53,6 +53,9 @@ LARGEST_PNG = 32 << 20
 LARGEST_JPEG = 4 << 20
 """Bytes of a recorded frame, at most."""
 
+MOST_ROWS = 4
+"""Remembered scenes in one report, at most. One with all words tapped takes 15 ms to decode."""
+
 # Requests, to the vision process.
 
 
@@ -79,7 +82,10 @@ class Start:
 
 @dataclass(frozen=True)
 class Scenes:
-    """Carries more remembered scenes of the memory: encoding all at once would stall the supervisor."""
+    """Carries remembered scenes: those after a `Start`, or as a report rows of the next `MemoryUpdate`.
+
+    Encoding or decoding all at once would stall the supervisor.
+    """
 
     entries: tuple[Entry, ...]
 
@@ -176,9 +182,9 @@ Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw | Encode
 class MemoryUpdate:
     """Changes the memory from revision `base` to `revision`: all of it but H, and the changed rows of H.
 
-    memory: without its history H. limit: H's bound. entries: new or changed rows of H. removed: stamps
-    (`Entry.order`) of the rows that went. weak: words in use that the perceiver recognises badly by name and
-    that have no tap.
+    memory: without its history H. limit: H's bound. entries: new or changed rows of H, at most `MOST_ROWS`;
+    more come before it in `Scenes`. removed: stamps (`Entry.order`) of the rows that went. weak: words in use
+    that the perceiver recognises badly by name and that have no tap.
     """
 
     revision: int
@@ -302,7 +308,7 @@ class Logged:
     text: str
 
 
-Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | Logged
+Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | Logged | Scenes
 
 
 def error_text(error: BaseException) -> str:

@@ -23,7 +23,7 @@ from companion.system.child_process import end_with, step_back
 from companion.vision.answer_queue import AnswerQueue
 from companion.vision.beside import BesideJudging
 from companion.vision.codec import Splitter, decode_trusted, encode
-from companion.vision.memory_copy import update_from
+from companion.vision.memory_copy import parts, update_from
 from companion.vision.messages import (
     Alive,
     Apply,
@@ -68,7 +68,8 @@ class Port:
         """Send the waiting log lines and a report. Blocks while the supervisor does not read."""
         while self.lines:
             self._channel.sendall(encode(self.lines.popleft()))
-        self._channel.sendall(encode(report))
+        for part in parts(report):
+            self._channel.sendall(encode(part))
 
     def has_room(self) -> bool:
         """Whether the supervisor has read enough of the earlier reports that another one can be sent."""

@@ -30,7 +30,7 @@ from companion.vision.client import (
     VisionClient,
     VisionLostError,
 )
-from companion.vision.codec import CodecError
+from companion.vision.codec import CodecError, decode
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     Alive,
@@ -574,13 +574,32 @@ def test_a_full_channel_is_a_lost_process(stage: Stage) -> None:
     assert stage.vision.trouble == "vision hangs"
 
 
+def test_reports_that_take_long_to_read_wait_for_the_next_turns(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slowly(packed: bytes) -> object:
+        stage.clock.now += 0.015
+        report: object = decode(packed)
+        return report
+
+    monkeypatch.setattr("companion.vision.client.decode", slowly)
+    for read in range(1, 6):
+        stage.child.live(CameraStatus(CameraState.DELIVERING, read=read), None)
+    stage.child.death = "was killed"
+    for read in (2, 4):
+        stage.vision.poll(stage.clock.now)
+        assert (stage.vision.camera.read, stage.vision.trouble) == (read, "")
+    stage.vision.poll(stage.clock.now)
+    assert stage.vision.trouble == "vision died (was killed)"
+
+
 def test_what_is_too_long_to_be_sent_is_a_lost_process_and_no_end_of_the_supervisor(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def too_long(_: object) -> bytes:
         raise CodecError("a message of 70000000 bytes")
 
-    monkeypatch.setattr("companion.vision.client.encode", too_long)
+    monkeypatch.setattr("companion.vision.client.encode_trusted", too_long)
     assert not stage.vision.tune(Settings())
     stage.vision.poll(stage.clock.now)
     assert stage.vision.trouble == "vision hangs"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pickle
+import pickletools
 import random
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,32 +19,39 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anytraverse.answers import Changes
+from anytraverse.answers import MAX_EXAMPLES, Changes
 from anytraverse.assessment import Assessment, Observation
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
+from anytraverse.history import MAX_REFUSED, Entry, History, Match, Place
 from anytraverse.judging import Settings, Thresholds
-from anytraverse.memory import first_memory
+from anytraverse.memory import MOST_GIVEN, first_memory
+from anytraverse.perception import Example
+from anytraverse.preferences import MAX_WORDS, Preferences
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.system.atomic_write import write_atomically
 from companion.vision.checks import BadReportError, Expected, check_report
 from companion.vision.codec import (
     LARGEST,
+    MOST_OPCODES,
     CodecError,
     Splitter,
     array_of,
     decode,
     decode_trusted,
     encode,
+    encode_trusted,
     frame_of_size,
     made,
 )
 from companion.vision.freeze_detector import luma
-from companion.vision.memory_copy import update_from, updated
+from companion.vision.memory_copy import MemoryCopy, parts, update_from, updated
 from companion.vision.messages import (
+    MOST_ROWS,
     Alive,
     Apply,
+    Done,
     Draw,
     Drawn,
     Encode,
@@ -53,6 +63,7 @@ from companion.vision.messages import (
     Model,
     Ready,
     Restore,
+    Scenes,
     Start,
 )
 from companion.vision.worker import Worker
@@ -229,6 +240,15 @@ class Calls:
         return self.made
 
 
+def dumped(value: object, protocol: int = 5) -> bytes:
+    """A pickle without references, as those of the vision process are."""
+    packed = io.BytesIO()
+    pickler = pickle.Pickler(packed, protocol)
+    pickler.fast = True
+    pickler.dump(value)
+    return packed.getvalue()
+
+
 def named(module: str, name: str, then: bytes = b"") -> bytes:
     """A pickle that names anything, and goes on with `then`."""
     return f"c{module}\n{name}\n".encode() + then + b"."
@@ -249,7 +269,7 @@ def test_no_function_is_called_and_no_file_is_written(tmp_path: Path) -> None:
     ):
         for protocol in range(2, 6):
             with pytest.raises(CodecError):
-                decode(pickle.dumps(called, protocol))
+                decode(dumped(called, protocol))
     assert not list(tmp_path.iterdir())
 
 
@@ -296,13 +316,13 @@ def test_what_makes_data_makes_only_data() -> None:
         ("companion.cameras.newest", "CameraThread", {}),
     ):
         with pytest.raises(CodecError, match="no data"):
-            decode(pickle.dumps(Calls(made, module, name, content)))
+            decode(dumped(Calls(made, module, name, content)))
     for array in (("|O", (1,), b"12345678"), ("<f4", (1 << 40,), b""), ("<f4", (2,), b"123")):
         with pytest.raises(CodecError):
-            decode(pickle.dumps(Calls(array_of, *array)))
+            decode(dumped(Calls(array_of, *array)))
     for size in ((0, 5), (5, 1 << 20), (-1, 4), ("a", 4)):
         with pytest.raises(CodecError):
-            decode(pickle.dumps(Calls(frame_of_size, 1, 0.0, *size)))
+            decode(dumped(Calls(frame_of_size, 1, 0.0, *size)))
 
 
 def refused(packed: bytes) -> None:
@@ -351,6 +371,74 @@ def test_a_message_that_would_be_too_long_is_refused_by_its_length_alone() -> No
         Splitter().feed((LARGEST + 1).to_bytes(4, "little"))
     with pytest.raises(CodecError, match="at most"):
         encode(Drawn(1, 1, "t", b"x" * (LARGEST + 1)))
+
+
+def tapped(order: int, taps: int = MAX_EXAMPLES) -> Entry:
+    """A scene of which everything is known, with as many words, taps and refused frames as there may be."""
+    vector = np.random.default_rng(order).random(384, np.float32)
+    words = Preferences.of({f"word number {number}": 1.0 for number in range(MAX_WORDS)}, order)
+    examples = {word: (Example("painted", vector),) * taps for word in words}
+    place = Place(47.1, 8.2, 90.0, 1.7e9, (0.1, 0.2, 0.3))
+    return Entry(vector, words, order, order, order, examples, place, (vector,) * MAX_REFUSED, vector)
+
+
+def test_the_largest_report_of_the_engine_is_read() -> None:
+    memory = first_memory("painted", WORDS, 10_000)
+    before = replace(memory, history=History([tapped(n, 0) for n in range(1, 10_001)], 10_000))
+    rows = [tapped(n) for n in range(20_001, 20_001 + MOST_ROWS)]
+    given_words = {f"word {number}": 1.0 for number in range(MOST_GIVEN)}
+    settled = dict.fromkeys(given_words, 1)
+    history = History(rows, 10_000)
+    after = replace(memory, history=history, examples=rows[0].examples, given=given_words, settled=settled)
+    seen = looked("drum")
+    adopted = replace(seen.assessment, adopted=rows[0], match=Match(rows[1], 0.9))
+    judged = replace(seen, assessment=adopted, update=update_from(before, after, 2, 1, ()))
+    packed = unframed(judged)
+    assert sum(1 for _ in pickletools.genops(packed)) < MOST_OPCODES
+    read = decode(packed)
+    assert len(read.update.removed) == 10_000
+    assert plain(read.update.entries) == plain(tuple(rows))
+
+
+def test_a_report_of_more_than_there_is_time_for_is_refused() -> None:
+    def nones(opcodes: int) -> bytes:
+        return b"\x80\x05(" + (opcodes - 4) * b"N" + b"t."
+
+    assert len(decode(nones(MOST_OPCODES))) == MOST_OPCODES - 4
+    with pytest.raises(CodecError, match="opcodes"):
+        decode(nones(MOST_OPCODES + 1))
+
+
+def test_a_few_bytes_do_not_stand_for_millions_of_scenes() -> None:
+    update = update_from(None, replace(engine(None).memory, history=History([tapped(1)])), 1, 0, ())
+    many = replace(update, entries=update.entries * 1_000_000)
+    with pytest.raises(CodecError):
+        decode(encode_trusted(Done(1, None, "x", many))[4:])
+    with pytest.raises(BadReportError, match="rows"):
+        through(Done(1, None, "x", replace(update, entries=update.entries * (MOST_ROWS + 1))))
+
+
+@pytest.mark.parametrize("count", [0, 1, MOST_ROWS, MOST_ROWS + 1, 30])
+def test_an_update_of_many_rows_comes_in_parts_and_whole(count: int) -> None:
+    after = replace(engine(None).memory, history=History([tapped(n, 1) for n in range(1, 1 + count)]))
+    copy = MemoryCopy(None)
+    for part in map(through, parts(Done(1, None, "x", update_from(None, after, 1, 0, ())))):
+        if isinstance(part, Scenes):
+            copy.add(part.entries)
+        else:
+            copy.apply(part.update)
+    assert copy.memory is not None
+    assert plain(list(copy.memory.history)) == plain(list(after.history))
+
+
+def test_the_rows_of_one_update_have_an_end_and_a_new_process_begins_without_them() -> None:
+    copy = MemoryCopy(None)
+    row = tapped(1, 0)
+    for _ in range(2):
+        copy.add((row,) * 10_000)
+        with pytest.raises(BadReportError, match="rows of one update"):
+            copy.add((row,))
+        copy.first_part()
 
 
 def test_an_update_says_what_it_removed() -> None:

@@ -37,6 +37,7 @@ _END = struct.Struct("<4s4H2LH")
 _LONGEST_ENTRY = 256
 """Bytes of the directory for one member."""
 _CHECKING = ThreadPoolExecutor(1, "check")
+"""Checks and stores files, one at a time."""
 _PATH, _DOCUMENT_PATH = f"/{FOLDER}/", f"/{DOCUMENT}"
 _STORED = re.compile(r"rover[0-9]{1,3}-[0-9]{8}-[0-9]{6}-.*\.zip", re.ASCII)
 
@@ -81,18 +82,16 @@ class RoverIncidents:
 
     def fetch(self, name: str) -> None:
         """Fetch a file, or go on with one that was begun."""
-        if self._page is not None:
-            if name not in self._downloads:
-                self._problems.pop(name, None)
-                self._downloads[name] = Download(
-                    self._page, _PATH + name, lambda content: self._store(name, content)
-                )
-            return
 
         def check(content: bytes) -> Future[None]:
             return _CHECKING.submit(self._store, name, content)
 
-        self._files.want(_PATH + name, Rank.INCIDENT, check)
+        if self._page is None:
+            self._files.want(_PATH + name, Rank.INCIDENT, check)
+        elif name not in self._downloads:
+            self._problems.pop(name, None)
+            download = Download(self._page, _PATH + name, lambda content: check(content).result())
+            self._downloads[name] = download
 
     def stop(self, name: str) -> None:
         """Stop fetching a file."""
@@ -152,7 +151,7 @@ class RoverIncidents:
             self._followed_until = float("-inf")
 
     def _store(self, name: str, content: bytes) -> None:
-        """Check and store a file that has come, in a thread. Raises DocumentError."""
+        """Check and store a file that has come. Raises DocumentError."""
         if not _is_whole(content):
             raise DamagedError("it came damaged")
         assert self._folder is not None

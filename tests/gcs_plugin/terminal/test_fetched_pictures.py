@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.picture_size import jpeg_size
 from bench.link.radio_model import LinkConditions, RadioModel
 from companion.config.link_settings import LinkSettings
 from companion.link.parser import Parser
@@ -24,7 +25,7 @@ from gcs_plugin.client.fetch import LIFETIME_S, Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal.commands import Picture, parse
 from gcs_plugin.terminal.output import TextOutput
-from gcs_plugin.terminal.pictures import Pictures, jpeg_size
+from gcs_plugin.terminal.pictures import Pictures
 from gcs_plugin.terminal.resolve import picture_of
 from gcs_plugin.terminal.session import Session
 

@@ -17,6 +17,8 @@ from anytraverse.memory import resumed_memory
 from anytraverse.perception import Example
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
+from companion.config.radio import Link
+from companion.config.web import Web
 from companion.sim.loopback_vision import LoopbackVision
 from companion.system.watchdog import SILENT_AFTER
 from companion.tasks import VISION
@@ -175,6 +177,15 @@ def test_an_answer_comes_back_with_its_token_and_the_memory(stage: Stage) -> Non
     assert applied.error is None
     assert applied.memory is stage.vision.memory
     assert applied.memory.preferences["drum"] == -1.0
+
+
+def test_the_process_is_told_neither_token_nor_key() -> None:
+    child = LoopbackVision(engine)
+    web, link = Web(token="0123456789abcdef"), Link(signing_key="/etc/anytraverse/signing.key")
+    vision = VisionClient(lambda: child, replace(Config(), web=web, link=link), None, VISION)
+    vision.poll(time.monotonic())
+    child.work()
+    assert list(child.requests) == [Start(Config(), None, 0, 1)]
 
 
 def test_a_refused_answer_comes_back_with_the_reason(stage: Stage) -> None:

@@ -24,8 +24,10 @@ from companion.wire.json_values import DocumentError, read_object, text_of
 log = logging.getLogger(__name__)
 
 COMMAND = (sys.executable, "-m", "companion.recording.packing_process")
-WITHIN = 120.0
-"""Seconds after which the process is killed. On a computer that has nothing else to do it needs a few."""
+STALLED = 120.0
+"""Seconds without progress after which the process is killed."""
+LONGEST_RUN = 900.0
+"""Seconds after which it is killed in any case. On a computer that has nothing else to do it needs a few."""
 PAUSE = 10.0
 """Seconds between two incidents, so that a flood of requests wears no disk out."""
 
@@ -42,9 +44,13 @@ class IncidentPacker:
     """Owns the process that packs. The main loop calls `poll` in every turn. Times are monotonic seconds."""
 
     def __init__(
-        self, config: Config, launch: Callable[[], PackingChild] = PackingChild, within: float = WITHIN
+        self,
+        config: Config,
+        launch: Callable[[], PackingChild] = PackingChild,
+        stalled: float = STALLED,
+        longest: float = LONGEST_RUN,
     ) -> None:
-        """launch: starts the process or raises OSError. within: see `WITHIN`."""
+        """launch: starts the process or raises OSError. stalled, longest: see `STALLED`, `LONGEST_RUN`."""
         self._folder = Path(os.path.abspath(config.journal.path))
         self._config = format_config(config)
         self._not_recorded = ""
@@ -53,9 +59,11 @@ class IncidentPacker:
         elif packages := missing():
             self._not_recorded = f"{', '.join(packages)} not installed: {EXTRA}"
         self._launch = launch
-        self._within = within
+        self._stalled, self._longest = stalled, longest
         self._child: PackingChild | None = None
-        self._began = self._ended = float("-inf")
+        self._began = self._looked_at = self._ended = float("-inf")
+        self._worked = 0.0
+        """CPU seconds of the process at the last look."""
         self._guard = ErrorGuard(lambda _now: None)
         self.told = Incidents()
         """What the ground and the page are told."""
@@ -92,8 +100,11 @@ class IncidentPacker:
                 self._finish(said[0], now)
             elif ended:
                 self._fail(f"packing ended with {ended}", now)
-            elif now - self._began > self._within:
-                self._fail(f"it took longer than {self._within:.0f} s: the computer is busy", now)
+            elif now - self._began > self._longest:
+                self._fail(f"it took longer than {self._longest:.0f} s: use `companion incident`", now)
+            elif now - self._looked_at > self._stalled and not self._progresses(self._child, now):
+                busy = "the disk hangs, or the computer is busy"
+                self._fail(f"it made no progress for {self._stalled:.0f} s: {busy}", now)
 
     def document(self) -> dict[str, Any]:
         """Return the content of /incidents.json."""
@@ -105,6 +116,11 @@ class IncidentPacker:
             self._child.close()
             self._child = None
 
+    def _progresses(self, child: PackingChild, now: float) -> bool:
+        """Whether the process has worked since the last look. One that waits for a disk has not."""
+        before, self._worked, self._looked_at = self._worked, child.cpu_seconds(), now
+        return self._worked > before
+
     def _start(self, call: int, now: float) -> tuple[Result, str]:
         try:
             asked = Asked(str(self._folder), self._config, call, self._not_recorded).encoded()
@@ -115,7 +131,7 @@ class IncidentPacker:
         except (OSError, ValueError) as error:
             self._ended = now
             return Result.REFUSED, f"packing cannot be started: {str(error).lower()}"
-        self._child, self._began = child, now
+        self._child, self._began, self._looked_at, self._worked = child, now, now, 0.0
         self.told = self.told._replace(packing=call, failed=None)
         log.info("%s is being packed", _named(call))
         return Result.APPLIED, f"{_named(call)} is being packed"
@@ -135,8 +151,7 @@ class IncidentPacker:
     def _fail(self, why: str, now: float) -> None:
         call = self.told.packing or 0
         log.warning("%s is not packed: %s", _named(call), why)
-        # The oldest one may be deleted already.
-        self._end(Incidents(None, (call, why), self.told.packed[: MOST_KEPT - 1]), now)
+        self._end(Incidents(None, (call, why), self.told.packed), now)
 
     def _end(self, told: Incidents, now: float) -> None:
         self.close()

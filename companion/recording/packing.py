@@ -69,17 +69,20 @@ def kept(folder: Path) -> list[Packed]:
 
 
 def pack(asked: Asked) -> Packed:
-    """Pack an incident: the whole file and the short one. Deletes the oldest, and what was left half done.
+    """Pack an incident: the whole file and the short one. Deletes the oldest once they are there.
 
-    Limits the size of the files that this process may write from now on. Raises PackingError, OSError.
+    Limits the size of the files that this process may write from now on. Raises PackingError, OSError; then
+    all that were packed before stay.
     """
     folder = Path(asked.folder)
     home = folder / FOLDER
     home.mkdir(exist_ok=True)
     before = kept(folder)
     number = 1 + max((named[0] for one in os.listdir(home) if (named := read_name(one))), default=0)
-    _clear(home, {one.name for one in before[: MOST_KEPT - 1]})
-    room = (shutil.disk_usage(home).free - LEAST_FREE) // 2  # each is copied before it is compressed
+    _clear(home, {one.name for one in before})
+    # The oldest has to go in any case, so that its room counts.
+    free = shutil.disk_usage(home).free + sum(one.size + one.short for one in before[MOST_KEPT - 1 :])
+    room = (free - LEAST_FREE) // 2  # each is copied before it is compressed
     if room < _LEAST:
         raise PackingError(f"the disk is full: {LEAST_FREE >> 20} MiB stay free")
     most = min(LARGEST, room)
@@ -105,13 +108,14 @@ def pack(asked: Asked) -> Packed:
         raise
     for kind, path in files.items():
         os.replace(path, home / f"{name}{kind}.zip")
+    _clear(home, {name, *(one.name for one in before[: MOST_KEPT - 1])})
     note = "" if windows else f"without a recording: {asked.not_recorded or 'nothing was recorded then'}"
     whole, short = ((home / f"{name}{kind}.zip").stat().st_size for kind in ("", SHORT))
     return Packed(number, asked.call, whole, short, note)
 
 
 def _clear(home: Path, names: Iterable[str]) -> None:
-    """Delete all but the files of these incidents: the oldest, and what a killed process has left."""
+    """Delete all but the files of these incidents, also what a killed process has left half done."""
     stay = {f"{name}{kind}.zip" for name in names for kind in ("", SHORT)}
     for path in home.iterdir():
         if path.name not in stay and read_name(path.name.removeprefix(".")) is not None:

@@ -73,6 +73,14 @@ class ChildProcess:
             return signal.Signals(-code).name
         return f"signal {-code}"
 
+    def cpu_seconds(self) -> float:
+        """Return for how long the process has computed, 0.0 for one that has ended and gone."""
+        try:
+            fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        except OSError:
+            return 0.0
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     def ends_within(self, seconds: float) -> bool:
         """Wait for the process to end by itself. Whether it did."""
         try:

@@ -27,7 +27,7 @@ from gcs_plugin.console.rover_page import Download, RoverPage
 AGAIN_S = 3.0
 """Seconds between two readings of /incidents.json while an incident is packed."""
 FOLLOWED_S = 180.0
-"""Seconds for which a request is followed: longer than a rover packs."""
+"""Seconds for which a request is followed, and again from each time that the rover says that it packs."""
 MOST_STORED = 32
 """Files that stay in the folder, the newest ones."""
 _LARGEST_CONTENT = 512 << 20
@@ -147,7 +147,9 @@ class RoverIncidents:
     def _hear(self, content: bytes) -> None:
         self._told = read_incidents(content)
         unsettled = any(not one.settled for one in self._asked.values())
-        if self._told.packing is None and not unsettled:
+        if self._told.packing is not None:
+            self._followed_until = self._read_at + FOLLOWED_S
+        elif not unsettled:
             self._followed_until = float("-inf")
 
     def _store(self, name: str, content: bytes) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import signal
 import sys
 import time
@@ -29,7 +30,7 @@ from companion.recording.foxglove import jpeg_of
 from companion.recording.messages import Message
 from companion.recording.packer import PAUSE, IncidentPacker, PackingChild
 from companion.recording.packing import Asked, PackingError, kept, pack
-from companion.recording.ring_writer import RingWriter
+from companion.recording.ring_writer import LEAST_FREE, RingWriter
 from companion.recording.shortened import FRAME_WIDTH, FRAMES
 from companion.recording.topics import TOPICS, Topic
 from companion.storage.served_files import ServedFiles
@@ -39,7 +40,8 @@ from companion.wire.incidents import MOST_KEPT, SHORT, read_incidents
 from tests.companion.recording.made import BEGAN, NS, opened, status, words
 from tests.companion.recording.test_commands import unpacked
 
-PATIENCE = 20.0
+PATIENCE = 60.0
+"""Seconds: a process of lowest priority may have to wait for all others."""
 NOISE = np.random.default_rng(1).integers(0, 255, (60, 120, 3), np.uint8)
 PICTURE = cv2.imencode(".jpg", cv2.resize(NOISE, (480, 240)))[1].tobytes()
 
@@ -172,6 +174,40 @@ def test_what_is_not_recorded_any_more_is_refused_and_what_has_a_record_is_packe
     assert pack(off).note == "without a recording: switched off by [recording] size"
 
 
+def test_a_request_that_leads_to_no_file_deletes_none(rover: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    while len(kept(rover)) < MOST_KEPT:
+        pack(asked(rover, 0))
+    before = kept(rover)
+    with pytest.raises(PackingError, match="nothing of it is recorded any more"):
+        pack(asked(rover, 9))
+    assert kept(rover) == before
+    one = packing_of(rover)
+    one.packer.ask(9, time.monotonic())
+    one.until_done()
+    assert one.packer.told.failed == (9, "nothing of it is recorded any more, and its record is gone")
+    assert one.packer.told.packed == tuple(before), "and all are still told of"
+    monkeypatch.setattr(packing, "LARGEST", 200_000)
+    with pytest.raises(PackingError, match="larger than 0 MB"):
+        pack(asked(rover))
+    assert kept(rover) == before
+    monkeypatch.setattr(packing, "LEAST_FREE", 1 << 60)
+    with pytest.raises(PackingError, match="the disk is full"):
+        pack(asked(rover))
+    assert kept(rover) == before
+
+
+def test_the_room_of_the_oldest_counts_on_a_full_disk(rover: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    while len(kept(rover)) < MOST_KEPT:
+        pack(asked(rover))
+    oldest = kept(rover)[-1]
+    least = 32 << 20
+    nearly_full = shutil.disk_usage(rover)._replace(free=LEAST_FREE + 2 * least - 2)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _folder: nearly_full)
+    monkeypatch.setattr(packing, "_LEAST", least)
+    assert pack(asked(rover, 0)) in kept(rover)
+    assert oldest not in kept(rover)
+
+
 def test_a_full_disk_is_said_and_nothing_half_done_stays(
     rover: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -224,7 +260,10 @@ def child_of(script: str) -> Callable[[], PackingChild]:
     ("script", "why"),
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "packing ended with SIGKILL"),
-        ("import time; time.sleep(60)", "it took longer than 1 s: the computer is busy"),
+        (
+            "import time; time.sleep(60)",
+            "it made no progress for 1 s: the disk hangs, or the computer is busy",
+        ),
         (SAYS.format("b'rubbish'"), "packing failed"),
         (SAYS.format("b'[' * 9000"), "packing failed"),
     ],
@@ -232,7 +271,7 @@ def child_of(script: str) -> Callable[[], PackingChild]:
 def test_a_process_that_fails_is_said_and_the_next_request_starts_another(
     tmp_path: Path, script: str, why: str
 ) -> None:
-    one = packing_of(tmp_path, launch=child_of(script), within=1.0)
+    one = packing_of(tmp_path, launch=child_of(script), stalled=1.0)
     began = time.monotonic()
     one.packer.ask(7, began)
     one.until_done()
@@ -242,6 +281,30 @@ def test_a_process_that_fails_is_said_and_the_next_request_starts_another(
     assert one.packer.ask(7, time.monotonic() + PAUSE)[0] is Result.APPLIED
     assert "failed" not in str(one.packer.told.failed)
     one.packer.close()
+
+
+WORKS = "import time\nwhile True: time.process_time()"
+
+
+def test_a_process_that_works_is_waited_for_until_the_longest_time_and_can_be_ended(tmp_path: Path) -> None:
+    one = packing_of(tmp_path, launch=child_of(WORKS), stalled=10.0, longest=100.0)
+    one.packer.ask(7, 0.0)
+    child = one.packer._child
+    assert child is not None
+    for looked in range(11, 100, 11):
+        worked, deadline = child.cpu_seconds(), time.monotonic() + PATIENCE
+        while child.cpu_seconds() <= worked:
+            assert time.monotonic() < deadline
+        one.packer.poll(float(looked))
+        assert one.packer.told.packing == 7, looked
+    one.packer.poll(101.0)
+    assert one.packer.told.failed == (7, "it took longer than 100 s: use `companion incident`")
+    assert child.ended()
+    one.packer.ask(7, 101.0 + PAUSE)
+    child = one.packer._child
+    assert child is not None
+    one.packer.close()
+    assert child.ended() == "SIGKILL"
 
 
 def test_a_process_that_cannot_be_started_is_told_to_who_asks(tmp_path: Path) -> None:

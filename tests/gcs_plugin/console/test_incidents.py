@@ -24,7 +24,7 @@ from companion.wire.incidents import MOST_MEMBERS, Incidents, Packed
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client.fetch import LIFETIME_S, MAX_BYTES
 from gcs_plugin.console import incidents
-from gcs_plugin.console.incidents import MOST_STORED
+from gcs_plugin.console.incidents import FOLLOWED_S, MOST_STORED
 from gcs_plugin.console.requests import IncidentFileRequest, IncidentRequest, read_request
 from gcs_plugin.console.rover_page import RoverPage, read_pages
 from tests.companion.web.played import TOKEN
@@ -129,6 +129,17 @@ def test_a_request_is_delivered_as_an_answer_is_and_its_progress_is_told(rover: 
     assert "too much for MAVLink FTP" in whole["problem"]
     assert whole["bytes"] > MAX_BYTES
     assert rover.shown(0)["files"] == [], "not of the last minute"
+
+
+def test_a_request_is_followed_for_as_long_as_the_rover_packs(rover: Rover) -> None:
+    rover.desk.post("incident", call=7)
+    rover.desk.run(1.0)
+    rover.told = Incidents(7)
+    rover.reply(Result.APPLIED, "C7 is being packed")
+    rover.desk.run(FOLLOWED_S + 20.0)
+    assert rover.shown()["busy"]
+    rover.told = Incidents(packed=(PACKED,))
+    rover.desk.until(lambda: bool(rover.shown()["files"]))
 
 
 @pytest.mark.parametrize(

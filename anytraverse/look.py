@@ -19,6 +19,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver, make_perceiver, weak_words
 from anytraverse.preferences import Preferences
+from anytraverse.regular_file import read_regular
 
 DEFAULT_PROMPTS = "trail: 1; grass: 1; bush: -1; tree: -1; sky: -0.5"
 
@@ -74,10 +75,8 @@ def read_picture(path: str) -> Image:
         raise PerceiverError(
             'reading pictures needs OpenCV: pip install "anytraverse-companion[rover]"'
         ) from None
-    with Path(path).open("rb") as file:
-        content = file.read(MAX_BYTES + 1)
     try:
-        picture = decode(content)
+        picture = decode(read_regular(path, MAX_BYTES + 1))
     except PictureTooLargeError as error:
         raise PictureError(f"{path}: {error}") from error
     if picture is None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from anytraverse.errors import BundleError, PreferencesError
 from anytraverse.perception.classes.words import NamedClass, Words
 from anytraverse.preferences import clean_word
+from anytraverse.regular_file import read_regular
 
 _LARGEST = 1 << 20
 
@@ -38,8 +39,7 @@ def read_class_names(path: Path) -> Words:
 
 
 def _text(path: Path) -> str:
-    with path.open("rb") as file:
-        data = file.read(_LARGEST + 1)
+    data = read_regular(path, _LARGEST + 1)
     try:
         if len(data) > _LARGEST:
             raise BundleError(

@@ -20,6 +20,7 @@ from anytraverse.bundle.files import sha256_of as sha256_of  # noqa: PLC0414
 from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.resizing import FILTERS, LARGEST, Fit
+from anytraverse.regular_file import read_regular
 
 MANIFEST = "manifest.json"
 FORMAT = 1
@@ -144,8 +145,7 @@ def verify(
 def _manifest_bytes(folder: Path) -> bytes:
     path = folder / MANIFEST
     try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_MANIFEST + 1)
+        data = read_regular(path, LARGEST_MANIFEST + 1)
     except (FileNotFoundError, NotADirectoryError):
         raise BundleError(
             f"{folder} is not a bundle, it has no {MANIFEST}: "

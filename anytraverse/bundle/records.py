@@ -18,6 +18,7 @@ from anytraverse.bundle.manifest import Manifest, manifest_digest
 from anytraverse.bundle.writing import CHECKS
 from anytraverse.errors import BundleError
 from anytraverse.perception.runtime import Runtime
+from anytraverse.regular_file import read_regular
 
 RECORD_FORMAT = 1
 _LARGEST = 1 << 20
@@ -137,8 +138,7 @@ def read_record(folder: Path, digest: str, machine: Machine | None = None) -> tu
     machine = machine or this_machine()
     path = record_path(folder, machine)
     try:
-        with path.open("rb") as file:
-            record = _record(parse_object(file.read(_LARGEST), path.name))
+        record = _record(parse_object(read_regular(path, _LARGEST), path.name))
     except FileNotFoundError:
         return None, "not checked on this machine"
     except OSError as error:

@@ -15,10 +15,11 @@ from typing import Any
 
 from anytraverse.bundle.fields import parse_object
 from anytraverse.bundle.files import sha256_of
-from anytraverse.bundle.manifest import FORMAT, MANIFEST, Manifest, read_manifest
+from anytraverse.bundle.manifest import FORMAT, LARGEST_MANIFEST, MANIFEST, Manifest, read_manifest
 from anytraverse.errors import BundleError
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.resizing import Fit
+from anytraverse.regular_file import read_regular
 
 CHECKS = "checks"
 """The folder in a bundle for the records of checks, one file a machine."""
@@ -137,7 +138,7 @@ def check_place(out: Path, kind: str | None = None) -> None:
     if not lying and not any(out.iterdir()):
         return
     try:
-        fields = parse_object((out / MANIFEST).read_bytes(), str(out / MANIFEST))
+        fields = parse_object(read_regular(out / MANIFEST, LARGEST_MANIFEST), str(out / MANIFEST))
         known = {MANIFEST, *fields.object("files")} if fields.any("format") else set()
         lies_there = fields.any("kind")
     except (BundleError, OSError):

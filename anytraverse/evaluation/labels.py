@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.errors import AnyTraverseError
+from anytraverse.regular_file import read_regular
 
 FILE = "classes.json"
 FORM = '{"ignore": 255, "classes": ["grass", "trail"]}, where the place in the list is the id'
@@ -98,8 +99,7 @@ def read_classes(folder: Path) -> Classes:
     """Read `classes.json` of a folder. Raises DatasetError, which says what to write, and OSError."""
     file = folder / FILE
     try:
-        with file.open("rb") as stream:
-            data = stream.read(_MOST_BYTES + 1)
+        data = read_regular(file, _MOST_BYTES + 1)
     except FileNotFoundError:
         raise DatasetError(f"{file} is missing: write {FORM}") from None
     try:

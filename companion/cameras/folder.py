@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, decode
+from anytraverse.regular_file import read_regular
 from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, EndOfFrames
 from companion.cameras.playback import Pace
 
@@ -59,8 +60,7 @@ class PictureFolder:
             self._frames = iter(pictures(self._folder))
             path = next(self._frames)
         try:
-            with path.open("rb") as file:
-                picture = decode(file.read(MAX_BYTES + 1))
+            picture = decode(read_regular(path, MAX_BYTES + 1))
         except OSError as error:
             raise BadFrame(f"{path} cannot be read ({error}): mend or remove it") from error
         except PictureTooLargeError as error:

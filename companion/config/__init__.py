@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from companion.config.printing import format_config, json_schema
-from companion.config.reading import load_config, state_folder, word_problem
+from companion.config.reading import load_config, recorded_config, state_folder, word_problem
 from companion.config.schema import Config
 from companion.config.toml_file import ConfigError, Problem
 
@@ -14,6 +14,7 @@ __all__ = [
     "format_config",
     "json_schema",
     "load_config",
+    "recorded_config",
     "state_folder",
     "word_problem",
 ]

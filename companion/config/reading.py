@@ -19,15 +19,39 @@ from companion.wire.parameters import MAX_WORDS, OBSTACLE
 
 SERVICE = Path("/var/lib/anytraverse")
 """The service's state folder. systemd sets $STATE_DIRECTORY for the service, but not in a person's shell."""
+_OF_JUDGING = {"camera": ("rate", "view", "latency"), "perceiver": ("name", "precision", "scene_every")}
+"""Settings by which frames are judged, beside `OF_A_VEHICLE`. Where a network runs is this computer's."""
 
 
 def load_config(path: str | Path) -> Config:
     """Load the file `path` and the vehicle's file that it names; `path` wins. Raises ConfigError."""
     main = Layer.read(Path(os.path.expanduser(path)), _shown)
     problems: list[Problem] = []
+    vehicle = _read_vehicle(main, problems)
+    config = _checked(main, vehicle, problems)
+    folder = main.path.parent.absolute()
+    return replace(
+        config,
+        perceiver=config.perceiver.with_paths_in(folder),
+        link=config.link.with_paths_in(folder),
+        journal=config.journal.with_paths_in(folder),
+    )
+
+
+def recorded_config(text: str) -> Config:
+    """Load the settings by which frames were judged, of a configuration that a rover recorded.
+
+    text: by `format_config`. All else has its defaults: a recording may come from anybody, so that no file,
+    folder or address in it is used. Raises ConfigError.
+    """
+    recorded = Layer.parse(Path("its companion.toml"), text.encode(errors="replace"))
+    return _checked(recorded.only(OF_A_VEHICLE, _OF_JUDGING), None, [])
+
+
+def _checked(main: Layer, vehicle: Layer | None, problems: list[Problem]) -> Config:
+    """Make the configuration. Raises ConfigError with `problems`, those found before, and all others."""
     layers = [main]
     _refuse_unknown(main, (*WORD_KEYS, *SECTIONS), problems)
-    vehicle = _read_vehicle(main, problems)
     if vehicle is not None:
         _refuse_unknown(vehicle, OF_A_VEHICLE, problems)
         layers.append(vehicle)
@@ -37,7 +61,7 @@ def load_config(path: str | Path) -> Config:
     }
     words = read_words(layers, problems)
     problems += _too_slow_for_sticks(main, sections)
-    if sections["web"].token and main.others_may_read:
+    if sections["web"].token and main.is_open_to_all():
         reason = f"everybody on this computer may read it: chmod o-r {main.path}"
         problems.append(main.problem(("web", "token"), reason))
     if problems:
@@ -45,14 +69,7 @@ def load_config(path: str | Path) -> Config:
     if sections["video"].listen and len(words.vocabulary) < MAX_WORDS:
         # A tap in the video names an obstacle: with a parameter of its own it can be taken back.
         words = words._replace(vocabulary=tuple(dict.fromkeys((*words.vocabulary, OBSTACLE[0]))))
-    config = Config(**sections, **words._asdict())
-    folder = main.path.parent.absolute()
-    return replace(
-        config,
-        perceiver=config.perceiver.with_paths_in(folder),
-        link=config.link.with_paths_in(folder),
-        journal=config.journal.with_paths_in(folder),
-    )
+    return Config(**sections, **words._asdict())
 
 
 def _too_slow_for_sticks(main: Layer, sections: Mapping[str, Any]) -> list[Problem]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import stat
 import sys
@@ -11,6 +10,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
+
+from anytraverse.regular_file import read_regular
 
 _LONGEST_VALUE = 40
 
@@ -134,16 +135,10 @@ class Layer:
         data: Mapping[str, Any],
         lines: Mapping[KeyPath, int],
         shown: Callable[[KeyPath, object], object],
-        *,
-        others_may_read: bool = False,
     ) -> None:
-        """shown: makes what a problem may show of the value at some keys, None for nothing.
-
-        others_may_read: whether users outside of the file's group may.
-        """
+        """shown: makes what a problem may show of the value at some keys, None for nothing."""
         self.path = path
         self.data = data
-        self.others_may_read = others_may_read
         self._lines = lines
         self._shown = shown
 
@@ -151,17 +146,22 @@ class Layer:
     def read(cls, path: Path, shown: Callable[[KeyPath, object], object] = lambda *_: None) -> Layer:
         """Read a file. Raises ConfigError when it cannot be read or is no TOML. shown: as above."""
         try:
-            with path.open("rb") as file:
-                raw, mode = file.read(_LARGEST + 1), os.fstat(file.fileno()).st_mode
-            if len(raw) > _LARGEST:
-                raise _file_error(path, "is larger than 1 MiB: this is no configuration")
-            text = raw.decode().replace("\r\n", "\n")
-            others_may_read = bool(mode & stat.S_IROTH)
-            return cls(path, tomllib.loads(text), key_lines(text), shown, others_may_read=others_may_read)
+            return cls.parse(path, read_regular(path, _LARGEST + 1), shown)
         except FileNotFoundError:
             raise _file_error(path, "there is no such file: `companion init` writes one") from None
         except OSError as error:
             raise _file_error(path, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
+
+    @classmethod
+    def parse(
+        cls, path: Path, raw: bytes, shown: Callable[[KeyPath, object], object] = lambda *_: None
+    ) -> Layer:
+        """Read what stands in a file, or stood in one. Raises ConfigError when it is no TOML."""
+        if len(raw) > _LARGEST:
+            raise _file_error(path, "is larger than 1 MiB: this is no configuration")
+        try:
+            text = raw.decode().replace("\r\n", "\n")
+            return cls(path, tomllib.loads(text), key_lines(text), shown)
         except UnicodeDecodeError as error:
             raise _file_error(path, f"is not UTF-8 (byte {error.start}): save it as UTF-8") from error
         except RecursionError as error:
@@ -171,6 +171,18 @@ class Layer:
             reason, line = (located[1], int(located[2])) if located else (str(error), None)
             hint = " (text stands in quotes)" if reason == "Invalid value" else ""
             raise ConfigError([Problem(path, line, "", None, f"{reason}{hint}: mend the TOML")]) from error
+
+    def is_open_to_all(self) -> bool:
+        """Whether users outside of the file's group may read it. Raises OSError."""
+        return bool(self.path.stat().st_mode & stat.S_IROTH)
+
+    def only(self, tables: Sequence[str], keys: Mapping[str, Sequence[str]]) -> Layer:
+        """Return these whole tables, and of others these keys alone."""
+        data = {name: value for name, value in self.data.items() if name in tables}
+        for name, known in keys.items():
+            if isinstance(found := self.data.get(name), Mapping):
+                data[name] = {key: value for key, value in found.items() if key in known}
+        return Layer(self.path, data, self._lines, self._shown)
 
     def problem(self, keys: KeyPath, reason: str) -> Problem:
         """Make a problem with the value at `keys`, on its line or that of the table around it."""

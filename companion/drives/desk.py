@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from anytraverse.memory import Memory
+from anytraverse.regular_file import read_regular
 from companion.browser import wording
 from companion.drives.drive import DriveError
 from companion.drives.rehearsal import AskedCall
@@ -15,6 +16,8 @@ from companion.wire.typed_answers import CommandError, read_typed
 from companion.wire.weights import turned
 
 _SEPARATOR = " = "
+_LARGEST = 16 << 20
+"""Bytes of a file of answers, at most."""
 _HELP = """\
   tap drum -1, go                 what it points at is a drum, and never drivable
   gravel: 1; dry grass: 0.3, go   words for the ground here
@@ -29,8 +32,11 @@ class AnswerFile:
     def __init__(self, path: Path) -> None:
         """Raises DriveError for a line that is no answer, and OSError."""
         self._answers: defaultdict[str, deque[str]] = defaultdict(deque)
+        content = read_regular(path, _LARGEST + 1)
+        if len(content) > _LARGEST:
+            raise DriveError(f"{path} is larger than {_LARGEST >> 20} MiB: this is no file of answers")
         try:
-            text = path.read_text(encoding="utf-8-sig")  # editors of Windows begin a file with a mark
+            text = content.decode("utf-8-sig")  # editors of Windows begin a file with a mark
         except UnicodeDecodeError as error:
             raise DriveError(f"{path} is no text in UTF-8: save it as that") from error
         for number, line in enumerate(text.split("\n"), 1):

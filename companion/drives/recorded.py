@@ -6,8 +6,9 @@ from bisect import bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,11 +25,17 @@ from companion.wire.answers import ForgetWord, SetWord, TapBox
 from companion.wire.typed_answers import CommandError, read_typed
 from companion.wire.words_text import operation_text
 
+if TYPE_CHECKING:
+    from companion.recording.reading import Read
+
 _NS = 1_000_000_000
 _LONGEST_GAP = 3600.0
 _JUMP = 1.0
 _MOTIONS = {"go": "go", "stay": "stay", "look_again": "look"}
-_NEEDED = (Topic.CAMERA, Topic.ASSESSMENT, Topic.WORDS, Topic.SETTINGS, Topic.SETUP)
+_HELD, _MOST_HELD = 64, 32 << 20
+"""Frames of a recording, and bytes of their messages, that are held so that their times rise."""
+_MOST_TOLD, _OF_A_MESSAGE = 64 << 20, 200
+"""Bytes of a file's judgements, words, settings and answers that are held at most; what each takes beside."""
 
 
 class RecordedFrame(NamedTuple):
@@ -47,19 +54,19 @@ class RecordedFrame(NamedTuple):
 
 @dataclass
 class _Standing:
-    """What holds from a time on. at: ns since 1970, rising."""
+    """What holds from a time on. at: ns since 1970, rising. content: JSON."""
 
     at: list[int] = field(default_factory=list)
-    content: list[Mapping[str, Any]] = field(default_factory=list)
+    content: list[bytes] = field(default_factory=list)
 
-    def add(self, at: int, content: Mapping[str, Any]) -> None:
+    def add(self, at: int, content: bytes) -> None:
         place = bisect_right(self.at, at)
         self.at.insert(place, at)
         self.content.insert(place, content)
 
     def then(self, at: int) -> Mapping[str, Any]:
         found = bisect_right(self.at, at)
-        return self.content[max(0, found - 1)] if self.content else {}
+        return read_json(self.content[max(0, found - 1)]) if self.content else {}
 
 
 @dataclass
@@ -118,7 +125,7 @@ class Recording:
         return (one.frame for one in self.recorded())
 
     def recorded(self) -> Iterator[RecordedFrame]:
-        """Read all frames with what was recorded of them. At most one file is held in memory.
+        """Read all frames with what was recorded of them. Of the frames at most `_HELD` are held in memory.
 
         Each start of the companion counts its frames from 1: the second frame 7 is named "frame 7 (2)".
         """
@@ -132,18 +139,16 @@ class Recording:
         Only words, taps and motions are told: what forgets a call or a place means nothing on another drive.
         What no operator could have typed is left out: a recording may be damaged.
         """
-        from companion.recording.reading import messages
-
         topics = {TOPICS[one].name: one for one in (Topic.CAMERA, Topic.DECISIONS, Topic.REQUESTS)}
         clock, found = _DriveClock(), list[tuple[float, str]]()
         opened, newest = dict[int, float](), 0  # a call may be answered in the next file
         for path in self._paths:
             told = [
-                (one.message.log_time, topic, {} if topic is Topic.CAMERA else read_json(one.message.data))
-                for one in messages(path, list(topics))
-                for topic in (topics[one.channel.topic],)
+                (one.message.log_time, topic, b"" if topic is Topic.CAMERA else one.message.data)
+                for topic, one in _told(path, topics)
             ]
-            for at, topic, content in sorted(told, key=lambda one: one[:2]):
+            for at, topic, data in sorted(told, key=lambda one: one[:2]):
+                content = read_json(data)
                 if topic is Topic.CAMERA:
                     clock.at_next(at)
                 elif content.get("decision") == "call opened":
@@ -185,23 +190,42 @@ def _typed(content: Mapping[str, Any]) -> str:
     return line
 
 
-def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[RecordedFrame]:
+def _told(path: Path, topics: Mapping[str, Topic]) -> Iterator[tuple[Topic, Read]]:
+    """Read what is not a picture, to be held in memory. Raises DriveError for far more than a rover says."""
     from companion.recording.reading import messages
 
-    pictures = list[tuple[int, int, bytes]]()
-    seen = defaultdict[int, list[tuple[int, Mapping[str, Any]]]](list)
+    left = _MOST_TOLD
+    for one in messages(path, list(topics)):
+        topic = topics[one.channel.topic]
+        left -= _OF_A_MESSAGE + (0 if topic is Topic.CAMERA else len(one.message.data))
+        if left < 0:
+            raise DriveError(f"{path} says more than a rover does in a minute: it is no recording of ours")
+        yield topic, one
+
+
+def _pictures(path: Path) -> Iterator[tuple[int, int, bytes]]:
+    """Read the frames: when each was captured, in ns since 1970 and rising, its number, and its message."""
+    from companion.recording.reading import messages
+
+    waiting = list[tuple[int, int, bytes]]()
+    for one in messages(path, [TOPICS[Topic.CAMERA].name]):
+        heappush(waiting, (one.message.log_time, one.message.sequence, one.message.data))
+        if len(waiting) > _HELD or sum(len(data) for *_, data in waiting) > _MOST_HELD:
+            yield heappop(waiting)
+    while waiting:
+        yield heappop(waiting)
+
+
+def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[RecordedFrame]:
+    seen = defaultdict[int, list[tuple[int, bytes]]](list)
     standing = {topic: _Standing() for topic in (Topic.WORDS, Topic.SETTINGS)}
-    numbers = {TOPICS[topic].name: topic for topic in _NEEDED}
-    for one in messages(path, list(numbers)):
-        topic, message = numbers[one.channel.topic], one.message
-        if topic is Topic.CAMERA:
-            pictures.append((message.log_time, message.sequence, message.data))
-        elif topic is Topic.ASSESSMENT:
-            seen[message.sequence].append((message.log_time, read_json(message.data)))
-        elif topic in standing:
-            standing[topic].add(message.log_time, read_json(message.data))
-    for captured, number, data in sorted(pictures, key=lambda one: one[0]):
-        judged, content = min(seen.get(number, [(captured, {})]), key=lambda one: abs(one[0] - captured))
+    for topic, one in _told(path, {TOPICS[topic].name: topic for topic in (Topic.ASSESSMENT, *standing)}):
+        if topic is Topic.ASSESSMENT:
+            seen[one.message.sequence].append((one.message.log_time, one.message.data))
+        else:
+            standing[topic].add(one.message.log_time, one.message.data)
+    for captured, number, data in _pictures(path):
+        judged, content = min(seen.get(number, [(captured, b"")]), key=lambda one: abs(one[0] - captured))
         named[number] += 1
         name = f"frame {number}" + (f" ({named[number]})" if named[number] > 1 else "")
         words = standing[Topic.WORDS].then(judged)
@@ -209,7 +233,7 @@ def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[Re
         frame = DriveFrame(name, clock.at_next(captured), _picture(data))
         weights = _mapping(words.get("words"))
         tapped = bool(_mapping(words.get("taps")).keys() & weights.keys())
-        yield RecordedFrame(frame, content, weights, tapped, _mapping(settings.get("judging")))
+        yield RecordedFrame(frame, read_json(content), weights, tapped, _mapping(settings.get("judging")))
 
 
 def settings_of(told: Mapping[str, Any], base: Settings) -> Settings:

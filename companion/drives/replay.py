@@ -14,6 +14,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
 from anytraverse.preferences import Preferences
+from anytraverse.regular_file import read_regular
 from companion.drives.drive import Drive, DriveError
 from companion.drives.judge import DriveJudge
 from companion.drives.recorded import RecordedFrame, Recording, settings_of
@@ -29,6 +30,8 @@ OF_REFERENCES: Mapping[str, float] = dict.fromkeys(FIGURES, 0.005)
 """The same where the frames are the same, pixel by pixel, and the computer or a library may be another."""
 _SHOWN = 10
 _LARGEST = 1e300
+_LARGEST_FILE = 64 << 20
+"""Bytes of a file of references, at most."""
 
 
 class Row(NamedTuple):
@@ -243,15 +246,17 @@ def write_rows(path: Path, rows: Iterable[Row]) -> int:
 
 def read_rows(path: Path) -> list[Row]:
     """Read references. Raises DriveError for a file that holds others, and OSError."""
-    number = 0
+    number, content = 0, read_regular(path, _LARGEST_FILE + 1)
+    if len(content) > _LARGEST_FILE:
+        raise DriveError(f"{path} is larger than {_LARGEST_FILE >> 20} MiB: these are no references")
     try:
         found = []
-        for line in path.read_text(encoding="utf-8").splitlines():
+        for line in content.decode().splitlines():
             number += 1
             told = json.loads(line)
             figures = {name: _number(told[name]) for name in FIGURES}
             found.append(Row(str(told["frame"]), figures, tuple(told["reasons"]), int(told["opened"])))
-    except (ValueError, KeyError, TypeError, OverflowError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise DriveError(f"{path}, line {number} is no reference: --update-refs writes all anew") from error
     return found
 

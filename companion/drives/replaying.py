@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import re
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from companion.config import Config, ConfigError, load_config
-from companion.drives.drive import DriveError
+from anytraverse.perception import NAMED
+from companion.config import Config, ConfigError, load_config, recorded_config
+from companion.drives.drive import DriveError, printable
 from companion.drives.frames import is_recording, located, open_drive
 from companion.drives.judge import DriveJudge
 from companion.drives.recorded import Recording
@@ -26,8 +25,6 @@ from companion.drives.replay import (
 from companion.vision.warm_up import load_engine
 
 _ENDING = ".refs.jsonl"
-_SECTION = re.compile(r"\[([a-z_]+)[].]")
-_OF_THE_ROVER = frozenset({"web", "video", "link"})
 
 
 def run(where: str, *, file: str | None, refs: str | None = None, update: bool = False) -> int:
@@ -76,25 +73,19 @@ def _recording(
 
 
 def config_of(recording: Recording) -> Config:
-    """Load the configuration that was recorded."""
+    """Load the configuration that was recorded. Raises DriveError where it cannot be used here.
+
+    A perceiver that lies in a file or folder of the rover is not looked for: another one may lie there.
+    """
     if not recording.config:
         raise DriveError(f"{recording.title} has no configuration in it: name one with --config")
-    with tempfile.TemporaryDirectory(prefix="replay-") as folder:
-        file = Path(folder, "companion.toml")
-        file.write_text(_about_judging(recording.config), encoding="utf-8")
-        try:
-            return load_config(file)
-        except ConfigError as error:
-            told = str(error).replace(str(file), "its companion.toml")
-            raise DriveError(f"{recording.title}: {told}: name one with --config") from error
-
-
-def _about_judging(config: str) -> str:
-    """Leave out the sections that matter on the rover alone. Their secrets were not recorded."""
-    kept, keeps = [], True
-    for line in config.splitlines():
-        if found := _SECTION.match(line):
-            keeps = found[1] not in _OF_THE_ROVER
-        if keeps:
-            kept.append(line)
-    return "\n".join([*kept, ""])
+    try:
+        config = recorded_config(recording.config)
+    except ConfigError as error:
+        raise DriveError(f"{recording.title}: {error}: name one with --config") from error
+    if config.perceiver.name not in NAMED:
+        judge = printable(config.perceiver.name)
+        raise DriveError(
+            f"{recording.title} was judged by {judge} of its rover: name one with it by --config"
+        )
+    return config

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
 from anytraverse.history import Entry
+from anytraverse.regular_file import read_regular
 from companion.memory.scene_file import MAX_PICTURE
 from companion.storage.call_files import SCENES, scene_name
 from companion.system.atomic_write import write_atomically
-from companion.system.regular_file import open_regular
 
 
 def picture_of(folder: Path, entry: Entry) -> Path | None:
@@ -27,8 +26,7 @@ def read_picture(folder: Path, entry: Entry) -> bytes:
     path = picture_of(folder, entry)
     if path is None:
         return b""
-    with os.fdopen(open_regular(path), "rb") as file:
-        return file.read(MAX_PICTURE + 1)
+    return read_regular(path, MAX_PICTURE + 1)
 
 
 def store_picture(folder: Path, entry: Entry, picture: bytes) -> bool:

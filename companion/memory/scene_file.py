@@ -24,11 +24,11 @@ from anytraverse.history import MAX_REFUSED, Embedding, Entry, Place, is_embeddi
 from anytraverse.perception import Example, Perceiver
 from anytraverse.picture_size import jpeg_size
 from anytraverse.preferences import MAX_WORDS, Preferences, Setting
+from anytraverse.regular_file import open_regular
 from anytraverse.release import own_version
 from anytraverse.synonyms import refuse_contradictions
 from companion.storage.journal import LARGEST
 from companion.system.atomic_write import write_durably
-from companion.system.regular_file import open_regular
 
 FORMAT, VERSION = "anytraverse memory", 1
 MAX_SCENES = 10_000

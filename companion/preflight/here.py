@@ -9,12 +9,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from anytraverse.regular_file import open_regular
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, warned
 from companion.storage.database import JournalError
 from companion.storage.journal_copy import read_stored_memory
 from companion.system.computer import existing
-from companion.system.regular_file import open_regular
 
 RUNNING = 5.0
 """Seconds after which a status file is outdated. A running companion writes it once a second."""

@@ -14,6 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
+from anytraverse.regular_file import open_regular
 from anytraverse.release import own_version
 from companion.recording.contents import read_json
 from companion.recording.foxglove import NS
@@ -238,7 +239,7 @@ def _beside(folder: Path, calls: Sequence[int], pictured: Sequence[int], *, shor
 
 
 def _read(path: Path, most: int) -> bytes:
-    with path.open("rb") as file:
+    with os.fdopen(open_regular(path), "rb") as file:
         size = os.fstat(file.fileno()).st_size
         file.seek(max(0, size - most))
         return file.read(most)

@@ -13,7 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, BinaryIO, NamedTuple
 
 import lz4.frame
 from mcap.reader import SeekingReader
@@ -23,9 +23,14 @@ from mcap.stream_reader import StreamReader
 from mcap.summary import Summary as Index
 from mcap.writer import CompressionType, Writer
 
+from anytraverse.regular_file import open_regular
+
 _MAGIC = b"\x89MCAP0\r\n"
-_LARGEST_RECORD = 64 << 20
-"""Bytes of a record, and of a chunk's records together, at most: ours have some 6 MiB."""
+_LARGEST_RECORD = 16 << 20
+"""Bytes of a record, of a chunk's records together, and of all schemas and channels that are held, at most:
+ours have some 6 MiB."""
+_OF_A_TEXT = 100
+"""Bytes of memory that a text takes beside its letters."""
 
 
 class Read(NamedTuple):
@@ -56,14 +61,25 @@ def _flat(records: Iterator[Any]) -> Iterator[Any]:
 def _messages(
     records: Iterator[Any], schemas: dict[int, Schema], channels: dict[int, Channel]
 ) -> Iterator[Read]:
+    left = _LARGEST_RECORD
     for record in records:
         if isinstance(record, Schema):
-            schemas[record.id] = record
+            if record.id not in schemas and (left := left - _size(record)) > 0:
+                schemas[record.id] = record
         elif isinstance(record, Channel):
-            channels[record.id] = record
+            if record.id not in channels and (left := left - _size(record)) > 0:
+                channels[record.id] = record
         elif isinstance(record, Written) and record.channel_id in channels:
             channel = channels[record.channel_id]
             yield Read(schemas.get(channel.schema_id), channel, record)
+
+
+def _size(record: Schema | Channel) -> int:
+    """Return about how many bytes of memory a record takes."""
+    if isinstance(record, Schema):
+        return _OF_A_TEXT + len(record.name) + len(record.encoding) + len(record.data)
+    texts = (record.topic, record.message_encoding, *record.metadata, *record.metadata.values())
+    return sum(_OF_A_TEXT + len(one) for one in texts)
 
 
 def _records(file: IO[bytes], *, magic: bool = True) -> Iterator[Any]:
@@ -83,9 +99,11 @@ def _records(file: IO[bytes], *, magic: bool = True) -> Iterator[Any]:
 def _content(chunk: Chunk) -> bytes:
     """Return a chunk's records; b"" for one that is damaged, larger than ours, or compressed otherwise.
 
-    Its own statement of its size is not believed.
+    Its own statement of its size is believed only where it says that it is too large.
     """
     data: bytes = chunk.data
+    if chunk.uncompressed_size >= _LARGEST_RECORD:
+        return b""
     if chunk.compression == "lz4":
         unpacking = lz4.frame.LZ4FrameDecompressor()
         try:
@@ -107,14 +125,22 @@ def _unpacked(packed: bytes) -> bytes:
     import zstandard
 
     try:
-        return zstandard.ZstdDecompressor().stream_reader(packed).read(_LARGEST_RECORD)
+        return (
+            zstandard.ZstdDecompressor(max_window_size=_LARGEST_RECORD)
+            .stream_reader(packed)
+            .read(_LARGEST_RECORD)
+        )
     except zstandard.ZstdError:
         return b""
 
 
+def _opened(path: Path) -> BinaryIO:
+    return os.fdopen(open_regular(path), "rb")
+
+
 def whole(path: Path) -> bool:
     """Whether a recording was finished, so that it has its index. Raises OSError."""
-    with path.open("rb") as file:
+    with _opened(path) as file:
         file.seek(0, os.SEEK_END)
         if file.tell() < 2 * len(_MAGIC):
             return False
@@ -132,7 +158,7 @@ def messages(
     """
     try:
         indexed = whole(path)
-        with path.open("rb") as file:
+        with _opened(path) as file:
             index = _index(file) if indexed else None
             if index is None or not index.chunk_indexes:
                 file.seek(0)
@@ -190,7 +216,7 @@ class Summary(NamedTuple):
 def summary(path: Path) -> Summary:
     """Summarize a recording, of a finished one by its index. Raises OSError."""
     if finished := whole(path):
-        with path.open("rb") as file:
+        with _opened(path) as file:
             index = _index(file)
         if index is not None and (told := index.statistics) is not None:
             names = {number: channel.topic for number, channel in index.channels.items()}
@@ -246,7 +272,7 @@ def repair(path: Path) -> int:
     OSError, BlockingIOError while it is being written.
     """
     partial = path.with_name(f".{path.name}.part")
-    with path.open("rb") as torn:
+    with _opened(path) as torn:
         lock(torn)
         try:
             with partial.open("wb") as file:

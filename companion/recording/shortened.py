@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anytraverse.decoding import decode
 from companion.recording.contents import image
 from companion.recording.foxglove import NS, jpeg_of
 from companion.recording.topics import TOPICS, Topic
@@ -65,11 +66,10 @@ def _spread(recordings: Sequence[Path], windows: Sequence[Window]) -> frozenset[
 def _smaller(one: Read) -> Read | None:
     """Return a frame smaller, None for one that cannot be decoded."""
     import cv2
-    import numpy as np
 
     try:
-        frame = cv2.imdecode(np.frombuffer(jpeg_of(one.message.data), np.uint8), cv2.IMREAD_COLOR)
-    except (ValueError, cv2.error):
+        frame = decode(jpeg_of(one.message.data))
+    except ValueError:
         return None
     if frame is None:
         return None

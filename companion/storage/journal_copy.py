@@ -9,10 +9,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from anytraverse.memory import Memory
+from anytraverse.regular_file import open_regular
 from companion.storage.database import Damaged, Database, JournalError
 from companion.storage.journal import LARGEST
 from companion.storage.memory_rows import read_memory
-from companion.system.regular_file import open_regular
 
 _TRIES = 5
 _PAUSE = 0.2

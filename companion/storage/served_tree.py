@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol, TypeVar
 
-from companion.system.regular_file import open_regular
+from anytraverse.regular_file import open_regular
 
 MAX_SIZE = 8 * 1024 * 1024
 """Bytes of the largest file that is served. It takes 1.5 h at 1,500 B/s."""

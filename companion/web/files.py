@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from companion.system.regular_file import open_regular
+from anytraverse.regular_file import open_regular
 from companion.wire.ids import newest_first
 from companion.wire.incidents import FOLDER as INCIDENTS
 from companion.wire.incidents import read_name

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
+from anytraverse.regular_file import read_regular
 from gcs_plugin.client.vehicle import Position
 
 MOST_POINTS = 400
@@ -65,8 +65,7 @@ def read_background(text: str) -> Background:
     if not (at and -90 <= south < north <= 90 and -180 <= west < east <= 180):
         raise ValueError(f"--background: {sides} is no upper left and lower right corner in degrees")
     try:
-        with Path(file).open("rb") as opened:
-            content = opened.read(LARGEST_BACKGROUND + 1)
+        content = read_regular(file, LARGEST_BACKGROUND + 1)
     except OSError as error:
         raise ValueError(f"--background: {file}: {error.strerror}") from error
     kind = next((kind for magic, kind in _KINDS.items() if content.startswith(magic)), None)

@@ -15,6 +15,7 @@ from anytraverse.decoding import PictureTooLargeError, decode
 from anytraverse.evaluation.datasets.codes import LabelCode
 from anytraverse.evaluation.labels import Classes, DatasetError, Labels
 from anytraverse.frame import Image
+from anytraverse.regular_file import read_regular
 
 MOST_FRAMES = 200_000
 _MOST_BYTES = 64_000_000
@@ -179,8 +180,7 @@ class Dataset:
 
 
 def _decoded(file: Path, flags: int) -> NDArray[np.uint8]:
-    with file.open("rb") as stream:
-        data = stream.read(_MOST_BYTES + 1)
+    data = read_regular(file, _MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
         raise DatasetError(f"{file} is larger than {_MOST_BYTES // 1_000_000} MB: make the picture smaller")
     mark, reach = _ENDS.get(data[:2], (b"", 1))

@@ -14,6 +14,7 @@ from anytraverse.evaluation.datasets.codes import IdCode
 from anytraverse.evaluation.datasets.dataset import Dataset, Selection
 from anytraverse.evaluation.datasets.splits import ALL, Origin, numbered, unpacked
 from anytraverse.evaluation.labels import Classes, DatasetError
+from anytraverse.regular_file import read_regular
 
 ORIGIN = Origin("RELLIS-3D", "https://github.com/unmannedlab/RELLIS-3D", "CC BY-NC-SA 3.0")
 SPLITS = ("train", "val", "test")
@@ -52,8 +53,7 @@ def _list(path: Path, root: Path, split: str) -> Path:
 
 
 def _lines(file: Path) -> list[str]:
-    with file.open("rb") as stream:
-        data = stream.read(_MOST_BYTES + 1)
+    data = read_regular(file, _MOST_BYTES + 1)
     try:
         lines = data.decode().split("\n") if len(data) <= _MOST_BYTES else []
     except UnicodeDecodeError:

@@ -52,9 +52,12 @@ from anytraverse.perception.builtin.words import (
 )
 from anytraverse.perception.runtime import Runtime
 from anytraverse.regions import Box
+from anytraverse.regular_file import read_regular
 
 SHIPPED = Path(__file__).parent.parent / "data" / "builtin.onnx"
 """The network of this package; its calibration lies beside it, ending in .npz."""
+_LARGEST = 1 << 30
+"""Bytes of a network that are read at most."""
 
 _STRANGENESS_QUANTILE = 0.75
 """Of the strangeness over the strange part of a tapped box: its edges are mixed with the background."""
@@ -241,7 +244,7 @@ class GroundNetwork:
 
 def _read_file(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular(path, _LARGEST)
     except OSError as error:
         raise PerceiverError(
             f"{path}: {(error.strerror or str(error)).lower()}: give a network that "

@@ -17,7 +17,16 @@ def open_regular(path: str | Path, *, folder: int | None = None, follow: bool = 
     # O_NONBLOCK: opening a named pipe would otherwise wait for its writer.
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow else os.O_NOFOLLOW)
     descriptor = os.open(path, flags, dir_fd=folder)
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
         os.close(descriptor)
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise OSError(errno.EINVAL, "no regular file", str(path))
     return descriptor
+
+
+def read_regular(path: str | Path, most: int) -> bytes:
+    """Read a regular file, its first `most` bytes of a longer one. Raises OSError, for anything else, too."""
+    with os.fdopen(open_regular(path), "rb") as file:
+        return file.read(most)

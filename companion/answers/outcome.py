@@ -14,8 +14,6 @@ from companion.wire import texts
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Kind, Result, Stage
 
-_UNREMEMBERED = "not remembered (disk?): "
-
 
 def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
     """Return the acknowledgement to send where the journal could not be written.
@@ -24,7 +22,7 @@ def unremembered(acknowledgement: Acknowledgement) -> Acknowledgement:
     """
     if acknowledgement.result not in (Result.APPLIED, Result.NOT_COVERED):
         return acknowledgement
-    text = _UNREMEMBERED + acknowledgement.text
+    text = texts.unremembered(acknowledgement.text)
     return replace(acknowledgement, result=Result.APPLIED_NOT_REMEMBERED, text=text)
 
 

@@ -388,7 +388,7 @@ class Daemon:
         for text in handled.notices:
             log.warning("%s", text)
             self.persistence.after_write(partial(self._tell_turned, text))
-        self.persistence.after_write(lambda _, now: self.settings.answered(applied, now))
+        self.persistence.after_write(lambda stored, now: self.settings.answered(applied, stored, now))
         call = self.calls.call
         if call is not None and applied.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")

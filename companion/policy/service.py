@@ -199,5 +199,11 @@ class PolicyService:
         if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
             self._link.send_text(notices.policy(policy, who), WARNING, now)
-        self._after_write(lambda _, now: self._link.parameters.set_value(POLICY, float(policy), now))
+
+        def written(stored: bool, now: float) -> None:
+            self._link.parameters.set_value(POLICY, float(policy), now)
+            if announce and not stored:
+                self._link.send_text(notices.not_remembered(f"policy {policy.name.lower()}"), WARNING, now)
+
+        self._after_write(written)
         return decisions + self._report_fault(now)

@@ -136,18 +136,25 @@ class SettingsService:
             self._set_value(request, now)
         return Handled()
 
-    def answered(self, applied: Applied, now: float) -> None:
-        """Echo or acknowledge words that the vision process has applied or refused."""
+    def answered(self, applied: Applied, stored: bool, now: float) -> None:
+        """Echo or acknowledge words that the vision process has applied or refused.
+
+        stored: whether they are in the journal.
+        """
         request, done = applied.token, applied.error is None
         if isinstance(request, ParameterRequest):
-            words = applied.memory.preferences
+            words, what = applied.memory.preferences, request.name
             self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
         elif isinstance(request, Answer):
+            what = "words"
             self._acknowledge_text(request, Result.APPLIED if done else Result.REFUSED, now)
         elif isinstance(request, ResetRequest):
+            what = "Reset"
             self._link.commands.acknowledge(request, _ACCEPTED if done else _FAILED, now)
         else:
             return
+        if done and not stored:
+            self._link.send_text(notices.not_remembered(what), WARNING, now)
         if applied.outcome is not None and applied.outcome.dropped:
             self._link.send_text(notices.word_dropped(", ".join(applied.outcome.dropped)), WARNING, now)
 
@@ -226,7 +233,7 @@ class SettingsService:
         log.warning("settings and words are reset as configured, requested by %d/%d", *request.sender)
         for name, value in configured.items():
             self._apply_to_link(name, value, now)
-            self._echo_after_write(name, value)
+            self._echo_after_write(name, value, told=False)  # the words' reply tells of all
         self.overrides.drop(*configured)
         others = [ForgetWord(word) for word in self._vision.words if word not in self._configured]
         words = [SetWord(word, weight) for word, weight in self._configured.items()]
@@ -262,9 +269,16 @@ class SettingsService:
     def _refuse(self, why: str, now: float) -> None:
         self._link.send_text(notices.refused(why), WARNING, now)
 
-    def _echo_after_write(self, name: str, value: float) -> None:
+    def _echo_after_write(self, name: str, value: float, *, told: bool = True) -> None:
+        """Echo a value once it is in the journal. told: whether a text says so where it is not."""
         self._sent[name] = value
-        self._after_write(lambda _, now: self._link.parameters.set_value(name, value, now))
+
+        def written(stored: bool, now: float) -> None:
+            self._link.parameters.set_value(name, value, now)
+            if told and not stored:
+                self._link.send_text(notices.not_remembered(f"{name} = {value:g}"), WARNING, now)
+
+        self._after_write(written)
 
     def _echo(self, name: str, value: float, now: float) -> None:
         self._sent[name] = value

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from anytraverse.preferences import turns_sign
 from companion.wire.ids import COMPONENT_ID, MAX_TEXT, PAGE_SENDER, Policy, SenderId
 from companion.wire.packing import shortened
-from companion.wire.texts import REASONS, fit
+from companion.wire.texts import REASONS, fit, unremembered
 
 
 def _seconds(value: float | None) -> str:
@@ -265,6 +265,11 @@ def dying() -> str:
 def journal_fails() -> str:
     """Reports that the journal cannot be written: answers apply, but a restart loses them."""
     return "Journal cannot be written, disk? Not remembered"
+
+
+def not_remembered(what: str) -> str:
+    """Reports a policy or parameter that is in force, and which a restart forgets."""
+    return fit(unremembered(what))
 
 
 def journal_works() -> str:

@@ -37,6 +37,11 @@ def fit(text: str) -> str:
     return shortened(line.encode(errors="replace").decode(), MAX_TEXT)
 
 
+def unremembered(text: str) -> str:
+    """Say of what was applied that the journal could not be written: a restart forgets it."""
+    return f"not remembered (disk?): {text}"
+
+
 def name(kind: Kind, number: int) -> str:
     """Name a call or hold: "C7" or "H9"."""
     return f"{'C' if kind == Kind.CALL else 'H'}{number}"

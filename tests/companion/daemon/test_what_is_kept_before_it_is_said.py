@@ -14,7 +14,7 @@ from companion.vision.checks import BadReportError
 from companion.vision.client import Result as VisionResult
 from companion.vision.messages import Done
 from companion.wire.answers import SetWord
-from companion.wire.ids import Motion, Result
+from companion.wire.ids import Motion, Policy, Result
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Clock, Rig, spoil
 
 GO = Motion.GO
@@ -434,6 +434,30 @@ def test_a_setting_is_echoed_once_it_is_kept(rig: Rig) -> None:
     rig.disk_hangs = False
     rig.see(0.5)
     assert (rig.echoes("AT_THR_ROI"), rig.echoes("AT_W_DRUM")) == ([0.4], [-1.0])
+
+
+def test_policy_parameters_and_words_that_the_disk_did_not_take_say_so(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig.see(1.0)
+    rig.set("AT_POLICY", Policy.REPORT)
+    rig.set("AT_THR_ROI", 0.4)
+    rig.see(1.0)
+    assert not [text for text in rig.texts if "ot remembered" in text]
+    spoil(rig, monkeypatch)
+    rig.set("AT_THR_ROI", 0.5)
+    rig.see(1.0)
+    rig.set("AT_POLICY", Policy.SHADOW)
+    rig.see(1.0)
+    rig.set("AT_W_DRUM", -1.0)
+    rig.see(1.0)
+    assert (rig.echoes("AT_THR_ROI")[-1], rig.echoes("AT_POLICY")[-1]) == (0.5, Policy.SHADOW)
+    told = [text for text in rig.texts if text.startswith("not remembered (disk?): ")]
+    assert told == [
+        "not remembered (disk?): AT_THR_ROI = 0.5",
+        "not remembered (disk?): policy shadow",
+        "not remembered (disk?): AT_W_DRUM",
+    ]
 
 
 _DOINGS = st.lists(

@@ -26,7 +26,10 @@ def open_regular(path: str | Path, *, folder: int | None = None, follow: bool = 
     return descriptor
 
 
-def read_regular(path: str | Path, most: int) -> bytes:
-    """Read a regular file, its first `most` bytes of a longer one. Raises OSError, for anything else, too."""
-    with os.fdopen(open_regular(path), "rb") as file:
+def read_regular(path: str | Path, most: int, *, follow: bool = True) -> bytes:
+    """Read a regular file, its first `most` bytes of a longer one. Raises OSError, for anything else, too.
+
+    follow: as of `open_regular`.
+    """
+    with os.fdopen(open_regular(path, follow=follow), "rb") as file:
         return file.read(most)

@@ -73,7 +73,7 @@ def compose(
     link.answer_store.set_undecided_for(vision.answers_within + SLOW)
     model, now, folder = ready.model, time.monotonic(), config.journal.path
     if journal.recovered_from is not None:
-        startup_notices.insert(0, f"journal was damaged, set aside as {journal.recovered_from.name}")
+        startup_notices.insert(0, f"journal was damaged: {journal.recovered}")
     overrides, judging = restore_settings(config, ready, saved.get("settings"), startup_notices)
     text, in_time = describe_tile(config, judging)
     log.log(logging.INFO if in_time else logging.WARNING, "%s", text)

@@ -27,7 +27,7 @@ from companion.memory.scene_file import Expected, Scene, SceneFileError, read_sc
 from companion.storage.batch import Batch
 from companion.storage.database import JournalError
 from companion.storage.journal import Journal
-from companion.storage.journal_copy import read_stored_memory
+from companion.storage.journal_copy import read_stored_memory, told_of_damage
 
 ALL = "all"
 
@@ -40,7 +40,9 @@ def show_list(file: str, *, as_json: bool = False) -> int:
     """Print one line for each answered scene. Raises MemoryCommandError, ConfigError, JournalError."""
     config = load_config(file)
     folder = state_folder(config)
-    memory = read_stored_memory(folder)
+    memory, damage = read_stored_memory(folder), told_of_damage(folder)
+    if damage:
+        print(damage)
     if memory is None:
         print(f"nothing is remembered in {folder}")
     else:
@@ -52,7 +54,8 @@ def show_list(file: str, *, as_json: bool = False) -> int:
             print(listing.row(folder, entry))
     if as_json:
         scenes = [] if memory is None else [listing.figures(folder, entry) for entry in memory.history]
-        print(json.dumps({"model": None if memory is None else memory.model_id, "scenes": scenes}))
+        model = None if memory is None else memory.model_id
+        print(json.dumps({"model": model, "scenes": scenes, "damage": damage or None}))
     return 0
 
 
@@ -308,8 +311,12 @@ def _stopped(folder: Path, otherwise: str) -> Iterator[Journal]:
         raise
     try:
         if journal.recovered_from is not None:
-            raise MemoryCommandError(f"the journal was damaged, and is set aside as {journal.recovered_from}")
+            raise MemoryCommandError(
+                f"the journal was damaged, set aside as {journal.recovered_from}: {journal.recovered}: see "
+                "`companion memory list`, then type this again"
+            )
         yield journal
+        journal.tidy()
     finally:
         journal.close()
 

@@ -25,7 +25,7 @@ _APPLICATION_ID = 0x41547251
 """SQLite's application_id, by which a journal is told from another program's file."""
 _PAGE = 4096
 _WAIT = 1.0
-_ERRORS = (sqlite3.Error, UnicodeDecodeError)
+ERRORS = (sqlite3.Error, UnicodeDecodeError)
 """UnicodeDecodeError: SQLite's message about a damaged file may quote bytes that are not UTF-8."""
 _DAMAGE_TEXTS = ("no such column", "Could not decode")
 """Beginnings of messages by which SQLite reports a damaged file as another error."""
@@ -47,7 +47,7 @@ _GIVEN = (
 """Counts the words of scenes, of the configuration and of before the newest match as given. The numbers are
 OWNER_GIVEN, OWNER_IN_USE and MOST_GIVEN of this version."""
 _FRAME = "only INTEGER PRIMARY KEY CHECK (only = 1), frame_id INTEGER NOT NULL, png BLOB NOT NULL"
-_TABLES = {
+TABLES = {
     "memory": "only INTEGER PRIMARY KEY CHECK (only = 1), model_id TEXT NOT NULL, clock INTEGER NOT NULL,"
     " scenes INTEGER NOT NULL, reference BLOB",
     "entries": "stamp INTEGER PRIMARY KEY, matched INTEGER NOT NULL, call_id INTEGER NOT NULL,"
@@ -133,7 +133,7 @@ class Database:
                 with suppress(sqlite3.Error):
                     self._connection.execute("ROLLBACK")
                 raise
-        except _ERRORS as error:
+        except ERRORS as error:
             raise self._as_journal_error(error) from error
 
     def tidy(self) -> None:
@@ -146,20 +146,44 @@ class Database:
                 self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         except OSError as error:
             raise JournalError(f"{self.path}-wal cannot be read: {error}") from error
-        except _ERRORS as error:
+        except ERRORS as error:
             raise self._as_journal_error(error) from error
+
+    def copy_to(self, target: Path) -> None:
+        """Write all that is committed into one file, which replaces `target` once it is on disk.
+
+        Raises OSError, JournalError.
+        """
+        partial = target.with_name(f".{target.name}.part")
+        partial.unlink(missing_ok=True)
+        try:
+            self.rows("VACUUM INTO ?", str(partial))
+            with partial.open("rb") as file:
+                os.fsync(file.fileno())
+            os.replace(partial, target)
+        except BaseException:
+            with suppress(OSError):
+                partial.unlink(missing_ok=True)
+            raise
+        sync_folder(target.parent)
+
+    @property
+    def size(self) -> int:
+        """The bytes of the file with all that is committed."""
+        ((size,),) = self.rows("SELECT page_count * page_size FROM pragma_page_count, pragma_page_size")
+        return int(size)
 
     def rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         """Run a query and return its rows. Raises JournalError, Damaged."""
         try:
             return self._connection.execute(query, values).fetchall()
-        except _ERRORS as error:
+        except ERRORS as error:
             raise self._as_journal_error(error) from error
 
     def _open(self, largest: int) -> None:
         try:
             self._set_up(largest)
-        except _ERRORS as error:
+        except ERRORS as error:
             raise self._as_journal_error(error) from error
 
     def _set_up(self, largest: int) -> None:
@@ -195,7 +219,7 @@ class Database:
                 f"{self.path} was written by a newer companion (its version {version}, ours {VERSION}): "
                 "install that one again, or move the file away to begin afresh"
             )
-        wanted = _TABLES.keys() - (_NEW_TABLES if version < VERSION else set())
+        wanted = TABLES.keys() - (_NEW_TABLES if version < VERSION else set())
         if not found >= wanted:
             raise Damaged(f"tables are missing: {', '.join(sorted(wanted - found))}")
         conflicts = [text for (text,) in execute("PRAGMA quick_check(1)")]
@@ -206,7 +230,7 @@ class Database:
 
     def _create(self) -> None:
         with self.writing() as connection:
-            for name, columns in _TABLES.items():
+            for name, columns in TABLES.items():
                 connection.execute(f"CREATE TABLE {name} ({columns})")
             connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {VERSION}")
@@ -221,20 +245,9 @@ class Database:
 
     def _back_up(self, version: int) -> None:
         """Copy the file to `journal.version-N.db` beside it, before its version N is upgraded."""
-        target = self.path.with_name(f"{self.path.stem}.version-{version}.db")
-        partial = target.with_name(f".{target.name}.part")
         try:
-            partial.unlink(missing_ok=True)
-            copy = sqlite3.connect(partial)
-            try:
-                self._connection.backup(copy)
-            finally:
-                copy.close()
-            os.replace(partial, target)
-            sync_folder(target.parent)
-        except (OSError, sqlite3.Error) as error:
-            with suppress(OSError):
-                partial.unlink(missing_ok=True)
+            self.copy_to(self.path.with_name(f"{self.path.stem}.version-{version}.db"))
+        except (OSError, JournalError) as error:
             raise JournalError(
                 f"{self.path} is of an older version, and no copy of it can be made before it is upgraded "
                 f"({error}): make room on the disk"

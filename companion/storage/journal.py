@@ -6,15 +6,17 @@ import json
 import logging
 import os
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory
-from companion.storage.batch import Batch, CallRecord, Row
+from companion.storage.batch import Batch, CallRecord, Row, as_json
+from companion.storage.daily_copy import DailyCopy
 from companion.storage.database import FRAME_SINCE, Damaged, Database, JournalError
 from companion.storage.memory_rows import read_memory, write_memory
+from companion.storage.salvage import best, salvage
 from companion.system.atomic_write import sync_folder
 
 _log = logging.getLogger(__name__)
@@ -34,17 +36,21 @@ class Journal:
     """Stores what must survive a restart; it is on disk when a method returns. Used by one thread at a time.
 
     recovered_from: where a damaged journal was moved when this one was opened; None: it was not damaged.
+    recovered: what was read of it, and of the copy beside it, for a person; "" where it was not damaged.
     """
 
     def __init__(self, folder: Path, largest: int = LARGEST) -> None:
         """Open or create the journal in `folder`. largest: bytes that the file may grow to.
 
-        Renames a damaged journal, with a warning, and creates a new one. Raises JournalError when the folder
-        cannot be used, another companion uses it, or a newer version wrote it.
+        Renames a damaged journal, with a warning, and creates a new one of what can be read of it, or of the
+        daily copy. Raises JournalError when the folder cannot be used, another companion uses it, or a newer
+        version wrote it.
         """
         self._folder = folder
         self._path = self._folder / "journal.db"
+        self._copy = DailyCopy(self._folder / "journal.copy.db")
         self.recovered_from: Path | None = None
+        self.recovered = ""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -52,11 +58,13 @@ class Journal:
                 f"folder {self._folder} cannot be made ({error.strerror}): check [journal] folder"
             ) from error
         try:
-            opened = self._open(largest)
+            self._database, self._memory, self._state = self._open(largest)
         except Damaged as damage:
             self.recovered_from = self._set_aside(damage)
-            opened = self._open(largest)
-        self._database, self._memory, self._state = opened
+            self._database, self._memory, self._state = self._open(largest)
+            self._recover(self.recovered_from, damage)
+        if not self._database.found_version:
+            self._copy.outdated()
         self._import_old_frame()
 
     def close(self) -> None:
@@ -74,12 +82,15 @@ class Journal:
                 connection.execute("REPLACE INTO frame VALUES (1, ?, ?)", batch.frame)
             for row in batch.rows:
                 _append(connection, row)
+        if batch.memory and self._memory and len(batch.memory.history) < len(self._memory.history):
+            self._copy.outdated()
         self._memory = batch.memory or self._memory
         self._state = batch.state or self._state
 
     def tidy(self) -> None:
         """Do the maintenance that no caller should wait for. Raises JournalError."""
         self._database.tidy()
+        self._copy.keep(self._database)
 
     def load_memory(self) -> Memory | None:
         """Return the memory stored last, or None."""
@@ -129,9 +140,41 @@ class Journal:
         except (OSError, JournalError, LookupError, TypeError, ValueError) as error:
             _log.warning("the frame of the open call is lost: %s", error)
 
+    def _recover(self, aside: Path, damage: Damaged) -> None:
+        """Store what can be read of a damaged journal, or of the copy, and say what that is."""
+        found, copied = salvage(aside), salvage(self._copy.path)
+        left, of_copy = best(found, copied)
+        state = found.state
+        if state is None and left.memory is not None:  # no id may be given twice
+            newest = (copied.state or {}).get("last_id")
+            ids = [entry.call_id for entry in left.memory.history]
+            newest = max([*ids, newest if isinstance(newest, int) else 0])
+            state = {"last_id": newest, "mode": None, "call": None, "hold": None}
+        try:
+            self.commit(Batch(left.memory, None if state is None else as_json(state)))
+            self._restore(found.rows)
+        except JournalError as error:
+            self.recovered = f"a new one is begun ({error})"
+        else:
+            self.recovered = f"{left.scenes} scenes recovered"
+            self.recovered += f" from the copy of {self._copy.date()}" if of_copy else ""
+            self.recovered += ", words as configured" if left.memory and not left.words else ""
+        why = " ".join(str(damage).split())
+        told = f"the journal was damaged ({why}), set aside as {aside}: {self.recovered}"
+        _log.warning("%s", told)
+        with suppress(OSError):
+            aside.with_suffix(".txt").write_text(f"{told}\n", encoding="utf-8")
+
+    def _restore(self, tables: Mapping[str, Sequence[tuple[Any, ...]]]) -> None:
+        """Store rows of other tables. Raises JournalError."""
+        with self._database.writing() as connection:
+            for table, rows in tables.items():
+                for row in rows:
+                    connection.execute(f"REPLACE INTO {table} VALUES ({', '.join('?' * len(row))})", row)
+
     def _set_aside(self, damage: Damaged) -> Path:
-        before = sorted(self._folder.glob("journal.damaged-*.db"), key=_number)
-        number = _number(before[-1]) + 1 if before else 1
+        before = sorted(self._folder.glob("journal.damaged-*.db"), key=number_of)
+        number = number_of(before[-1]) + 1 if before else 1
         aside = self._folder / f"journal.damaged-{number}.db"
         try:
             for suffix in ("-shm", "-wal", ""):
@@ -144,7 +187,6 @@ class Journal:
                 f"{self._path} is damaged ({damage}) and cannot be moved ({error.strerror}): move it by hand"
             ) from error
         self._delete_old_damaged([*before, aside])
-        _log.warning("the journal was damaged (%s): set aside as %s, a new one is begun", damage, aside)
         return aside
 
     def _delete_old_damaged(self, aside: list[Path]) -> None:
@@ -153,9 +195,12 @@ class Journal:
             for suffix in ("-shm", "-wal", ""):
                 with suppress(OSError):
                     Path(f"{old}{suffix}").unlink(missing_ok=True)
+            with suppress(OSError):
+                old.with_suffix(".txt").unlink(missing_ok=True)
 
 
-def _number(aside: Path) -> int:
+def number_of(aside: Path) -> int:
+    """Return the number of a damaged journal that was set aside."""
     number = aside.stem.rpartition("-")[2]
     return int(number) if number.isdecimal() else 0
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from anytraverse.memory import Memory
-from anytraverse.regular_file import open_regular
+from anytraverse.regular_file import open_regular, read_regular
 from companion.storage.database import Damaged, Database, JournalError
-from companion.storage.journal import LARGEST
+from companion.storage.journal import LARGEST, number_of
 from companion.storage.memory_rows import read_memory
 
 _TRIES = 5
@@ -20,6 +20,7 @@ _PAUSE = 0.2
 _LONGEST_LOG = 2 * LARGEST
 """Bytes of the write-ahead log that are copied at most."""
 _CHUNK = 1 << 20
+_LONGEST_NOTE = 1000
 
 
 def read_stored_memory(folder: Path) -> Memory | None:
@@ -46,6 +47,16 @@ def read_stored_memory(folder: Path) -> Memory | None:
         raise JournalError(
             f"{path} cannot be copied ({why}): check the disk, and the room in /tmp"
         ) from error
+
+
+def told_of_damage(folder: Path) -> str:
+    """Return what was recovered of the newest damaged journal that lies in `folder`, "" without one."""
+    notes = sorted(folder.glob("journal.damaged-*.txt"), key=number_of)
+    try:
+        content = read_regular(notes[-1], _LONGEST_NOTE, follow=False) if notes else b""
+    except OSError:
+        return ""
+    return "".join(one for one in content.decode(errors="replace") if one.isprintable())
 
 
 def _read(path: Path) -> Memory | None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import sqlite3
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,52 +30,82 @@ Query = Callable[[str], list[tuple[Any, ...]]]
 
 _FLOATS = np.dtype("<f4")
 
-
+KEYS = {
+    "words": ("owner", "position"),
+    "examples": ("owner", "word", "position"),
+    "refused": ("stamp", "position"),
+}
+"""Tables with the rows of owners -> their keys, the owner first."""
 _OF_ENTRIES = (("entries", "stamp"), ("words", "owner"), ("examples", "owner"), ("refused", "stamp"))
 """Tables with rows of entries, and the column of the entry's stamp."""
+_UNUSABLE = (ValueError, TypeError, LookupError)
+"""What a row leads to that cannot be used."""
 
 
-def read_memory(rows: Query) -> Memory | None:
-    """Read the memory; None when none was ever stored. Raises Damaged."""
+def read_memory(rows: Query, lost: set[int] | None = None) -> Memory | None:
+    """Read the memory; None when none was ever stored. Raises Damaged.
+
+    lost: owners of rows that are lost. They are left out and, added to it, those of rows that cannot be used:
+    scenes by their stamp; words in force by OWNER_IN_USE, then the configured ones are. None: such a row
+    raises Damaged.
+    """
     try:
         found = rows("SELECT model_id, clock, scenes, reference FROM memory")
         if not found:
             return None
         ((model_id, clock, scenes, reference),) = found
-        words, examples, refused = _read_words(rows), _read_examples(rows), _read_refused(rows)
-        entries = [
-            Entry(
-                embedding=_vector(embedding),
-                preferences=Preferences(words.get(stamp)),
-                order=stamp,
-                matched=matched,
-                call_id=call_id,
-                examples=examples.get(stamp, {}),
-                place=_place(*place),
-                refused=tuple(refused.get(stamp, ())),
-                surroundings=None if surroundings is None else _vector(surroundings),
+        words, examples, refused = _read_words(rows), _read_examples(rows, lost), _read_refused(rows, lost)
+        entries = []
+        for stamp, matched, call_id, embedding, surroundings, *place in rows(
+            "SELECT stamp, matched, call_id, embedding, surroundings,"
+            " latitude, longitude, heading, time, roll, pitch, yaw FROM entries"
+        ):
+            if lost is not None and stamp in lost:
+                continue
+            with _tolerated(lost, stamp):
+                entry = Entry(
+                    embedding=_vector(embedding),
+                    preferences=Preferences(words.get(stamp)),
+                    order=stamp,
+                    matched=_whole(matched),
+                    call_id=_whole(call_id),
+                    examples=examples.get(stamp, {}),
+                    place=_place(*place),
+                    refused=tuple(refused.get(stamp, ())),
+                    surroundings=None if surroundings is None else _vector(surroundings),
+                )
+                entries.append(entry)
+        memory = Memory(model_id=model_id, history=History(entries, scenes), clock=_whole(clock))
+        with _tolerated(lost, OWNER_CONFIGURED):
+            configured = Preferences(words.get(OWNER_CONFIGURED))
+            if lost is None or OWNER_CONFIGURED not in lost:
+                memory = replace(memory, preferences=configured, configured=configured)
+        with _tolerated(lost, OWNER_IN_USE):
+            in_force = replace(
+                memory,
+                preferences=Preferences(words.get(OWNER_IN_USE)),
+                examples=examples.get(OWNER_IN_USE, {}),
+                settled=dict(rows("SELECT word, stamp FROM settled")),
+                given=_given(words.get(OWNER_GIVEN, {})),
+                reference=None if reference is None else _vector(reference),
+                adoption=_read_adoption(
+                    rows, Preferences(words.get(OWNER_BEFORE_MATCH)), examples.get(OWNER_BEFORE_MATCH, {})
+                ),
             )
-            for stamp, matched, call_id, embedding, surroundings, *place in rows(
-                "SELECT stamp, matched, call_id, embedding, surroundings,"
-                " latitude, longitude, heading, time, roll, pitch, yaw FROM entries"
-            )
-        ]
-        return Memory(
-            model_id=model_id,
-            preferences=Preferences(words.get(OWNER_IN_USE)),
-            configured=Preferences(words.get(OWNER_CONFIGURED)),
-            examples=examples.get(OWNER_IN_USE, {}),
-            settled=dict(rows("SELECT word, stamp FROM settled")),
-            given=_given(words.get(OWNER_GIVEN, {})),
-            reference=None if reference is None else _vector(reference),
-            history=History(entries, scenes),
-            clock=clock,
-            adoption=_read_adoption(
-                rows, Preferences(words.get(OWNER_BEFORE_MATCH)), examples.get(OWNER_BEFORE_MATCH, {})
-            ),
-        )
-    except (ValueError, TypeError, LookupError) as error:
+        return in_force if lost is None or min(lost, default=0) >= 0 else memory
+    except _UNUSABLE as error:
         raise Damaged(f"the memory cannot be read: {error}") from error
+
+
+@contextmanager
+def _tolerated(lost: set[int] | None, owner: int | None) -> Iterator[None]:
+    """Add the owner of a row that cannot be used to `lost`. Without that set the error goes on."""
+    try:
+        yield
+    except _UNUSABLE:
+        if lost is None:
+            raise
+        lost |= {owner} if owner is not None else set()
 
 
 def write_memory(connection: sqlite3.Connection, memory: Memory, stored: Memory | None) -> None:
@@ -125,25 +157,27 @@ def _given(words: Mapping[str, Setting]) -> dict[str, float]:
     return {clean_word(word): check_weight(word, setting.weight) for word, setting in words.items()}
 
 
-def _read_examples(rows: Query) -> dict[int, dict[str, tuple[Example, ...]]]:
-    vectors = {
-        number: Example(model_id, _vector(vector))
-        for number, model_id, vector in rows("SELECT id, model_id, vector FROM vectors")
-    }
+def _read_examples(rows: Query, lost: set[int] | None) -> dict[int, dict[str, tuple[Example, ...]]]:
+    vectors = dict[int, Example]()
+    for number, model_id, vector in rows("SELECT id, model_id, vector FROM vectors"):
+        with _tolerated(lost, None):  # whoever has it is lost
+            vectors[number] = Example(model_id, _vector(vector))
     examples: dict[int, dict[str, tuple[Example, ...]]] = defaultdict(dict)
     for owner, word, number in rows(
         "SELECT owner, word, vector FROM examples ORDER BY owner, word, position"
     ):
-        examples[owner][word] = (*examples[owner].get(word, ()), vectors[number])
+        with _tolerated(lost, owner):
+            examples[owner][word] = (*examples[owner].get(word, ()), vectors[number])
     return examples
 
 
-def _read_refused(rows: Query) -> dict[int, list[Embedding]]:
+def _read_refused(rows: Query, lost: set[int] | None) -> dict[int, list[Embedding]]:
     refused: dict[int, list[Embedding]] = defaultdict(list)
     for stamp, embedding in rows("SELECT stamp, embedding FROM refused ORDER BY stamp, position"):
-        refused[stamp].append(_vector(embedding))
-        if len(refused[stamp]) > MAX_REFUSED:
-            raise ValueError(f"scene {stamp} has more than {MAX_REFUSED} refused frames")
+        with _tolerated(lost, stamp):
+            refused[stamp].append(_vector(embedding))
+            if len(refused[stamp]) > MAX_REFUSED:
+                raise ValueError(f"scene {stamp} has more than {MAX_REFUSED} refused frames")
     return refused
 
 
@@ -233,6 +267,12 @@ def _write_entry(connection: sqlite3.Connection, entry: Entry) -> None:
         "INSERT INTO refused VALUES (?, ?, ?)",
         [(entry.order, position, _blob(one)) for position, one in enumerate(entry.refused)],
     )
+
+
+def _whole(number: object) -> int:
+    if not isinstance(number, int):
+        raise TypeError(f"{number!r} is no whole number")
+    return number
 
 
 def _place(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 
 import pytest
 
@@ -10,7 +11,7 @@ from companion.wire.answers import TapBox
 from companion.wire.ids import TUNNEL_CALL, Motion, Policy, Result
 from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import AHEAD
-from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
+from tests.companion.daemon.rig import AUTO, HOLD, WORDS, MakeRig, Rig
 
 BOX = (AHEAD.left, AHEAD.top, AHEAD.right, AHEAD.bottom)
 
@@ -35,6 +36,28 @@ def test_two_restarts_in_a_row_keep_id_frame_hold_and_figures(held: Rig) -> None
     held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", 0.5))
     held.see(3.0, "drum")
     assert held.stage.mode == AUTO
+
+
+def test_a_damaged_journal_is_told_and_what_can_be_read_goes_on(held: Rig) -> None:
+    held.word(1, "drum", 0.5, Motion.GO)
+    held.see(3.0, "drum")
+    before = held.journal.load_memory()
+    held.kill()
+    with sqlite3.connect(held.folder / "journal.db") as connection:
+        connection.execute("UPDATE supervision SET state = '[1'")
+        (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'settled'").fetchone()
+    connection.close()
+    content = bytearray((held.folder / "journal.db").read_bytes())
+    content[(page - 1) * 4096 : page * 4096] = bytes(4096)
+    (held.folder / "journal.db").write_bytes(content)
+    (held.folder / "journal.copy.db").unlink()
+    held.start()
+    assert before is not None
+    assert held.left_out == ["journal was damaged: 2 scenes recovered, words as configured"]
+    assert len(held.vision.memory.history) == len(before.history) == 2
+    assert held.vision.words == WORDS
+    held.see(3.0, ground="trail")
+    assert held.state[1] == 2, "no id is given twice"
 
 
 def test_a_call_is_told_with_a_picture_before_and_after_a_restart(make_rig: MakeRig) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from companion.config import load_config
 from companion.memory.command import merged
 from companion.memory.scene_file import Scene
 from companion.storage import Batch, Journal, JournalError
+from companion.storage.salvage import salvage
 from companion.vision.warm_up import load_engine
 from tests.companion.memory.test_scene_file import PICTURE
 
@@ -101,6 +103,32 @@ def test_scenes_are_listed_with_call_place_picture_and_words(rover: Rover) -> No
     )
     assert eight.split()[:2] == ["2", "C8"]
     assert [scene["call"] for scene in json.loads(last)["scenes"]] == [7, 8]
+
+
+def test_a_damaged_journal_is_told_with_what_was_recovered_of_it(rover: Rover) -> None:
+    rover.taught(7, 8)
+    with sqlite3.connect(rover.state / "journal.db") as connection:
+        connection.execute("UPDATE entries SET embedding = x'01' WHERE call_id = 7")
+    connection.close()
+    code, _, why = rover.type("forget", "all")
+    assert code == 2
+    assert "is damaged: start the companion, which sets it aside" in why
+    assert rover.memory is not None
+    code, told, _ = rover.type("list", "--json")
+    first, *_, last = told.splitlines()
+    assert code == 0
+    assert first.startswith("the journal was damaged (the memory cannot be read: ")
+    assert first.endswith("journal.damaged-1.db: 1 scenes recovered")
+    assert json.loads(last)["damage"] == first
+    assert [scene["call"] for scene in json.loads(last)["scenes"]] == [8]
+
+
+def test_what_is_forgotten_is_forgotten_in_the_copy_too(rover: Rover) -> None:
+    rover.taught(7, 8)
+    assert rover.type("forget", "1")[0] == 0
+    copied = salvage(rover.state / "journal.copy.db").memory
+    assert copied is not None
+    assert [entry.call_id for entry in copied.history] == [8]
 
 
 def test_how_often_a_scene_was_refused_is_listed_and_shown(rover: Rover) -> None:

@@ -196,25 +196,30 @@ def _listed_state(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "damage",
+    ("damage", "scenes", "words", "state"),
     [
-        _overwrite,
-        _cut,
-        _scribble,
-        _drop,
-        _bad_weight,
-        _bad_type,
-        _bad_vector,
-        _nan_vector,
-        _bad_state,
-        _listed_state,
-        _state_of_no_text,
-        _column_of_no_text,
-        _column_of_another_name,
+        (_overwrite, None, False, None),
+        (_cut, None, False, None),
+        (_scribble, None, False, None),
+        (_column_of_no_text, None, False, None),
+        (_drop, 1, True, 5),
+        (_bad_weight, 0, False, 5),
+        (_bad_type, 0, False, 5),
+        (_bad_vector, 0, True, 5),
+        (_nan_vector, 1, True, 5),
+        (_bad_state, 1, True, 1),
+        (_listed_state, 1, True, 1),
+        (_state_of_no_text, 1, True, 1),
+        (_column_of_another_name, 1, True, 1),
     ],
 )
-def test_a_damaged_journal_is_set_aside_and_a_fresh_one_begun(
-    tmp_path: Path, damage: Callable[[Path], None], caplog: pytest.LogCaptureFixture
+def test_a_damaged_journal_is_set_aside_and_one_of_what_can_be_read_is_begun(
+    tmp_path: Path,
+    damage: Callable[[Path], None],
+    scenes: int | None,
+    words: bool,
+    state: int | None,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     _begin(tmp_path)
     damage(tmp_path)
@@ -222,10 +227,12 @@ def test_a_damaged_journal_is_set_aside_and_a_fresh_one_begun(
     with caplog.at_level(logging.WARNING):
         journal = Journal(tmp_path)
     assert journal.recovered_from == tmp_path / "journal.damaged-1.db"
-    assert journal.recovered_from.read_bytes() == content
-    assert "set aside as" in caplog.text
-    assert journal.load_memory() is None
-    assert journal.load_supervision() is None
+    assert journal.recovered_from.read_bytes() == content, "it stays as it was"
+    assert f"set aside as {journal.recovered_from}: {scenes or 0} scenes recovered" in caplog.text
+    memory, supervision = journal.load_memory(), journal.load_supervision()
+    assert (None if memory is None else len(memory.history)) == scenes
+    assert (memory is not None and dict(memory.preferences) == {"grass": 1.0}) is words
+    assert (None if supervision is None else supervision["last_id"]) == state
     journal.commit(Batch(memory=_memory(9)))
     journal.close()
     again = Journal(tmp_path)
@@ -251,7 +258,8 @@ def test_of_damaged_journals_the_newest_three_are_kept(tmp_path: Path) -> None:
         (tmp_path / f"journal.damaged-{number}.db-wal").write_bytes(b"its log")
     kept = {path.name for path in tmp_path.glob("journal.damaged*")}
     names = [f"journal.damaged-{number}.db" for number in (10, 11, 12)]
-    assert kept == {*names, *(f"{name}-wal" for name in names)}
+    notes = (name.replace(".db", ".txt") for name in names)
+    assert kept == {*names, *(f"{name}-wal" for name in names), *notes}
     assert (tmp_path / names[-1]).read_bytes().startswith(b"no database 12")
 
 

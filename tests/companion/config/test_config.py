@@ -519,6 +519,7 @@ def test_a_setting_is_printed_only_as_far_as_its_check_says(tmp_path: Path) -> N
         token = "SECRET-of-16-signs"
         """
     )
+    path.chmod(0o600)
     printed = format_config(load_config(path))
     assert "SECRET" not in printed
     for line in (

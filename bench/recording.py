@@ -30,6 +30,7 @@ from typing import Any
 
 from bench.commit import commit_of
 from bench.link.drive import at
+from bench.processes import children
 from companion.recording.packing import kept
 from companion.wire.answers import PackIncident, SetWord
 from companion.wire.delivery import Pending
@@ -78,11 +79,8 @@ class Processes:
     def each(self) -> dict[str, int]:
         """Returns the process ids by name."""
         found = {"supervisor": self._main}
-        children = Path(f"/proc/{self._main}/task/{self._main}/children").read_text().split()
-        for child in children:
-            with suppress(OSError):
-                command = Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0")
-                found |= {name: int(child) for part, name in _NAMES.items() if part in command}
+        for child, command in children(self._main).items():
+            found |= {name: child for part, name in _NAMES.items() if part in command}
         return found
 
     def cpu(self) -> dict[str, float]:

@@ -27,7 +27,7 @@ _SLOW = 6.0
 
 
 class FailingDisk:
-    """Makes the disk below a folder full or read-only, for processes started with `environment`."""
+    """Makes the disk below a folder full, read-only or hang, for processes started with `environment`."""
 
     def __init__(self, folder: Path, root: Path) -> None:
         """folder: for the shim. root: the folder that fails. Raises RuntimeError without a compiler."""
@@ -40,7 +40,10 @@ class FailingDisk:
         }
 
     def set(self, how: str) -> None:
-        """Make it "full" or "read-only", or have it hang, "hangs", from now on; "": well."""
+        """Make it "full" or "read-only" from now on, or have all changes hang, "hangs"; "": well.
+
+        "dead": the start of any program hangs, too.
+        """
         write_atomically(self._said, how.encode(), sync=False)
 
 

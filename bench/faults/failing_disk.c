@@ -1,8 +1,8 @@
 /* A disk that takes nothing, for one process: LD_PRELOAD it. FAILING_DISK names a file that says how, and
  * FAILING_ROOT the folder below which it acts. "full": a write behind a file's end fails with ENOSPC; what a
  * file has already can be overwritten, and empty files and folders can be made, as on tmpfs and ext4.
- * "read-only": every change fails with EROFS. "hangs": a write or a sync waits until it says something else. Else
- * the disk is as it is. */
+ * "read-only": every change fails with EROFS. "hangs": every change and every sync waits until it says something
+ * else. "dead": so does the start of any program. Else the disk is as it is. */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -20,7 +20,7 @@
     if (!real)                                                                                                  \
         real = (__typeof__(NAME) *)dlsym(RTLD_NEXT, #NAME)
 
-enum { WELL, FULL, READ_ONLY, HANGS };
+enum { WELL, FULL, READ_ONLY, HANGS, DEAD };
 
 static int state(void)
 {
@@ -35,6 +35,8 @@ static int state(void)
     close(file);
     if (strncmp(said, "hangs", 5) == 0)
         return HANGS;
+    if (strncmp(said, "dead", 4) == 0)
+        return DEAD;
     return strncmp(said, "full", 4) == 0 ? FULL : strncmp(said, "read-only", 9) == 0 ? READ_ONLY : WELL;
 }
 
@@ -43,6 +45,15 @@ static int below_root(const char *path)
     const char *root = getenv("FAILING_ROOT");
     size_t length = root ? strlen(root) : 0;
     return length && path && strncmp(path, root, length) == 0 && (path[length] == '/' || !path[length]);
+}
+
+/* The state of the disk of what is to change, once it does not hang. */
+static int once_it_answers(int below)
+{
+    int how = WELL;
+    while (below && ((how = state()) == HANGS || how == DEAD))
+        usleep(50000);
+    return how;
 }
 
 static int of_file(int file)
@@ -54,16 +65,14 @@ static int of_file(int file)
     if (length <= 0)
         return WELL;
     path[length] = '\0';
-    return below_root(path) ? state() : WELL;
+    return once_it_answers(below_root(path));
 }
 
 /* Whether a write of `length` bytes at `offset` fails; -1: at the file's own place. Sets errno. */
 static int fails(int file, off_t offset, size_t length)
 {
     struct stat found;
-    int how;
-    while ((how = of_file(file)) == HANGS)
-        usleep(50000);
+    int how = of_file(file);
     if (how == READ_ONLY)
         return errno = EROFS, 1;
     if (how != FULL || fstat(file, &found) != 0 || !S_ISREG(found.st_mode))
@@ -75,7 +84,7 @@ static int fails(int file, off_t offset, size_t length)
 
 static int name_fails(const char *path)
 {
-    return below_root(path) && state() == READ_ONLY ? (errno = EROFS, 1) : 0;
+    return once_it_answers(below_root(path)) == READ_ONLY ? (errno = EROFS, 1) : 0;
 }
 
 #define OPEN(NAME)                                                                                              \
@@ -121,12 +130,22 @@ PWRITE(pwrite64, off64_t)
 TRUNCATE(ftruncate, off_t)
 TRUNCATE(ftruncate64, off64_t)
 
-int fdatasync(int file)
+#define SYNC(NAME)                                                                                              \
+    int NAME(int file)                                                                                          \
+    {                                                                                                           \
+        REAL(NAME);                                                                                             \
+        of_file(file);                                                                                          \
+        return real(file);                                                                                      \
+    }
+SYNC(fsync)
+SYNC(fdatasync)
+
+int execve(const char *path, char *const arguments[], char *const environment[])
 {
-    REAL(fdatasync);
-    while (of_file(file) == HANGS)
+    REAL(execve);
+    while (state() == DEAD)
         usleep(50000);
-    return real(file);
+    return real(path, arguments, environment);
 }
 
 int rename(const char *path, const char *other)

@@ -6,15 +6,14 @@ import os
 import signal
 import threading
 import time
-from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from bench.faults.disk import FailingDisk
 from bench.faults.row import Outcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
+from bench.processes import children
 from companion.recording.reading import messages, whole
 from companion.recording.recorder import missing
 from companion.recording.ring import FOLDER
@@ -32,11 +31,9 @@ _BACK_WITHIN = 15.0
 def _recorder(rover: Standing) -> int:
     """The process id of the recorder. Raises LookupError without one."""
     assert rover.daemon is not None
-    main = rover.daemon.process.pid
-    for child in Path(f"/proc/{main}/task/{main}/children").read_text().split():
-        with suppress(OSError):
-            if b"companion.recording" in Path(f"/proc/{child}/cmdline").read_bytes():
-                return int(child)
+    for child, command in children(rover.daemon.process.pid).items():
+        if "companion.recording" in command:
+            return child
     raise LookupError("no recorder runs")
 
 

@@ -94,7 +94,11 @@ class IncidentPacker:
         if self._child is None:
             return
         with self._guard.survived("packing an incident", now):
-            ended = self._child.ended()
+            try:
+                ended = self._child.ended()
+            except OSError as error:
+                self._fail(_not_started(error), now)
+                return
             said = self._child.receive()
             if said:
                 self._finish(said[0], now)
@@ -130,7 +134,7 @@ class IncidentPacker:
                 raise OSError("it does not listen")
         except (OSError, ValueError) as error:
             self._ended = now
-            return Result.REFUSED, f"packing cannot be started: {str(error).lower()}"
+            return Result.REFUSED, _not_started(error)
         self._child, self._began, self._looked_at, self._worked = child, now, now, 0.0
         self.told = self.told._replace(packing=call, failed=None)
         log.info("%s is being packed", _named(call))
@@ -156,6 +160,10 @@ class IncidentPacker:
     def _end(self, told: Incidents, now: float) -> None:
         self.close()
         self.told, self._ended = told, now
+
+
+def _not_started(error: Exception) -> str:
+    return f"packing cannot be started: {str(error).lower()}"
 
 
 def _named(call: int) -> str:

@@ -8,6 +8,7 @@ import os
 import signal
 import socket
 import subprocess
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,7 +16,11 @@ _SET_DEATH_SIGNAL, _SET_DUMPABLE = 1, 4
 
 
 class ChildProcess:
-    """Runs a command, which inherits one descriptor: its end of `channel`. Only `close` may block."""
+    """Runs a command, which inherits one descriptor: its end of `channel`. Only `close` may block.
+
+    A thread starts the process, since reading the program may wait for a disk, and lives as long as that: the
+    kernel kills the process (`end_with`) when the thread that started it ends.
+    """
 
     def __init__(
         self,
@@ -27,44 +32,54 @@ class ChildProcess:
         environment: Mapping[str, str] | None = None,
         reaped_within: float,
     ) -> None:
-        """Start the process. Raises OSError.
+        """Have the process started; what is sent meanwhile waits in the channel. Raises OSError.
 
-        command: gets the descriptor of its end, those of `inherits` and our process id appended. buffer:
-        bytes that may wait in the channel. environment: variables beside our own. reaped_within: seconds that
-        `close` waits for the killed process. One in an uninterruptible system call is left to the kernel.
+        command: gets the descriptor of its end, those of `inherits` and our process id appended. inherits:
+        the caller may close them at once. buffer: bytes that may wait in the channel. environment: variables
+        beside our own. reaped_within: seconds that `close` waits for the killed process. One in an
+        uninterruptible system call is left to the kernel.
         """
+        self._command = command
+        self._environment = {**os.environ, **(environment or {})}
         self._reaped_within = reaped_within
+        self._changing = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._failure: OSError | None = None
+        self._killed = False
+        self._given: list[int] = []
+        """Descriptors for the process alone."""
+        self._thread = threading.Thread(target=self._run, name="child", daemon=True)
         self.channel, far = socket.socketpair(socket.AF_UNIX, kind)
-        for end in (self.channel, far):
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, buffer)
-        self.channel.settimeout(0)
-        descriptors = [far.fileno(), *inherits]
         try:
-            self._process = subprocess.Popen(
-                [*command, *map(str, descriptors), str(os.getpid())],
-                pass_fds=descriptors,
-                stdin=subprocess.DEVNULL,
-                env={**os.environ, **(environment or {})},
-                stdout=subprocess.DEVNULL,  # stderr is inherited, for faulthandler
-            )
-        except OSError:
+            with far:
+                for end in (self.channel, far):
+                    end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, buffer)
+                self.channel.settimeout(0)
+                for descriptor in (far.fileno(), *inherits):
+                    self._given.append(os.dup(descriptor))
+            self._thread.start()
+        except (OSError, RuntimeError) as error:  # RuntimeError: no more threads
+            self._close_given()
             self.channel.close()
-            raise
-        finally:
-            far.close()
+            raise error if isinstance(error, OSError) else OSError(str(error)) from error
 
     @property
-    def pid(self) -> int:
-        """Return the process id."""
-        return self._process.pid
+    def pid(self) -> int | None:
+        """Return the process id; None before the process is started."""
+        return None if self._process is None else self._process.pid
 
     def fileno(self) -> int | None:
         """Return the channel's descriptor; None after `close`."""
         return self.channel.fileno() if self.channel.fileno() >= 0 else None
 
     def ended(self) -> str:
-        """Say how the process ended, in two or three words; "" while it runs."""
-        code = self._process.poll()
+        """Say how the process ended, in two or three words; "" while it runs or is being started.
+
+        Raises OSError where it could not be started.
+        """
+        if self._failure is not None:
+            raise self._failure
+        code = None if self._process is None else self._process.returncode
         if code is None:
             return ""
         if code >= 0:
@@ -83,23 +98,48 @@ class ChildProcess:
 
     def ends_within(self, seconds: float) -> bool:
         """Wait for the process to end by itself. Whether it did."""
-        try:
-            self._process.wait(seconds)
-        except subprocess.TimeoutExpired:
-            return False
-        return True
+        self._thread.join(seconds)
+        return not self._thread.is_alive()
 
     def close(self) -> None:
         """Kill the process in whatever state it is, and close the channel. May be called repeatedly."""
-        if self._process.returncode is None:
-            self._process.kill()
-            with contextlib.suppress(subprocess.TimeoutExpired):  # a camera driver may delay its end
-                self._process.wait(self._reaped_within)
+        with self._changing:
+            self._killed = True
+            if self._process is not None and self._process.returncode is None:
+                self._process.kill()
+        self._thread.join(self._reaped_within)  # a camera driver, or a disk, may delay its end
         self.channel.close()
+
+    def _run(self) -> None:
+        try:
+            process = subprocess.Popen(
+                [*self._command, *map(str, self._given), str(os.getpid())],
+                pass_fds=self._given,
+                stdin=subprocess.DEVNULL,
+                env=self._environment,
+                stdout=subprocess.DEVNULL,  # stderr is inherited, for faulthandler
+            )
+        except OSError as error:
+            self._failure = error
+            return
+        finally:
+            self._close_given()
+        with self._changing:
+            self._process = process
+            if self._killed:
+                process.kill()
+        with contextlib.suppress(ChildProcessError):  # `kill` has reaped it
+            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        with self._changing:  # so that no other process with its number is killed
+            process.wait()
+
+    def _close_given(self) -> None:
+        for descriptor in self._given:
+            os.close(descriptor)
 
 
 def end_with(parent: int) -> None:
-    """Have the kernel kill this process when `parent`, which started it, dies."""
+    """Have the kernel kill this process when `parent`, which started it, dies, or the thread that did."""
     ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != parent:  # it died before the call of prctl
         os._exit(0)

@@ -74,7 +74,7 @@ class SideProcess(Generic[_Child]):
     """
 
     def __init__(self, name: str, launch: Callable[[], _Child], restarts: Restarts) -> None:
-        """name: for the log. launch: starts the process and gives it its setup, or raises OSError."""
+        """name: for the log. launch: has the process started and gives it its setup, or raises OSError."""
         self._watchdog: Watchdog[_Child] = Watchdog(launch, restarts, name)
         self.trouble = "starting"
 
@@ -105,7 +105,11 @@ class SideProcess(Generic[_Child]):
             if watchdog.may_start(now):
                 self._start(now)
             return
-        ended = watchdog.child.ended()
+        try:
+            ended = watchdog.child.ended()
+        except OSError as error:
+            self._not_started(error, now)
+            return
         for one in watchdog.child.receive():
             if not take(one, now):
                 self._restart("sent nonsense", now)
@@ -130,9 +134,12 @@ class SideProcess(Generic[_Child]):
         try:
             self._watchdog.start(now)
         except OSError as error:
-            why = (error.strerror or str(error)).lower()
-            where = f" on {error.filename}" if error.filename else ""
-            self._restart(f"cannot be started{where} ({why})", now)
+            self._not_started(error, now)
+
+    def _not_started(self, error: OSError, now: float) -> None:
+        why = (error.strerror or str(error)).lower()
+        where = f" on {error.filename}" if error.filename else ""
+        self._restart(f"cannot be started{where} ({why})", now)
 
     def _restart(self, cause: str, now: float) -> None:
         """Have the process started again. What was said already is logged for developers only."""

@@ -38,7 +38,10 @@ class Child(Protocol):
         """Whether no request waits to be sent."""
 
     def ended(self) -> str:
-        """Say how the process ended, in two or three words; "" while it runs."""
+        """Say how the process ended, in two or three words; "" while it runs or is being started.
+
+        Raises OSError where it could not be started.
+        """
 
     def close(self) -> None:
         """Kill the process in whatever state it is, and close the descriptors. May be called repeatedly."""

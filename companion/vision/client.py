@@ -226,6 +226,8 @@ class VisionClient:
                 results += self._take_report(report, now)
         except (CodecError, BadReportError) as error:
             failure: Failure | None = Failure(f"sent nonsense ({error})", "sent nonsense")
+        except OSError as error:
+            failure = _not_started(error)
         else:
             failure = self._failure("" if self._unread else ended, now)
         return _newest(results) + ([] if failure is None else self._restart(failure, now))
@@ -337,7 +339,7 @@ class VisionClient:
         try:
             self.watchdog.start(now)
         except OSError as error:
-            self._restart(Failure(f"cannot be started ({error})", "cannot be started"), now)
+            self._restart(_not_started(error), now)
             return
         self._unread.clear()
         memory, more = self._copy.first_part()
@@ -507,6 +509,10 @@ class VisionClient:
         self._frames.move_to_end(frame_id)
         while len(self._frames) > STORED_FRAMES:
             self._frames.popitem(last=False)
+
+
+def _not_started(error: OSError) -> Failure:
+    return Failure(f"cannot be started ({error})", "cannot be started")
 
 
 def _newest(results: list[Result]) -> list[Result]:

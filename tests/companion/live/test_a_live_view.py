@@ -70,7 +70,7 @@ class Stage:
 
     def pid(self) -> int:
         child = self.live._process.child
-        return 0 if child is None else child.pid
+        return 0 if child is None else child.pid or 0
 
     def close(self) -> None:
         for viewer in self._viewers:

@@ -19,6 +19,7 @@ pytest.importorskip("foxglove")
 pytest.importorskip("google.protobuf")
 pytest.importorskip("websockets")
 
+from bench.processes import children
 from tests.companion.daemon.painted_drive import to_a_drum
 from tests.companion.live.viewer import Seen, Viewer
 from tests.companion.vision.test_processes import ROOT, SCRIPT
@@ -42,11 +43,7 @@ def until(state: Path, live: dict[str, Any]) -> None:
 
 def live_view(main: int) -> int:
     """The process id of the live view."""
-    for child in Path(f"/proc/{main}/task/{main}/children").read_text().split():
-        with suppress(OSError):
-            if b"companion.live" in Path(f"/proc/{child}/cmdline").read_bytes():
-                return int(child)
-    raise AssertionError("no live view")
+    return next(child for child, command in children(main).items() if "companion.live" in command)
 
 
 def watched(url: str) -> dict[str, list[Seen]]:

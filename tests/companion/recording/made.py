@@ -81,7 +81,7 @@ class Stage:
 
     def pid(self) -> int:
         child = self.recorder._process.child
-        return 0 if child is None else child.pid
+        return 0 if child is None else child.pid or 0
 
     @property
     def files(self) -> list[Path]:

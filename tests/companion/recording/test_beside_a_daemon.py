@@ -23,6 +23,7 @@ pytest.importorskip("mcap")
 from mcap.reader import NonSeekingReader, make_reader
 
 from anytraverse.perception import KINDS
+from bench.processes import children
 from companion.cli import main
 from companion.recording.reading import whole
 from tests.companion.daemon.painted_drive import to_a_drum
@@ -58,12 +59,8 @@ class Companion:
 
     def recorder(self) -> int:
         """The process id of the recorder, 0 without one."""
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        for child in children:
-            with suppress(OSError):
-                if b"companion.recording" in Path(f"/proc/{child}/cmdline").read_bytes():
-                    return int(child)
-        return 0
+        found = children(self.process.pid).items()
+        return next((child for child, command in found if "companion.recording" in command), 0)
 
     def files(self) -> list[Path]:
         return sorted((self.state / "recordings").glob("*.mcap"))

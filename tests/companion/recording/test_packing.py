@@ -230,7 +230,7 @@ def test_on_request_a_process_of_lowest_priority_packs_one_at_a_time(rover: Path
     child = one.packer._child
     assert child is not None
     deadline = time.monotonic() + PATIENCE
-    while os.getpriority(os.PRIO_PROCESS, child.pid) != 19:
+    while child.pid is None or os.getpriority(os.PRIO_PROCESS, child.pid) != 19:
         assert time.monotonic() < deadline
     assert one.packer.ask(7, began)[0] is Result.APPLIED, "the same one"
     assert one.packer.ask(8, began) == (Result.REFUSED, "C7 is being packed: ask again when it is done")
@@ -325,6 +325,7 @@ def test_what_a_killed_process_leaves_is_served_to_nobody_and_goes_with_the_next
     while not any(name.startswith(".") for name in os.listdir(home) if home.is_dir()):
         assert time.monotonic() < deadline
         time.sleep(0.0005)
+    assert child.pid is not None
     os.kill(child.pid, signal.SIGKILL)
     one.until_done()
     left = [name for name in os.listdir(home) if name.startswith(".")]

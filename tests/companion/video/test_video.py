@@ -185,7 +185,10 @@ def test_a_python_without_gstreamer_is_said_and_harms_nothing(tmp_path: Path) ->
     settings = Settings("127.0.0.1:0", python="/nowhere/python3")
     config = replace(Config(), video=settings, journal=Journal(folder=str(tmp_path)))
     video = Video(config, restarts=LIMITS)
-    video.poll(time.monotonic())
+    deadline = time.monotonic() + 20.0
+    while video.trouble == "starting":
+        assert time.monotonic() < deadline
+        video.poll(time.monotonic())
     assert video.trouble == "cannot be started on /nowhere/python3 (no such file or directory)"
     assert missing_of("/nowhere/python3", "x264enc").startswith("/nowhere/python3 cannot be run")
 

@@ -23,6 +23,7 @@ import pytest
 from anytraverse.history import Entry, History
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
+from bench.processes import children
 from companion.config import Config
 from companion.vision.codec import encode
 from companion.vision.memory_copy import MemoryCopy
@@ -74,11 +75,7 @@ class Companion:
 
     def vision(self) -> int | None:
         """The process id of its vision process."""
-        with suppress(OSError, ValueError, IndexError):
-            return int(
-                Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()[0]
-            )
-        return None
+        return next(iter(children(self.process.pid)), None)
 
     def until(self, what: str, fits: Callable[[], bool], seconds: float = PATIENCE) -> None:
         """Wait for it."""

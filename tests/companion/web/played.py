@@ -76,7 +76,7 @@ class Stage:
     def pid(self) -> int:
         """The process id, 0 without a process."""
         child = self.page._process.child
-        return child.pid if child is not None else 0
+        return (child.pid or 0) if child is not None else 0
 
     @property
     def address(self) -> tuple[str, int]:

@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from bench.processes import children
 from companion.web.page import missing
 from companion.wire.ids import PAGE_SENDER
 from tests.companion.daemon.painted_drive import to_a_drum
@@ -72,12 +73,8 @@ class Companion:
 
     def page(self) -> int:
         """The process id of the page, 0 without one."""
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        for child in children:
-            with suppress(OSError):
-                if b"companion.web" in Path(f"/proc/{child}/cmdline").read_bytes():
-                    return int(child)
-        return 0
+        found = children(self.process.pid).items()
+        return next((child for child, command in found if "companion.web" in command), 0)
 
     def until(self, fits: Callable[[], object]) -> None:
         deadline = time.monotonic() + PATIENCE

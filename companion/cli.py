@@ -15,10 +15,13 @@ from typing import TYPE_CHECKING
 
 from anytraverse.release import own_version
 from companion.cli_drives import add_drives
-from companion.cli_errors import UserError, error_text, log_to_stderr, told
+from companion.cli_errors import UserError, error_text, told
+from companion.system.log_lines import end_process, log_to_stderr
 
 if TYPE_CHECKING:
     from companion.config import Config
+
+log = logging.getLogger(__name__)
 
 _SHIPPED = (
     "companion.toml",
@@ -153,17 +156,19 @@ def _run(options: argparse.Namespace) -> int:
         raise UserError(error_text(error)) from error
     except (AnyTraverseError, JournalError, LinkError, ParameterError) as error:
         raise UserError(str(error)) from error
+    except Exception:
+        log.critical("the companion failed", exc_info=True)
+        return _leave(1)
 
 
 def _leave(code: int) -> int:
     """Return the exit code, or end the process at once where a thread still runs.
 
-    Such a thread may run native code or hang in a write to the log, and holds its lock. The interpreter's own
-    exit would abort the one and wait for the other. Nothing is lost, since every log line was flushed.
+    The interpreter's own exit would abort one that runs native code.
     """
     if threading.active_count() > 1:
         sys.stdout.flush()
-        os._exit(code)
+        end_process(code)
     return code
 
 

@@ -7,7 +7,8 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from companion.cli_errors import UserError, log_to_stderr, told
+from companion.cli_errors import UserError, told
+from companion.system.log_lines import log_to_stderr
 
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]

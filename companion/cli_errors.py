@@ -1,10 +1,7 @@
-"""What the commands tell a person: errors to mend, in a line, and the log."""
+"""What the commands tell a person: errors to mend, in a line."""
 
 from __future__ import annotations
 
-import logging
-import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -30,9 +27,3 @@ def error_text(error: Exception) -> str:
     """Return an error's text; a text of several lines begins on a line of its own."""
     text = str(error)
     return text if "\n" not in text else f"\n{text}"
-
-
-def log_to_stderr(level: int) -> None:
-    # systemd's journal adds the time itself, and sets JOURNAL_STREAM for what it starts.
-    time = "" if "JOURNAL_STREAM" in os.environ else "%(asctime)s "
-    logging.basicConfig(level=level, format=f"{time}%(levelname)s %(name)s: %(message)s", stream=sys.stderr)

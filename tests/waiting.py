@@ -1,7 +1,8 @@
-"""Waiting for what other threads and processes do."""
+"""Waiting for what other threads and processes do, and pipes that make them wait."""
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from typing import TypeVar
@@ -16,3 +17,20 @@ def wait_for(what: Callable[[], Found | None], seconds: float = 30.0, why: Calla
         assert time.monotonic() < deadline, f"not within {seconds:g} s {why()}"
         time.sleep(0.01)
     return found
+
+
+def fill(descriptor: int) -> int:
+    """Fill a pipe, so that the next write to it blocks. Return the bytes that are in it."""
+    os.set_blocking(descriptor, False)
+    filled = 0
+    try:
+        while True:
+            filled += os.write(descriptor, b"x" * 4096)
+    except BlockingIOError:
+        pass
+    try:
+        while True:
+            filled += os.write(descriptor, b"x")
+    except BlockingIOError:
+        os.set_blocking(descriptor, True)
+    return filled

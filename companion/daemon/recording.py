@@ -25,6 +25,7 @@ from companion.recording.messages import Message
 from companion.recording.topics import Topic
 from companion.settings.service import SettingsService
 from companion.system.error_guard import ErrorGuard
+from companion.system.log_lines import brief
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import Judged, VisionClient
 from companion.vision.messages import Encoded, Model
@@ -53,9 +54,8 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            text = self.format(record)
-        except Exception:  # a wrong format in a log call must not end the daemon
-            self.handleError(record)
+            text = brief(record)
+        except Exception:  # a wrong format in a log call must not end the daemon: stderr tells of it
             return
         self.found.append((time.monotonic(), record.levelno, record.name, text))
 

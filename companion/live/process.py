@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import os
+import logging
 import resource
 import signal
 import socket
-import sys
 import time
-import traceback
 from typing import NoReturn
 
 import foxglove
@@ -20,6 +18,9 @@ from companion.live.messages import Report
 from companion.recording.messages import Message
 from companion.recording.taking import take_messages
 from companion.recording.topics import TOPICS, Topic
+from companion.system.log_lines import end_process, log_to_stderr
+
+log = logging.getLogger(__name__)
 
 _MOST_MEMORY = 512 << 20
 _MOST_FILES = 256
@@ -96,13 +97,13 @@ def main(descriptor: int, host: str, port: int) -> NoReturn:
             resource.setrlimit(limit, (most, most))
     for number in (signal.SIGINT, signal.SIGTERM):  # the supervisor says when to end
         signal.signal(number, signal.SIG_IGN)
+    log_to_stderr(logging.WARNING)
     code = 0
     try:
         foxglove.set_log_level("CRITICAL")  # whoever reaches the port could fill the log
         viewers = Viewers(host, port)
         take_messages(descriptor, viewers.show, lambda: viewers.report(time.monotonic()).encoded())
     except BaseException:
-        traceback.print_exc()
+        log.critical("the live view failed", exc_info=True)
         code = 1
-    sys.stderr.flush()
-    os._exit(code)  # the server's threads may hang
+    end_process(code)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import errno
 import json
+import logging
 import os
 import resource
 import shutil
 import signal
 import socket
-import sys
-import traceback
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -18,7 +17,10 @@ from typing import Any, NamedTuple, NoReturn
 from companion.recording import incident
 from companion.recording.recorder import missing
 from companion.recording.ring_writer import LEAST_FREE
+from companion.system.log_lines import end_process, log_to_stderr
 from companion.wire.incidents import FOLDER, LAST_S, MOST_KEPT, SHORT, Packed, name_of, read_name
+
+log = logging.getLogger(__name__)
 
 LARGEST = 64 << 20
 """Bytes of a file."""
@@ -127,15 +129,15 @@ def main(channel: int) -> NoReturn:
     for number in (signal.SIGINT, signal.SIGTERM):  # the supervisor kills it
         signal.signal(number, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, resource.RLIM_INFINITY))
+    log_to_stderr(logging.WARNING)
     supervisor = socket.socket(fileno=channel)
     supervisor.settimeout(_SETUP_WITHIN)
     try:
         supervisor.send(_told(supervisor.recv(LONGEST)))
     except BaseException:
-        traceback.print_exc()
-        sys.stderr.flush()
-        os._exit(1)
-    os._exit(0)
+        log.critical("packing failed", exc_info=True)
+        end_process(1)
+    end_process(0)
 
 
 def _told(asked: bytes) -> bytes:

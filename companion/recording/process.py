@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import os
+import logging
 import resource
 import signal
-import sys
 import threading
 import time
-import traceback
 from collections import deque
 from pathlib import Path
 from typing import NoReturn
@@ -17,6 +15,9 @@ from typing import NoReturn
 from companion.recording.messages import Message, Report
 from companion.recording.ring_writer import RingWriter
 from companion.recording.taking import BEAT, take_messages
+from companion.system.log_lines import end_process, log_to_stderr
+
+log = logging.getLogger(__name__)
 
 _MOST_MEMORY = 256 << 20
 MOST_WAITING = 16 << 20
@@ -79,9 +80,8 @@ class Writing(threading.Thread):
                 self._ring.tick(time.monotonic())
             self._ring.finish(time.monotonic())
         except BaseException:
-            traceback.print_exc()
-            sys.stderr.flush()
-            os._exit(1)  # the supervisor starts another one
+            log.critical("the recorder failed", exc_info=True)
+            end_process(1)  # the supervisor starts another one
 
     def _next(self) -> Message | None:
         """Wait for a message, half a second at most."""
@@ -102,14 +102,14 @@ def main(descriptor: int, folder: str, most: int) -> NoReturn:
         resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
     for number in (signal.SIGINT, signal.SIGTERM):  # the supervisor says when to end
         signal.signal(number, signal.SIG_IGN)
+    log_to_stderr(logging.WARNING)
     writing = Writing(RingWriter(Path(folder), most))
     writing.start()
     code = 0
     try:
         take_messages(descriptor, writing.put, lambda: writing.report(time.monotonic()).encoded())
     except BaseException:
-        traceback.print_exc()
+        log.critical("the recorder failed", exc_info=True)
         code = 1
     writing.finish()
-    sys.stderr.flush()
-    os._exit(code)  # the disk's thread may hang
+    end_process(code)

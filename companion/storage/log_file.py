@@ -6,10 +6,11 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from logging.handlers import QueueHandler, RotatingFileHandler
+from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
 from companion.storage.writer import Writer
+from companion.system.log_lines import HandOver
 
 log = logging.getLogger(__name__)
 
@@ -25,7 +26,7 @@ class _LossyFileHandler(RotatingFileHandler):
         """Ignore a failed write, as on a full disk: stderr has the line, too."""
 
 
-class _WriterHandler(QueueHandler):
+class _WriterHandler(HandOver):
     """Passes log records to the writer thread, which writes them to `file`."""
 
     def __init__(self, writer: Writer, file: RotatingFileHandler) -> None:

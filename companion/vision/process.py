@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import faulthandler
 import logging
-import os
 import select
 import signal
 import socket
-import sys
 import time
-import traceback
 from collections import deque
 from functools import partial
 from typing import NoReturn
@@ -20,6 +17,7 @@ from anytraverse.history import Entry
 from companion.cameras import open_camera
 from companion.cameras.newest import CameraThread, Patience
 from companion.system.child_process import end_with, step_back
+from companion.system.log_lines import StderrHandler, end_process
 from companion.vision.answer_queue import AnswerQueue
 from companion.vision.beside import BesideJudging
 from companion.vision.codec import Splitter, decode_trusted, encode
@@ -109,17 +107,18 @@ def main(descriptor: int, parent: int) -> NoReturn:
     for number in (signal.SIGINT, signal.SIGTERM):  # a terminal and systemd send them to both processes
         signal.signal(number, signal.SIG_IGN)
     port = Port(socket.socket(fileno=descriptor))
-    logging.basicConfig(level=logging.INFO, handlers=[_Lines(port)], format="%(message)s")
+    crash = StderrHandler()
+    crash.setLevel(logging.CRITICAL)
+    logging.basicConfig(level=logging.INFO, handlers=[_Lines(port), crash], format="%(message)s")
     code = 0
     try:
         _serve(port)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         pass
     except BaseException:
-        traceback.print_exc()
+        log.critical("the vision process failed", exc_info=True)
         code = 1
-    sys.stderr.flush()
-    os._exit(code)  # sys.exit would wait for threads, and a camera driver or the network may hang
+    end_process(code)
 
 
 def _serve(port: Port) -> None:

@@ -11,8 +11,6 @@ import resource
 import select
 import signal
 import socket
-import sys
-import traceback
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -29,6 +27,7 @@ from companion.browser.access import Gate, WrongTokens
 from companion.browser.incidents import shown
 from companion.browser.requests import MOST_POSTED
 from companion.browser.site import EventStreams, Server, as_json, event, posted, static_routes
+from companion.system.log_lines import end_process, log_to_stderr
 from companion.web.answering import Answering
 from companion.web.calls import shown_calls
 from companion.web.files import StateFolder
@@ -233,15 +232,14 @@ def main(channel: int, listener: int) -> NoReturn:
         resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    log_to_stderr(logging.WARNING)
     for name in ("uvicorn", "uvicorn.error"):  # one line for each broken request would fill the log
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         asyncio.run(_serve(socket.socket(fileno=channel), socket.socket(fileno=listener)))
     except BaseException:
-        traceback.print_exc()
-    sys.stderr.flush()
-    os._exit(1)  # a thread may still wait for the disk
+        log.critical("the page failed", exc_info=True)
+    end_process(1)
 
 
 async def _serve(channel: socket.socket, listener: socket.socket) -> None:

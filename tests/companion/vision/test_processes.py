@@ -30,6 +30,7 @@ from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import Scenes, Start
 from companion.vision.process import Port, _Lines, receive_start
 from tests.companion.daemon.rig import picture
+from tests.waiting import fill
 
 ROOT = Path(__file__).resolve().parents[3]
 PATIENCE = 20.0
@@ -46,7 +47,7 @@ sys.exit(main(["run", "--config", sys.argv[1]], vision=COMMAND))
 class Companion:
     """`companion run` with painted eyes that do what `orders` says."""
 
-    def __init__(self, folder: Path, port: int) -> None:
+    def __init__(self, folder: Path, port: int, stderr: int = subprocess.DEVNULL) -> None:
         frames = folder / "frames"
         frames.mkdir()
         for number in range(4):
@@ -64,7 +65,7 @@ class Companion:
             [sys.executable, "-c", SCRIPT, str(config)],
             cwd=ROOT,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stderr=subprocess.DEVNULL,
+            stderr=stderr,
         )
 
     def told(self) -> dict[str, Any]:
@@ -98,6 +99,25 @@ def companion(tmp_path: Path) -> Iterator[Companion]:
         finally:
             companion.process.kill()
             companion.process.wait()
+
+
+def test_a_daemon_whose_log_nobody_reads_sees_tells_and_ends_in_good_order(tmp_path: Path) -> None:
+    reader, stderr = os.pipe()
+    fill(stderr)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        ground.settimeout(PATIENCE)
+        companion = Companion(tmp_path, ground.getsockname()[1], stderr)
+        try:
+            companion.until("it sees", lambda: companion.told().get("state") == "ok")
+            assert ground.recv(300)[0] == 0xFD
+            companion.process.terminate()
+            assert companion.process.wait(PATIENCE) == 0
+        finally:
+            companion.process.kill()
+            companion.process.wait()
+            os.close(reader)
+            os.close(stderr)
 
 
 def is_gone(pid: int) -> bool:

@@ -207,6 +207,10 @@ def _run(
             "incidents": packer.document(),
         }
 
+    def look_around() -> None:
+        daemon.computer.measure()
+        daemon.test_call.look()
+
     while not stop():
         daemon.turn()
         now = time.monotonic()
@@ -220,7 +224,7 @@ def _run(
             status_at = now
             service.status(f"{figures['state']}, policy {figures['policy']}")
             if status_at - checked_at < EVERY:
-                background.run(daemon.computer.measure)
+                background.run(look_around)
             elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
                 checked_at = status_at
         told = daemon.recording.take()

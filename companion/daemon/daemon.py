@@ -132,8 +132,8 @@ class Daemon:
             recording,
             self._health.fault_name,
         )
-        self._test_call = TrialCall(records.folder, calls, link, vision, position)
-        self._status = Status(link, vision, calls, settings, self._test_call, records, position, model)
+        self.test_call = TrialCall(records.folder, calls, link, vision, position)
+        self._status = Status(link, vision, calls, settings, self.test_call, records, position, model)
         self._stall_detector = StallDetector(link, calls, now)
         self._turned_at = now
         self._reported_state = State.STARTING
@@ -168,7 +168,7 @@ class Daemon:
         self._executor.carry_out(self.settings.policy.tick(now), now, at_once=True)
         self._shadow.tick(now)
         self._executor.carry_out(self.calls.tick(now), now, at_once=True)
-        self._test_call.tick(now)
+        self.test_call.tick(now)
         self.pointing.tick(now)
         self.video_pictures.tick(self.calls.state(now), now)
         self._link.stand_still(on=self.calls.holding.streams)
@@ -252,7 +252,7 @@ class Daemon:
                 self._finish_answer(self.settings.set(event, now), now)
             case Answer() if any(isinstance(one, PackIncident) for one in event.operations):
                 self._pack_incident(event, now)
-            case Answer() if self._test_call.receive(event, now):
+            case Answer() if self.test_call.receive(event, now):
                 pass
             case Answer():
                 self._finish_answer(self.answer_handler.receive(event, now), now)
@@ -424,7 +424,7 @@ class Daemon:
             "shadow": self.settings.statistics.saved(self.calls.shadow, now),
         }
         self.persistence.save_calls(settings, now)
-        open_id = self.calls.current_id or self._test_call.id
+        open_id = self.calls.current_id or self.test_call.id
         self._reported_state = self.calls.state(now)
         accepted = self.calls.fault_accepted(now)
         self._link.set_state(self._reported_state, open_id, self.calls.policy, fault_accepted=accepted)
@@ -439,8 +439,8 @@ class Daemon:
         # Only one text is repeated at a time: the most urgent.
         if alert is not None:
             self._link.announce(alert.data, alert.text, now, quiet=alert.quiet, severity=alert.severity)
-        elif self._test_call.id:
-            self._test_call.announce(now)
+        elif self.test_call.id:
+            self.test_call.announce(now)
         elif self.calls.policy is Policy.OFF:
             self._link.announce(None, notices.off(self.settings.policy.state.off_by), now)
         elif reminder := self._health.reminder():

@@ -10,6 +10,7 @@ import contextlib
 import logging
 import os
 import time
+from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,6 @@ log = logging.getLogger(__name__)
 REQUEST = "test-call"
 """Name of the file that requests a test call. Its modification time, in ns, identifies the request."""
 ANSWERED_WITHIN = 60.0
-_CHECK_PERIOD = 0.25
 _OLDEST_REQUEST = 10.0
 """Seconds after which a request is ignored: it was left by a check that is over."""
 
@@ -58,7 +58,7 @@ class TrialCall:
         self._vision = vision
         self._position = position
         self._open: _Open | None = None
-        self._checked_at = float("-inf")
+        self._asked: deque[int] = deque(maxlen=1)
         self.status: dict[str, Any] = {}
         """The last test call, for the status file: asked, id, state and text; who answered, after how many
         seconds; a request that was refused meanwhile."""
@@ -68,13 +68,16 @@ class TrialCall:
         """Return the open test call's id, 0 without one."""
         return self._open.data.id if self._open is not None else 0
 
+    def look(self) -> None:
+        """Look for a request, which the next `tick` takes. Not for the main loop: the disk may hang."""
+        asked = self._take_request()
+        if asked is not None:
+            self._asked.append(asked)
+
     def tick(self, now: float) -> None:
         """Begin a requested test call, and end one that is over."""
-        if now - self._checked_at >= _CHECK_PERIOD:
-            self._checked_at = now
-            asked = self._take_request()
-            if asked is not None:
-                self._begin(asked, now)
+        if self._asked:
+            self._begin(self._asked.popleft(), now)
         if self._open is None:
             return
         if self._calls.current_id:

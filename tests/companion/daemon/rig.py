@@ -273,6 +273,7 @@ class Rig:
             widths = [1500] * 6 + [self.switch] + [1500] * 11
             stage.send(mavlink.MAVLink_rc_channels_message(0, 16, *widths, 255), (1, 1))
         before = len(stage.frames)
+        self.daemon.test_call.look()
         self.daemon.turn()
         if not self.disk_hangs:
             self.writer.drain()

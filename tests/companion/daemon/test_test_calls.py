@@ -61,7 +61,7 @@ def test_any_answer_closes_it_and_says_who_answered_and_when(rig: Rig, motion: M
         Stage.CLOSED,
         Outcome.ANSWERED,
     )
-    assert "C1 TEST answered by 255/190 after 2." in ack.text
+    assert "C1 TEST answered by 255/190 after 3." in ack.text
     assert any(text.startswith("C1 TEST answered by 255/190 after") for text in rig.texts)
     assert [data.outcome for data in told(rig)[-3:]] == [Outcome.ANSWERED] * 3
     assert rig.state == ("OK", 0)

@@ -90,7 +90,7 @@ class HealthMonitor:
         self._fault_seen_at: float | None = None
         self._faults_seen: frozenset[Fault] = frozenset()
         self._link_trouble: str | None = None
-        self._journal_failing = False
+        self._journal_failing = self._timestamps_failing = False
         self._no_autopilot_since: float | None = None
         self._no_autopilot_logged = False
         self._autopilot_silent = False
@@ -158,6 +158,10 @@ class HealthMonitor:
         if self._persistence.failing != self._journal_failing:
             self._journal_failing = self._persistence.failing
             text = notices.journal_fails() if self._journal_failing else notices.journal_works()
+            self._link.send_text(text, WARNING, now)
+        if self._link.stores_timestamps is self._timestamps_failing:
+            self._timestamps_failing = not self._timestamps_failing
+            text = notices.timestamps_fail() if self._timestamps_failing else notices.timestamps_work()
             self._link.send_text(text, WARNING, now)
 
     def _check_vision_deaths(self, now: float) -> None:

@@ -142,6 +142,11 @@ class Link:
         return "; ".join(trouble for trouble in each if trouble) or None
 
     @property
+    def stores_timestamps(self) -> bool:
+        """Whether signing timestamps can be stored, as far as is known; True without a key."""
+        return self._signing is None or self._signing.stores
+
+    @property
     def counters(self) -> Counters:
         """The counters of all connections as they stand now."""
         return count(self._channels, self._outbox, self._text_sender, self._access)

@@ -134,8 +134,13 @@ class Signing:
         if reason and self._now - self._autopilot_at > RECENT:
             return f"what the autopilot says {_HINTS[reason]}"
         if self._store.trouble:
-            return f"{NAME} is not written ({self._store.trouble}): free the disk before a restart"
+            return f"{NAME} is not written ({self._store.trouble}): check the disk before a restart"
         return None
+
+    @property
+    def stores(self) -> bool:
+        """Whether timestamps can be stored, as far as is known."""
+        return not self._store.trouble
 
     @staticmethod
     def is_radio_report(message: Any) -> bool:
@@ -157,7 +162,6 @@ class Signing:
         if reason:
             self._refuse(reason, message, now)
             return reason
-        self._store.keep(wire.stream_of(frame))
         self._take_time(frame, message, now)
         return ""
 
@@ -169,11 +173,10 @@ class Signing:
         stream = Stream(frame[5], frame[6], link)
         timestamp = self._timestamps.next(stream, self._clock.now(now) or 0)
         self._own.add(stream)
-        self._store.keep(stream)
         return self._key.sign(frame, message.crc_extra, link, timestamp)
 
     def tick(self, now: float) -> None:
-        """Write timestamps to disk when that is due."""
+        """Have new timestamps stored."""
         self._now = now
         self._store.tick(now)
 

@@ -277,6 +277,16 @@ def journal_works() -> str:
     return "Journal is written again"
 
 
+def timestamps_fail() -> str:
+    """Reports that signing timestamps cannot be written: after a kill, old frames could be replayed."""
+    return "Signing times cannot be written: check the disk"
+
+
+def timestamps_work() -> str:
+    """Reports that signing timestamps can be written again."""
+    return "Signing times are written again"
+
+
 def word_dropped(word: str) -> str:
     """Reports that `word`, the least recently set one, is out of use, because there were too many."""
     return fit(f"Too many words, out of use: {word}")

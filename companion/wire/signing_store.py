@@ -1,7 +1,12 @@
 """Stores the timestamps of signed frames, so that frames from before a restart are refused as replays.
 
-Each timestamp is written to the file before its frame counts, so a killed process loses none. The file is
-synced to disk every 5 s, so a power cut may lose some. After the next boot, all count as 15 s newer.
+No frame waits for the disk: a thread writes what has changed in a turn, and syncs it every 5 s, or at once
+after a jump. So a killed process loses what it used in its last moment, and a power cut some seconds more.
+What the next run signs is newer all the same: after a kill by a second, which is 100,000 frames, if the clock
+is not ahead by itself. After the next boot all timestamps count as 15 s newer.
+
+A disk that hangs is a `trouble` after 10 s, when those 15 s are used up, and frames go on: a vehicle without
+heartbeats is worse. Frames that are received in that time could be replayed, should the process be killed.
 """
 
 from __future__ import annotations
@@ -13,15 +18,20 @@ import threading
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from companion.system.atomic_write import write_durably
 from companion.wire.signing import MAX_STREAMS, TICKS, Stream, Timestamps
 
 NAME = "signing.state"
 SYNC_EVERY = 5.0
+HANGS_AFTER = 10.0
+"""Seconds after which a disk that does not take what is written counts as hanging."""
 CLOSE_WITHIN = 1.0
-RESERVE = 15 * TICKS
+RESERVE = int((SYNC_EVERY + HANGS_AFTER) * TICKS)
 """What is added to each timestamp after a boot without a clean end, for those that were not synced."""
+OWN_RESERVE = TICKS
+"""What is added to the newest of all after a kill, for our own that were not written."""
 _MAGIC = b"ATS1"
 _HEAD = struct.Struct("<4s16sQQI")
 _ROW = struct.Struct("<BBBxQI")
@@ -39,10 +49,19 @@ class _Saved:
     whole: bool
 
 
-class TimestampFile:
-    """Stores timestamps in `folder`/signing.state.
+class _Content(NamedTuple):
+    """What `Timestamps` holds."""
 
-    notice: what was wrong with the file at the start, "" for nothing. trouble: why it cannot be written now.
+    last: int
+    floor: int
+    streams: dict[Stream, int]
+
+
+class TimestampFile:
+    """Stores timestamps in `folder`/signing.state. Only its making and `close` wait for the disk.
+
+    timestamps: those of the last run, to go on with. notice: what was wrong with the file at the start, ""
+    for nothing. trouble: why it cannot be written now.
     """
 
     def __init__(self, folder: Path, boot: bytes | None = None, *, clock: int = 0) -> None:
@@ -55,76 +74,77 @@ class TimestampFile:
         self.notice = ""
         self.trouble = ""
         self.timestamps = self._load(clock)
-        self._slots: dict[Stream, int] = {}
-        self._on_disk: dict[Stream, int] = {}
-        self._urgent = False
-        self._changed = False
-        self._synced_at = float("-inf")
-        self._syncing: threading.Thread | None = None
-        self._rewrite()
+        self._given = self._content()
+        self._synced, self._synced_at = self._given.streams, float("-inf")
+        self._changed = threading.Condition()
+        self._waiting: _Content | None = None
+        self._waits_since: float | None = None
+        """Monotonic seconds since which something is being written, or waits; None: all is written."""
+        self._sync_due = self._closing = False
+        write_durably(self._path, _packed(self._boot, self._given))
+        self._path.chmod(0o600)
         self._descriptor = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
-
-    def keep(self, stream: Stream) -> None:
-        """Write a stream's newest timestamp, and the newest of all, before its frame counts or is sent."""
-        if stream not in self._slots:
-            self._slots = {known: at for known, at in self._slots.items() if known in self.timestamps.streams}
-            free = set(range(MAX_STREAMS)) - set(self._slots.values())
-            self._slots[stream] = min(free)
-        timestamp = self.timestamps.streams[stream]
-        # A stream that moved on by more than the reserve since the last sync could be replayed after a power
-        # cut.
-        self._urgent |= timestamp > self._on_disk.get(stream, 0) + RESERVE
-        self._write(0, self._head(self._boot))
-        self._write(_HEAD.size + self._slots[stream] * _ROW.size, _row(stream, timestamp))
+        self._thread = threading.Thread(target=self._run, name="signing-state", daemon=True)
+        self._thread.start()
 
     def tick(self, now: float) -> None:
-        """Sync the file to disk, in a thread, when that is due."""
-        if self._syncing is not None and self._syncing.is_alive():
-            return
-        if self._urgent or (self._changed and now - self._synced_at >= SYNC_EVERY):
-            self._urgent = self._changed = False
-            self._synced_at = now
-            self._on_disk = dict(self.timestamps.streams)
-            self._syncing = threading.Thread(target=self._sync, name="signing-state", daemon=True)
-            self._syncing.start()
+        """Have what has changed written, and synced when that is due. now: monotonic seconds."""
+        content = self._content()
+        changed, self._given = content != self._given, content
+        # A stream that moved on by more than the reserve since the last sync could be replayed after a power
+        # cut.
+        jumped = any(at > self._synced.get(stream, 0) + RESERVE for stream, at in content.streams.items())
+        is_old = content.streams != self._synced and now - self._synced_at >= SYNC_EVERY
+        if jumped or is_old:
+            self._synced, self._synced_at = content.streams, now
+        with self._changed:
+            if changed or jumped or is_old:
+                self._waiting = content
+                self._sync_due |= jumped or is_old
+                self._changed.notify_all()
+            if self._waiting is not None and self._waits_since is None:
+                self._waits_since = now
+            if self._waits_since is not None and now - self._waits_since > HANGS_AFTER:
+                self.trouble = "the disk hangs"
 
     def close(self) -> None:
         """Mark the file as complete and sync it. Gives up after `CLOSE_WITHIN` s when the disk hangs."""
-        last = threading.Thread(target=self._finish, name="signing-state", daemon=True)
-        last.start()
-        last.join(CLOSE_WITHIN)
+        with self._changed:
+            self._waiting, self._sync_due, self._closing = self._content(), True, True
+            self._changed.notify_all()
+        self._thread.join(CLOSE_WITHIN)
 
-    def _finish(self) -> None:
-        if self._syncing is not None:
-            self._syncing.join()
-        self._write(0, self._head(_CLOSED))
-        self._sync()
-        os.close(self._descriptor)
+    def _content(self) -> _Content:
+        return _Content(self.timestamps.last, self.timestamps.floor, dict(self.timestamps.streams))
 
-    def _write(self, at: int, content: bytes) -> None:
-        self._changed = True
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._waits_since = None
+                self._changed.notify_all()
+                self._changed.wait_for(lambda: self._waiting is not None)
+                content, self._waiting = self._waiting, None
+                sync, self._sync_due = self._sync_due, False
+                closing = self._closing
+            assert content is not None
+            written = self._write(_packed(self._boot, content), sync=sync)
+            if closing:
+                # It says that the rows are there, and so comes after them.
+                if written:
+                    self._write(_head(_CLOSED, content), sync=True)
+                os.close(self._descriptor)
+                return
+
+    def _write(self, content: bytes, *, sync: bool) -> bool:
         try:
-            os.pwrite(self._descriptor, content, at)
-            self.trouble = ""
+            os.pwrite(self._descriptor, content, 0)
+            if sync:
+                os.fdatasync(self._descriptor)
         except OSError as error:
             self.trouble = error.strerror or str(error)
-
-    def _sync(self) -> None:
-        try:
-            os.fdatasync(self._descriptor)
-        except OSError as error:
-            self.trouble = error.strerror or str(error)
-
-    def _head(self, boot: bytes) -> bytes:
-        head = _HEAD.pack(_MAGIC, boot, self.timestamps.last, self.timestamps.floor, 0)[:-4]
-        return head + zlib.crc32(head).to_bytes(4, "little")
-
-    def _rewrite(self) -> None:
-        self._slots = {stream: at for at, stream in enumerate(self.timestamps.streams)}
-        self._on_disk = dict(self.timestamps.streams)
-        rows = b"".join(_row(stream, at) for stream, at in self.timestamps.streams.items())
-        write_durably(self._path, (self._head(self._boot) + rows).ljust(_SIZE, b"\0"))
-        self._path.chmod(0o600)
+            return False
+        self.trouble = ""
+        return True
 
     def _load(self, clock: int) -> Timestamps:
         try:
@@ -132,15 +152,29 @@ class TimestampFile:
                 saved = _unpack(file.read(_SIZE + 1))
         except FileNotFoundError:
             return Timestamps()
-        exact = saved.boot in (self._boot, _CLOSED)
-        reserve = 0 if exact and saved.whole else RESERVE
+        if saved.whole and saved.boot == _CLOSED:
+            reserve = own = 0
+        elif saved.whole and saved.boot == self._boot:
+            reserve, own = 0, OWN_RESERVE
+        else:
+            reserve = own = RESERVE
         rows = {stream: at + reserve for stream, at in saved.rows.items()}
-        last = max([saved.last + reserve, *rows.values()])
+        last = max([saved.last + own, *rows.values()])
         if saved.whole:
             return Timestamps(last, saved.floor, dict(sorted(rows.items(), key=lambda row: row[1])))
         self.notice = f"{self._path} was damaged and is written anew: only frames newer than now are accepted"
         newest = max(last, clock)
         return Timestamps(newest, newest)
+
+
+def _packed(boot: bytes, content: _Content) -> bytes:
+    rows = b"".join(_row(stream, at) for stream, at in content.streams.items())
+    return (_head(boot, content) + rows).ljust(_SIZE, b"\0")
+
+
+def _head(boot: bytes, content: _Content) -> bytes:
+    head = _HEAD.pack(_MAGIC, boot, content.last, content.floor, 0)[:-4]
+    return head + zlib.crc32(head).to_bytes(4, "little")
 
 
 def _row(stream: Stream, timestamp: int) -> bytes:

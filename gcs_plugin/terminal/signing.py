@@ -92,7 +92,6 @@ class Signing:
         reason = wire.refusal(frame, self._key, self._timestamps, self._clock())
         if not reason:
             self._recent.append((frame[-_SIGNATURE_BYTES:], link))
-            self._keep(wire.stream_of(frame))
         elif reason == wire.REPLAY and self._came_elsewhere(frame[-_SIGNATURE_BYTES:], link):
             self.doubled += 1
         elif not self._is_expected(reason, frame, message):
@@ -103,11 +102,10 @@ class Signing:
         """Sign `message`, packed as `frame`, and return the signed frame."""
         self._own = Stream(frame[5], frame[6], self._link)
         timestamp = self._timestamps.next(self._own, self._clock())
-        self._keep(self._own)
         return self._key.sign(frame, message.crc_extra, self._link, timestamp)
 
     def tick(self, now: float) -> None:
-        """Write due timestamps to disk. now: seconds, monotonic."""
+        """Have new timestamps stored. now: seconds, monotonic."""
         if self._kept is not None:
             self._kept.file.tick(now)
             if self._kept.file.trouble:
@@ -128,10 +126,6 @@ class Signing:
         """Return new problems: whose messages are ignored and why, once for each sender, and others."""
         problems, self._problems = self._problems, []
         return problems
-
-    def _keep(self, stream: Stream) -> None:
-        if self._kept is not None:
-            self._kept.file.keep(stream)
 
     def _came_elsewhere(self, signature: bytes, link: object) -> bool:
         return any(one == signature and where is not link for one, where in self._recent)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.link.link import Link
 from companion.storage import Batch, Journal, JournalError
 from companion.vision.checks import BadReportError
 from companion.vision.client import Result as VisionResult
@@ -163,6 +164,17 @@ def test_a_frame_that_finds_no_room_keeps_nothing_else_from_being_kept(
     assert rig.acks[-1].result is Result.APPLIED
     assert (rig.journal.load_supervision() or {})["call"]["answered"]
     assert "Journal cannot be written, disk? Not remembered" in rig.texts
+
+
+def test_that_signing_timestamps_are_not_stored_is_told_once_and_when_they_are_again(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(Link, "stores_timestamps", False)
+        rig.see(3.0)
+    rig.see(3.0)
+    told = [text for text in rig.texts if text.startswith("Signing times")]
+    assert told == ["Signing times cannot be written: check the disk", "Signing times are written again"]
 
 
 def test_an_answer_asked_again_is_applied_once(held: Rig) -> None:

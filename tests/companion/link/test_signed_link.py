@@ -18,6 +18,7 @@ from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Motion, Outcome, Reasons, Result
 from companion.wire.ids import Stage as CallStage
 from companion.wire.signing import LAST, MINUTE, stream_of, ticks, timestamp_of
+from tests.waiting import wait_for
 
 SECRET = bytes(range(1, 33))
 WALL = 1_790_000_000.0
@@ -55,6 +56,7 @@ class Stage(LoopbackLink):
             path.touch(0o600)
             path.write_bytes(SECRET)
         signing = open_signing(path, folder, unsigned_autopilot=exempt, wall=lambda: wall + self.now)
+        self.store = signing._store
         super().__init__(settings or LinkSettings("udpin:127.0.0.1:0"), vehicle=None, signing=signing)
         self.autopilot = Peer(1, 1)
         self.ground = Peer(255, 190)
@@ -70,6 +72,10 @@ class Stage(LoopbackLink):
     def go(self, target: int = 0, **how: bool) -> bytes:
         message = mavlink.MAVLink_command_long_message(1, 191, 31010, 0, target, 1, 0, 0, 0, 0, 0)
         return self.ground.frame(message, **how)
+
+    def has_stored(self) -> bool:
+        """Whether all timestamps are in the file."""
+        return self.store._waiting is None and self.store._waits_since is None
 
     @property
     def rejected(self) -> dict[str, int]:
@@ -164,6 +170,8 @@ def test_after_a_restart_1000_replayed_frames_do_nothing_and_the_next_genuine_on
         stage.arrive(frame, seconds=0.01)
     assert stage.rejected == {}
     assert len(stage.answers) == 10
+    stage.run(0.1)
+    wait_for(stage.has_stored)
     after = Stage(tmp_path, wall=WALL + stage.now)
     after.autopilot, after.ground = stage.autopilot, stage.ground
     after.arrive(after.beat())
@@ -183,6 +191,7 @@ def test_our_own_frames_played_back_do_not_silence_us_but_another_of_us_does(
     stage.arrive(*own)
     assert stage.rejected == {"echo": len(own)}
     assert stage.link.trouble is None
+    wait_for(stage.has_stored)
     after = Stage(tmp_path, wall=WALL + stage.now)
     after.autopilot = stage.autopilot
     after.arrive(after.beat(), *own)

@@ -15,6 +15,7 @@ from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal.main import main
 from gcs_plugin.terminal.runner import Runner
 from gcs_plugin.terminal.signing import MAX_PROBLEMS, Signing, open_signing
+from tests.waiting import wait_for
 
 SECRET = bytes(range(32))
 WALL = 1_790_000_000.0
@@ -147,6 +148,7 @@ def test_what_was_heard_before_a_restart_is_not_believed_again(*, killed: bool, 
     if killed:
         kept = first.signing._kept
         assert kept is not None
+        wait_for(lambda: kept.file._waiting is None and kept.file._waits_since is None)
         os.close(kept._lock)
     else:
         first.runner.close()

@@ -1,4 +1,4 @@
-"""Rows of the fault table: a disk that loses power, is slow, is full or may not be written."""
+"""Rows of the fault table: a disk that loses power, is slow, full or hangs, or may not be written."""
 
 from __future__ import annotations
 
@@ -84,9 +84,12 @@ def _cuts(work: Work) -> Outcome:
 
 
 def _unwritable(work: Work, how: str) -> Outcome:
-    """A disk that becomes full or read-only while the rover drives, meets a thing, and is answered."""
+    """A disk becomes full or read-only, or hangs, while the rover drives, meets a thing, and is answered.
+
+    All sign: a hanging disk must not keep their timestamps from being used.
+    """
     wrong = list[str]()
-    with Standing(work.folder, policy="hold", seed=work.seed) as rover:
+    with Standing(work.folder, policy="hold", seed=work.seed, signs=True) as rover:
         disk = FailingDisk(work.folder, rover.state)
         rover.start(disk.environment)
         rover.wait("a good view", lambda: rover.heartbeat is State.OK, 10.0)
@@ -239,6 +242,14 @@ ROWS = (
     ),
     repeating(
         "disk becomes read-only", "EROFS", _GOES_ON, 5, partial(_unwritable, how="read-only"), holds=True
+    ),
+    repeating(
+        "disk hangs in a write",
+        "no write, sync or other change below the state folder ends",
+        _GOES_ON,
+        5,
+        partial(_unwritable, how="hangs"),
+        holds=True,
     ),
     repeating(
         "disk read-only at the start",

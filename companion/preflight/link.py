@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 from companion.preflight.autopilot import CHECK, LINK
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped, warned
+from companion.wire.signing import DAY, ticks
 from companion.wire.signing_key import SigningKeyError, read_key
+from companion.wire.signing_store import NAME, newest_stored
 
 FORWARDING, SIGNING = "forwarding", "signing"
+_RECOVER = f"set its clock; if others are refused, stop the companion, delete {NAME}, and load the key again"
 _OWNED = "stop it first, or give the check a way of its own with --link"
 
 
@@ -80,9 +84,20 @@ def check_signing(rover: Rover) -> list[Finding]:
         read_key(Path(key))
     except SigningKeyError as error:
         return [failed(SIGNING, str(error))]
+    if (ahead := _days_ahead(rover.folder)) > 1.0:
+        text = f"a frame was received that was signed {ahead:.0f} days ahead of this clock: {_RECOVER}"
+        return [warned(SIGNING, text)]
     if rover.asked.heard:
         return [passed(SIGNING, f"{key} is read, and the autopilot is heard with it")]
     return [passed(SIGNING, f"{key} is read; whether the autopilot has it is not known")]
+
+
+def _days_ahead(folder: Path) -> float:
+    """Return by how many days the newest stored timestamp is ahead of the clock."""
+    try:
+        return (newest_stored(folder) - ticks(time.time())) / DAY
+    except OSError:  # the row of the journal tells it
+        return 0.0
 
 
 def _signing_of_running(rover: Rover, key: str) -> Finding:
@@ -91,5 +106,11 @@ def _signing_of_running(rover: Rover, key: str) -> Finding:
     refused = {why: counts[why] for why in ("unsigned", "signature", "replay", "ahead") if counts.get(why)}
     if refused:
         listed = ", ".join(f"{why} {number}" for why, number in refused.items())
-        return warned(SIGNING, f"frames were refused since the start ({listed}): see its log for the sender")
+        text = f"frames were refused since the start ({listed}): see its log for the sender"
+        clock = (
+            f"; if a station's clock was ahead once: {_RECOVER}"
+            if refused.keys() & {"replay", "ahead"}
+            else ""
+        )
+        return warned(SIGNING, text + clock)
     return passed(SIGNING, f"the companion that runs signs with {key}, and refused no frame")

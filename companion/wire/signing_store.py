@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from anytraverse.regular_file import read_regular
 from companion.system.atomic_write import write_durably
 from companion.wire.signing import MAX_STREAMS, TICKS, Stream, Timestamps
 
@@ -148,8 +149,7 @@ class TimestampFile:
 
     def _load(self, clock: int) -> Timestamps:
         try:
-            with self._path.open("rb") as file:
-                saved = _unpack(file.read(_SIZE + 1))
+            saved = _unpack(read_regular(self._path, _SIZE + 1))
         except FileNotFoundError:
             return Timestamps()
         if saved.whole and saved.boot == _CLOSED:
@@ -165,6 +165,14 @@ class TimestampFile:
         self.notice = f"{self._path} was damaged and is written anew: only frames newer than now are accepted"
         newest = max(last, clock)
         return Timestamps(newest, newest)
+
+
+def newest_stored(folder: Path) -> int:
+    """Return the newest timestamp in `folder`/signing.state; 0 where there is none. Raises OSError."""
+    try:
+        return _unpack(read_regular(folder / NAME, _SIZE + 1)).last
+    except FileNotFoundError:
+        return 0
 
 
 def _packed(boot: bytes, content: _Content) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from companion.preflight.autopilot import CHECK, LINK, Asked
 from companion.preflight.link import check_autopilot, check_forwarding, check_link, check_signing
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, warned
+from companion.wire.signing import DAY, Stream, ticks
+from companion.wire.signing_store import TimestampFile
 
 URL = "udpin:0.0.0.0:14550"
 
@@ -109,10 +112,33 @@ def test_the_signing_key_is_read(tmp_path: Path) -> None:
     assert "not known" in only(check_signing(rover(tmp_path, SILENT, key="key")))[1]
 
 
+def test_a_frame_that_was_signed_far_ahead_of_the_clock_is_told_with_what_to_do(tmp_path: Path) -> None:
+    one = rover(tmp_path, HEARD, key="key")
+    (tmp_path / "key").write_text("0123456789abcdef" * 4)
+    (tmp_path / "key").chmod(0o600)
+    store = TimestampFile(tmp_path)
+    now = ticks(time.time())
+    store.timestamps.check(Stream(255, 190, 0), now + DAY // 2, now)
+    store.close()
+    assert only(check_signing(one))[0] == "pass"
+    store = TimestampFile(tmp_path)
+    store.timestamps.check(Stream(254, 190, 0), now + 365 * DAY, now)
+    store.close()
+    verdict, text = only(check_signing(one))
+    assert verdict == "warn"
+    assert "365 days ahead" in text
+    assert "delete signing.state" in text
+
+
 @pytest.mark.parametrize(
     ("rejected", "verdict", "told"),
     [
         ({"unsigned": 3, "sender": 9}, "warn", "(unsigned 3): see its log"),
+        (
+            {"replay": 3},
+            "warn",
+            "(replay 3): see its log for the sender; if a station's clock was ahead once",
+        ),
         ({"sender": 9}, "pass", "refused no frame"),
         (None, "pass", "refused no frame"),
     ],

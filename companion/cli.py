@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from anytraverse.release import own_version
 from companion.cli_drives import add_drives
 from companion.cli_errors import UserError, error_text, told
-from companion.system.log_lines import end_process, log_to_stderr
+from companion.system.log_lines import end_process, flush_stderr, log_to_stderr
 
 if TYPE_CHECKING:
     from companion.config import Config
@@ -45,6 +45,7 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
     try:
         code: int = options.run(options)
     except UserError as error:
+        flush_stderr()  # so that what to mend is the last line
         print(f"companion {options.command}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -85,14 +85,19 @@ def log_to_stderr(level: int) -> None:
     )
 
 
+def flush_stderr() -> None:
+    """Wait until what was logged is on stderr, for `LAST_LINES` s at most."""
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, StderrHandler):
+            handler.flush()
+
+
 def end_process(code: int) -> NoReturn:
     """End this process once its log lines are on stderr, after `LAST_LINES` s at the latest.
 
     It waits for no thread: one may run native code, or hang in a call of the disk or of a driver.
     """
-    for handler in logging.getLogger().handlers:
-        if isinstance(handler, StderrHandler):
-            handler.flush()
+    flush_stderr()
     os._exit(code)
 
 

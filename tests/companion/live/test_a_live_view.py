@@ -59,7 +59,7 @@ class Stage:
             self.turn()
 
     def ready(self) -> Stage:
-        self.until(lambda: self.live.figures()["url"])
+        self.until(lambda: self.live.figures()["url"] and self.pid())
         return self
 
     def viewer(self, topics: set[str] | None = None) -> Viewer:

@@ -76,7 +76,7 @@ class Stage:
             self.turn()
 
     def ready(self) -> Stage:
-        self.until(lambda: self.recorder._process.running)
+        self.until(lambda: self.recorder._process.running and self.pid())
         return self
 
     def pid(self) -> int:

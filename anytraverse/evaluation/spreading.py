@@ -83,16 +83,16 @@ def _on_cluster(
         import distributed
     except ImportError:
         raise SpreadError('--dask needs distributed: pip install "anytraverse-companion[dask]"') from None
+    if address.startswith("tls:") and not distributed.Security().get_connection_args("client")["ssl_context"]:
+        raise SpreadError(
+            f"{address} needs certificates: set ca-file, client.cert and client.key of distributed.comm.tls "
+            "in Dask's configuration"
+        )
     try:
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SpreadError(
             f"no Dask scheduler answers at {address}: start one, or leave --dask away"
-        ) from error
-    except TypeError as error:  # as Dask says it
-        raise SpreadError(
-            f"{address} needs certificates: set ca-file, client.cert and client.key of distributed.comm.tls "
-            "in Dask's configuration"
         ) from error
     with client:
         if not client.scheduler_info(n_workers=-1)["workers"]:

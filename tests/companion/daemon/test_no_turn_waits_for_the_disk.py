@@ -31,7 +31,8 @@ PATIENCE = 30.0
 _EVENTS = ("open", "os.", "shutil.", "sqlite3.", "subprocess.", "tempfile.", "glob.", "import")
 """Beginnings of the audit events of what may wait for a disk."""
 _NOT_AUDITED = ("stat", "lstat", "write", "pwrite", "fsync", "fdatasync", "statvfs", "access")
-_NO_DISK = ("/proc/", "/sys/", "/dev/")
+_NO_DISK = ("/proc/", "/sys/", "/dev/", "/run/systemd/")
+"""Beginnings of paths in memory."""
 
 
 class Watch:

@@ -163,8 +163,9 @@ class Gate:
         query = parse_qs(scope["query_string"][:_LONGEST_QUERY].decode("latin-1")).get("token", [""])[-1]
         if query and self._is_token(query):  # with a cookie, too: it must leave the address bar
             shown, until = RedirectResponse("/", 303), now + _KNOWN_FOR
-            value = f"{until}.{self._proof(f'until {until} {port}')}"
-            shown.set_cookie(name, value, max_age=_KNOWN_FOR, httponly=True, samesite="strict")
+            shown.set_cookie(
+                name, self._cookie(until, port), max_age=_KNOWN_FOR, httponly=True, samesite="strict"
+            )
             return shown
         if any(self._is_valid(one, port, now) for one in _cookies(headers, name)):
             return None
@@ -179,10 +180,12 @@ class Gate:
         until = cookie.partition(".")[0]
         if not (until.isascii() and until.isdecimal() and len(until) <= 12):
             return False
-        made = hmac.compare_digest(
-            cookie.encode(), f"{until}.{self._proof(f'until {until} {port}')}".encode()
-        )
+        made = hmac.compare_digest(cookie.encode(), self._cookie(int(until), port).encode())
         return made and now <= int(until) <= now + _KNOWN_FOR
+
+    def _cookie(self, until: int, port: int) -> str:
+        """Return the value of the cookie that counts until then, in seconds since 1970."""
+        return f"{until}.{self._proof(f'until {until} {port}')}"
 
     def _proof(self, text: str) -> str:
         """Return what only somebody who knows the token can make of a text."""

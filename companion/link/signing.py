@@ -37,18 +37,13 @@ class SigningClock:
     ) -> None:
         self._earliest = max(ticks(SOFTWARE_MADE), newest - DAY)
         self._wall = wall
-        self._synchronised = synchronised
+        self.is_synchronised = synchronised
         self._offset: int | None = None
-
-    @property
-    def synchronised(self) -> bool:
-        """Whether the network set the wall clock."""
-        return self._synchronised()
 
     def now(self, now: float) -> int | None:
         """The time as a signing timestamp; None while it is not known. now: s, monotonic."""
         own = ticks(self._wall())
-        if own >= self._earliest or self._synchronised():
+        if own >= self._earliest or self.is_synchronised():
             return own
         return None if self._offset is None else self._offset + int(now * TICKS)
 
@@ -155,7 +150,7 @@ class Signing:
         frame = bytes(message.get_msgbuf())
         if first and not wire.is_signed(frame) and self._may_be_unsigned(frame, message):
             return ""
-        clock, synchronised = self._clock.now(now), self._clock.synchronised
+        clock, synchronised = self._clock.now(now), self._clock.is_synchronised()
         reason = wire.refusal(frame, self._key, self._timestamps, clock, synchronised=synchronised)
         if reason == wire.REPLAY and wire.stream_of(frame) in self._own:
             return "echo"

@@ -59,7 +59,7 @@ log = logging.getLogger(__name__)
 
 OF_AN_OWNER = 2
 """Answers of one owner that may wait for their outcome at once."""
-MAX_JOBS = 12
+MAX_JOBS = 6 * OF_AN_OWNER
 """Answers of all: two of each operator with a share of the link, of the others together, and of the page."""
 MAX_DRAWINGS = 16
 STORED_FRAMES = 2

@@ -155,18 +155,20 @@ def test_small_maps_keep_their_proportions() -> None:
     assert small_shape(1000, 2) == (64, 1)
 
 
+LOCAL: dict[str, Any] = {
+    "threads_per_worker": 1,
+    "processes": False,
+    "dashboard_address": None,
+    "host": "127.0.0.1",
+}
+"""Of a Dask cluster in this process."""
+
+
 @pytest.fixture
 def scheduler() -> Iterator[str]:
     """A Dask cluster in this process, with two workers."""
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=False,
-        dashboard_address=None,
-        protocol="tcp://",
-        host="127.0.0.1",
-    ) as cluster:
+    with distributed.LocalCluster(n_workers=2, protocol="tcp://", **LOCAL) as cluster:
         yield cluster.scheduler_address
 
 
@@ -240,15 +242,8 @@ def test_a_cluster_with_tls_takes_the_certificates_of_dasks_configuration(tmp_pa
         f"tls_{end}_{part}": path for end in ("scheduler", "worker", "client") for part, path in parts.items()
     }
     own = {"ca-file": certificate, "client.cert": certificate, "client.key": key}
-    with distributed.LocalCluster(
-        n_workers=1,
-        threads_per_worker=1,
-        processes=False,
-        dashboard_address=None,
-        protocol="tls://",
-        host="127.0.0.1",
-        security=distributed.Security(tls_ca_file=certificate, require_encryption=True, **ends),
-    ) as cluster:
+    security = distributed.Security(tls_ca_file=certificate, require_encryption=True, **ends)
+    with distributed.LocalCluster(n_workers=1, protocol="tls://", security=security, **LOCAL) as cluster:
         address = cluster.scheduler_address
         with pytest.raises(SpreadError, match="needs certificates"):
             spread(abs, [-1], dask=address, done=lambda _number, _result: None)

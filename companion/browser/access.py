@@ -18,6 +18,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from companion.browser.listen import hashed
 from companion.system.error_guard import ErrorGuard
 
 log = logging.getLogger(__name__)
@@ -73,14 +74,15 @@ class Gate:
         self,
         app: ASGIApp,
         *,
-        token: str,
+        token_hash: str,
         own_address: str,
         origin: str = "",
         most_posted: int = 0,
         where_the_token_is: str = "[web] token in companion.toml",
         wrong_tokens: WrongTokens | None = None,
     ) -> None:
-        """token: "" for none. own_address: where it listens if only this computer reaches it, else "".
+        """token_hash: of `hashed`, "" where no token is needed. own_address: where it listens if only this
+        computer reaches it, else "".
 
         origin: "http://HOST:PORT" as browsers elsewhere open it; then it answers to no other name but this
         computer's own. most_posted: bytes of JSON that a POST may bring; 0: the page only shows.
@@ -90,7 +92,7 @@ class Gate:
         self._origin = origin
         self._most_posted = most_posted
         self._hint = where_the_token_is
-        self._token = token.encode()
+        self._token_hash = token_hash
         self._wrong_tokens = wrong_tokens or WrongTokens()
         itself = f"[{own_address}]" if ":" in own_address else own_address
         named = {itself, _host(origin.partition("://")[2])} - {""}
@@ -135,7 +137,7 @@ class Gate:
             return PlainTextResponse("open it as http://localhost and the port\n", 421)
         if headers.get("sec-fetch-site") in ("cross-site", "same-site") and scope["path"] != "/":
             return PlainTextResponse("another site may not load this\n", 403)
-        refusal = self._without_token(scope, headers) if self._token else None
+        refusal = self._without_token(scope, headers) if self._token_hash else None
         return self._of_post(headers) if posted and refusal is None else refusal
 
     def _of_post(self, headers: Headers) -> Response | None:
@@ -188,11 +190,12 @@ class Gate:
         return f"{until}.{self._proof(f'until {until} {port}')}"
 
     def _proof(self, text: str) -> str:
-        """Return what only somebody who knows the token can make of a text."""
-        return hmac.new(self._token, f"the cookie of the page, {text}".encode(), hashlib.sha256).hexdigest()
+        """Return what only somebody who knows the token's hash can make of a text."""
+        named = f"the cookie of the page, {text}".encode()
+        return hmac.new(self._token_hash.encode(), named, hashlib.sha256).hexdigest()
 
     def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(errors="replace"), self._token)
+        return hmac.compare_digest(hashed(given), self._token_hash)
 
 
 def _host(header: str) -> str:

@@ -20,7 +20,7 @@ from starlette.routing import Route
 
 from companion.browser import wording
 from companion.browser.access import Gate
-from companion.browser.listen import Listen
+from companion.browser.listen import Listen, hashed
 from companion.browser.requests import MOST_POSTED, RequestError, read_answer, read_object
 from companion.browser.site import EventStreams, Server, event, posted, static_routes
 from companion.drives.drive import Drive
@@ -59,7 +59,7 @@ class BrowserDesk:
         self._port = port
         self._token = secrets.token_hex(16)
         self._streams = EventStreams()
-        self._server = Server(Gate(self._app(), token=self._token, **_GATE))
+        self._server = Server(Gate(self._app(), token_hash=hashed(self._token), **_GATE))
         self._thread: threading.Thread | None = None
         self._answered = threading.Condition()
         self._line: str | None = None

@@ -23,7 +23,7 @@ class Kind(Enum):
     """What is told to the web process."""
 
     SETUP = b"c"
-    """The first message: folder, token, own_address: where only this computer reaches it, else ""."""
+    """The first message: folder, token_hash, own_address: where only this computer reaches it, else ""."""
     NEWS = b"n"
     """The documents status, state and check, `told`: what the ground is told, `ahead`: of `Status.ahead`,
     and `at`: when it was so."""

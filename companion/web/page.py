@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any
 
+from companion.browser.listen import hashed
 from companion.config import Config
 from companion.system.error_guard import ErrorGuard
 from companion.system.side_process import SideChild, SideProcess
@@ -64,7 +65,7 @@ class Page:
             Kind.SETUP,
             {
                 "folder": os.path.abspath(config.journal.path),
-                "token": config.web.token,
+                "token_hash": hashed(config.web.token),
                 "own_address": listen.host if listen is not None and listen.loopback else "",
             },
         ).encoded()

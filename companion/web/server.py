@@ -251,14 +251,14 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     channel.settimeout(0)
     news = News()
     answering = None
-    if setup["token"]:
+    if setup["token_hash"]:
         answering = Answering(news, lambda payload, now: _send(channel, encode_answer(payload, now)))
     site = Site(news, StateFolder(setup["folder"]), answering)
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
     most_posted = MOST_POSTED if answering is not None else 0
     gate = Gate(
         site.app(),
-        token=setup["token"],
+        token_hash=setup["token_hash"],
         own_address=setup["own_address"],
         most_posted=most_posted,
         wrong_tokens=site.wrong_tokens,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.release import own_version
-from companion.browser.listen import Listen, check_token, read_listen
+from companion.browser.listen import Listen, check_token, hashed, read_listen
 from companion.wire.signing_key import SigningKeyError, read_key
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
@@ -118,7 +118,7 @@ async def _run(
     site = Site(console, about, background)
     gate = Gate(
         site.app(),
-        token=token,
+        token_hash=hashed(token),
         own_address=listen.host if listen.loopback else "",
         origin=origin,
         most_posted=MOST_POSTED,

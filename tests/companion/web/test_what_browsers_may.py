@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from companion.browser import access
 from companion.browser.access import Gate, WrongTokens
+from companion.browser.listen import hashed
 from companion.web.page import missing
 from tests.companion.web.played import JPEG, TOKEN, Stage
 
@@ -271,7 +272,9 @@ def through_the_gate(
         "server": ("127.0.0.1", port),
         "client": ("10.0.0.7", 5000),
     }
-    asyncio.run(Gate(app, token=token, own_address="", wrong_tokens=wrong_tokens)(scope, app, send))
+    asyncio.run(
+        Gate(app, token_hash=hashed(token), own_address="", wrong_tokens=wrong_tokens)(scope, app, send)
+    )
     return told[0]
 
 

@@ -23,7 +23,7 @@ DESTDIR=$stage PYTHON=$python sh systemd/install.sh
 echo "deb: pack it"
 "$stage/opt/anytraverse/bin/python" -m compileall -q -f -s "$stage" "$stage/opt/anytraverse/lib"
 mkdir -p "$stage/usr/lib/systemd/system" "$stage/usr/lib/udev/rules.d" "$stage/DEBIAN"
-mv "$stage/etc/systemd/system/companion.service" "$stage/usr/lib/systemd/system"
+mv "$stage"/etc/systemd/system/* "$stage/usr/lib/systemd/system"
 mv "$stage/etc/udev/rules.d/70-anytraverse.rules" "$stage/usr/lib/udev/rules.d"
 rm -r "$stage/etc/systemd" "$stage/etc/udev"
 (cd "$stage" && find etc -type f | sed 's|^|/|') >"$stage/DEBIAN/conffiles"
@@ -75,7 +75,7 @@ if [ "$1" = remove ] || [ "$1" = purge ]; then
     [ ! -d /run/systemd/system ] || systemctl daemon-reload
 fi
 if [ "$1" = purge ]; then
-    rm -rf /etc/anytraverse /var/lib/anytraverse
+    rm -rf /etc/anytraverse /var/lib/anytraverse /var/cache/anytraverse-video /var/cache/private/anytraverse-video
     ! id anytraverse >/dev/null 2>&1 || userdel anytraverse
 fi
 X

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from anytraverse.memory import Memory
 from companion.answers.store import AnswerStore
+from companion.cameras.network_limit import needs_of
 from companion.config import Config
 from companion.daemon.composition import (
     Resources,
@@ -102,7 +103,8 @@ def _main(
     link = _open_link(config, served, memory, saved)
     closing.callback(link.close)
     first_frame = stored_u32(saved.get("frame_id")) + 1
-    vision = VisionClient(partial(VisionChild, command), config, memory, VISION, first_frame=first_frame)
+    launch = partial(VisionChild, command, network=needs_of(config.camera.source).any)
+    vision = VisionClient(launch, config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
     beside = _Beside.of(config)
     for process in beside:

@@ -48,7 +48,9 @@ configure() {
     done
     id anytraverse >/dev/null 2>&1 ||
         useradd --system --user-group --home-dir "$state" --shell /usr/sbin/nologin anytraverse
-    usermod --append --groups video,dialout anytraverse # cameras and serial ports
+    usermod --append --groups dialout anytraverse # serial ports
+    # Cameras are the vision process's, which has a user of its own, since an earlier release.
+    ! id -nG anytraverse | grep -qw video || gpasswd --delete anytraverse video >/dev/null
     for word in $(cat /proc/cmdline 2>/dev/null || true); do
         case $word in
         console=serial* | console=ttyAMA* | console=ttyS* | console=ttyTHS*)
@@ -63,7 +65,9 @@ configure() {
 uninstall() {
     [ ! -e "$package" ] || fail "a Debian package installed it: type: sudo apt remove anytraverse-companion"
     ! booted || systemctl disable --now companion 2>/dev/null || true
-    rm -f "$units/companion.service" "$rules/70-anytraverse.rules"
+    rm -f "$units"/companion.s* "$units"/companion-*.s* "$units"/anytraverse-kill@.* "$rules/70-anytraverse.rules"
+    rm -f "$units/companion.service.d/10-hardening.conf" "$units/companion-.service.d/10-hardening.conf"
+    rmdir "$units/companion.service.d" "$units/companion-.service.d" 2>/dev/null || true # there may be your own
     rm -rf "$opt/anytraverse" "$opt/anytraverse-a" "$opt/anytraverse-b"
     reload
     if [ "$1" != --purge ]; then
@@ -71,7 +75,7 @@ uninstall() {
         say "to remove them, too, type: sudo sh $0 --uninstall --purge"
         return
     fi
-    rm -rf "$config" "${state:?}"
+    rm -rf "$config" "${state:?}" /var/cache/anytraverse-video /var/cache/private/anytraverse-video
     ! id anytraverse >/dev/null 2>&1 || userdel anytraverse
     say "removed, with settings, memory and user"
 }
@@ -140,7 +144,11 @@ say "3/4 write settings, unit and device rules; what is in $config stays as it i
         cp -- "$here/../config/$file" "$config/$file"
     }
 done
-cp -- "$here/companion.service" "$units/companion.service"
+cp -- "$here"/*.service "$here"/*.socket "$here"/*.path "$here"/*.slice "$units"
+for name in companion companion-; do # its own unit, and all whose name begins so
+    mkdir -p "$units/$name.service.d"
+    cp -- "$here/hardening.conf" "$units/$name.service.d/10-hardening.conf"
+done
 cp -- "$here/70-anytraverse.rules" "$rules/70-anytraverse.rules"
 if [ -n "$destination" ]; then
     # Programs and byte code name the folder they will be in.

@@ -140,6 +140,14 @@ TRUNCATE(ftruncate64, off64_t)
 SYNC(fsync)
 SYNC(fdatasync)
 
+int execv(const char *path, char *const arguments[])
+{
+    REAL(execv);
+    while (state() == DEAD)
+        usleep(50000);
+    return real(path, arguments);
+}
+
 int execve(const char *path, char *const arguments[], char *const environment[])
 {
     REAL(execve);

@@ -36,7 +36,8 @@ class LiveChild(SideChild):
 
     def __init__(self, listen: Listen, command: Sequence[str] = COMMAND) -> None:
         """Start the process. listen: where it does. Raises OSError."""
-        super().__init__([*command, listen.host, str(listen.port)], buffer=BUFFER, longest=LONGEST_REPORT + 1)
+        where = listen.host, str(listen.port)
+        super().__init__(command, where, unit="live", buffer=BUFFER, longest=LONGEST_REPORT + 1)
 
 
 class Live:

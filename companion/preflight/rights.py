@@ -1,4 +1,4 @@
-"""Checks that the service's user may use its files and devices."""
+"""Checks that the service's users may use their files and devices, and that no other process may."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from companion.cameras import CameraError, split_source
+from companion.cameras.network_limit import is_limited, needs_of
 from companion.config.link_settings import LinkError
 from companion.config.reading import SERVICE
 from companion.preflight.rover import Rover
-from companion.preflight.rules import Finding, failed, passed, skipped
+from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.system.computer import is_folder
 
-RIGHTS = "rights"
+RIGHTS, REACH = "rights", "reach"
+_UNIFIED = Path("/sys/fs/cgroup/cgroup.controllers")
+"""Only there systemd can limit which addresses a process reaches."""
 
 
 class _User(NamedTuple):
@@ -36,20 +39,41 @@ def check_rights(rover: Rover) -> list[Finding]:
     """Check that the user that runs the companion may use its files and devices, as far as they exist."""
     try:
         user = _user_of(rover.folder)
+        sees = _vision_user() if rover.folder == SERVICE else user
     except OSError as error:
         return [skipped(RIGHTS, f"not known: {error}")]
-    bad = [
-        _refused(user, path, rights)
-        for path, rights in _used(rover)
-        if not _is_absent(path) and not _may(user, path, rights)
+    used = [(user, *one) for one in _used(rover)] + [(sees, *one) for one in _used_by_vision(rover)]
+    bad = [_refused(*one) for one in used if not _is_absent(one[1]) and not _may(*one)]
+    if rover.folder != SERVICE:
+        all_one = "so whoever breaks into the vision process by a picture has all: see docs/security.md"
+        return bad or [passed(RIGHTS, f"user {user.name} may use its files and devices, {all_one}")]
+    bad += [
+        failed(RIGHTS, f"the service does not see {path}: move it out of the home folder, e.g. to /opt")
+        for _, path, _ in used
+        if str(path).startswith(_HOMES)
     ]
-    if rover.folder == SERVICE:
-        bad += [
-            failed(RIGHTS, f"the service does not see {path}: move it out of the home folder, e.g. to /opt")
-            for path, _ in _used(rover)
-            if str(path).startswith(_HOMES)
-        ]
-    return bad or [passed(RIGHTS, f"user {user.name} may use its files and devices")]
+    return bad or [
+        passed(RIGHTS, f"user {user.name} may use its files and devices, {sees.name} the camera's")
+    ]
+
+
+def check_reach(rover: Rover) -> list[Finding]:
+    """Check how much of the network whoever breaks into the vision process by a picture would reach."""
+    if rover.folder != SERVICE:
+        return [skipped(REACH, "not limited: systemd does not run the companion")]
+    try:
+        needs = needs_of(rover.config.camera.source)
+    except CameraError:  # told by the row of the configuration
+        return []
+    if not needs.any:
+        return [passed(REACH, "the vision process has no network")]
+    all_of_it = "the vision process reaches the whole network"
+    if needs.networks is None:
+        return [warned(REACH, f"{all_of_it}: write the camera's numeric address into [camera] source")]
+    if not (_UNIFIED.exists() and is_limited(needs)):
+        return [warned(REACH, f"{all_of_it}: this system does not limit it; see docs/security.md")]
+    reached = ", ".join(needs.networks) or "nothing"
+    return [passed(REACH, f"of the network the vision process reaches {reached}")]
 
 
 def _is_absent(path: Path) -> bool:
@@ -67,6 +91,17 @@ def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
     yield rover.folder, _READ | _WRITE | _ENTER
     if config.link.signing_key is not None:
         yield Path(config.link.signing_key), _READ
+    try:
+        for one in config.link.settings().connections().values():
+            if one.address().scheme == "serial":
+                yield Path(one.address().place), _READ | _WRITE
+    except LinkError:  # told by the row of the configuration
+        return
+
+
+def _used_by_vision(rover: Rover) -> Iterator[tuple[Path, int]]:
+    """Yield what the vision process opens, and how."""
+    config = rover.config
     bundle = Path(config.perceiver.name.partition(":")[2])
     if bundle.is_absolute():
         yield bundle, _READ | (_ENTER if is_folder(bundle) else 0)
@@ -75,11 +110,17 @@ def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
         place = Path(where)
         if kind in _PATHS and place.is_absolute():
             yield place, _READ | (_ENTER if is_folder(place) else 0)
-        for one in config.link.settings().connections().values():
-            if one.address().scheme == "serial":
-                yield Path(one.address().place), _READ | _WRITE
-    except (CameraError, LinkError):  # told by the row of the configuration
+    except CameraError:  # told by the row of the configuration
         return
+
+
+def _vision_user() -> _User:
+    """Return the user that systemd makes for the vision process: of its groups only the cameras' counts."""
+    try:
+        groups = frozenset((grp.getgrnam("video").gr_gid,))
+    except KeyError:
+        groups = frozenset()
+    return _User("anytraverse-vision", -1, groups)
 
 
 def _user_of(folder: Path) -> _User:
@@ -118,6 +159,10 @@ def _has(user: _User, path: Path, rights: int) -> bool:
 def _refused(user: _User, path: Path, rights: int) -> Finding:
     verb = "read and write" if rights & _WRITE else "read"
     text = f"user {user.name} may not {verb} {path}"
+    if user.id < 0:
+        return failed(
+            RIGHTS, f"{text}: let the group video, or everybody, use it, and enter the folders above"
+        )
     if str(path).startswith("/dev/"):
         group = _group(path)
         return failed(RIGHTS, f"{text}: sudo usermod --append --groups {group} {user.name}, and restart it")

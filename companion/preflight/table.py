@@ -22,7 +22,7 @@ from companion.preflight.live import check_live
 from companion.preflight.page import check_page
 from companion.preflight.perceiver import check_perceiver
 from companion.preflight.recording import check_recording
-from companion.preflight.rights import check_rights
+from companion.preflight.rights import check_reach, check_rights
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed
 from companion.preflight.stopping import check_stopping, check_tile
@@ -47,7 +47,8 @@ CHECKS = (
     Check("config",     _config,          "whether the configuration is sound"),
     Check("versions",   check_versions,   "whether all packages are there, and the installed release runs"),
     Check("service",    check_service,    "whether systemd starts the companion at boot"),
-    Check("rights",     check_rights,     "whether the service's user may use its files and devices"),
+    Check("rights",     check_rights,     "whether the service's users may use their files and devices"),
+    Check("reach",      check_reach,      "what of the network the vision process reaches"),
     Check("disk",       lambda rover: [check_space(rover.folder)],
                                           "whether there is room for journal, pictures and logs"),
     Check("disk speed", check_speed,      "how long a write takes until it is on the disk"),

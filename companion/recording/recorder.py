@@ -40,7 +40,8 @@ class RecorderChild(SideChild):
 
     def __init__(self, folder: Path, most: int, command: Sequence[str] = COMMAND) -> None:
         """Start the process. folder: of the recordings. most: bytes of all of them. Raises OSError."""
-        super().__init__([*command, str(folder), str(most)], buffer=BUFFER, longest=LONGEST_REPORT + 1)
+        where = str(folder), str(most)
+        super().__init__(command, where, unit="recorder", buffer=BUFFER, longest=LONGEST_REPORT + 1)
 
     def finish(self) -> None:
         """Have it finish its recording and end, for two seconds at most."""

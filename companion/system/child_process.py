@@ -1,51 +1,97 @@
-"""Starts a process with a fresh interpreter that inherits one end of a socket pair, and kills it."""
+"""Starts a process that gets one end of a socket pair, and kills it."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import logging
 import os
 import signal
 import socket
 import subprocess
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+
+from companion.system.socket_units import SocketUnit
+
+log = logging.getLogger(__name__)
 
 _SET_DEATH_SIGNAL, _SET_DUMPABLE = 1, 4
 
 
-class ChildProcess:
-    """Runs a command, which inherits one descriptor: its end of `channel`. Only `close` may block.
+class _Subprocess:
+    """Runs a command as a child of the thread that calls `run`: the kernel kills it when that thread ends."""
 
-    A thread starts the process, since reading the program may wait for a disk, and lives as long as that: the
-    kernel kills the process (`end_with`) when the thread that started it ends.
+    def __init__(self, command: Sequence[str]) -> None:
+        self._command = command
+        self._process: subprocess.Popen[bytes] | None = None
+        self._reaping = threading.Lock()
+
+    @property
+    def pid(self) -> int | None:
+        return None if self._process is None else self._process.pid
+
+    def run(self, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
+        self._process = subprocess.Popen(
+            [*self._command, *arguments, *map(str, descriptors), str(os.getpid())],
+            pass_fds=descriptors,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,  # stderr is inherited, for faulthandler
+        )
+
+    def wait(self) -> str:
+        assert self._process is not None
+        with contextlib.suppress(ChildProcessError):  # `kill` has reaped it
+            os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT)
+        with self._reaping:  # so that no other process with its number is killed
+            code = self._process.wait()
+        if code >= 0:
+            return f"exit code {code}"
+        with contextlib.suppress(ValueError):
+            return signal.Signals(-code).name
+        return f"signal {-code}"
+
+    def kill(self) -> None:
+        with self._reaping:
+            if self._process is not None and self._process.returncode is None:
+                self._process.kill()
+
+
+class ChildProcess:
+    """Runs a program, which gets one descriptor: its end of `channel`. Only `close` may block.
+
+    systemd starts the program where it has a socket unit for it, as another user: then nothing reaches us but
+    what comes through the channel. Elsewhere it is our child. A thread has it started, since reading the
+    program may wait for a disk, and lives as long as the process.
     """
 
     def __init__(
         self,
         command: Sequence[str],
+        arguments: Sequence[str] = (),
         *,
+        unit: str = "",
         kind: socket.SocketKind = socket.SOCK_STREAM,
         buffer: int,
         inherits: Sequence[int] = (),
-        environment: Mapping[str, str] | None = None,
         reaped_within: float,
     ) -> None:
         """Have the process started; what is sent meanwhile waits in the channel. Raises OSError.
 
-        command: gets the descriptor of its end, those of `inherits` and our process id appended. inherits:
-        the caller may close them at once. buffer: bytes that may wait in the channel. environment: variables
-        beside our own. reaped_within: seconds that `close` waits for the killed process. One in an
-        uninterruptible system call is left to the kernel.
+        command: starts our child. arguments: of the program, which gets the descriptor of its end, those of
+        `inherits` and the process id of its parent appended (`socket_units.arguments`). unit: of
+        `SocketUnit`, "": it is always our child. inherits: the caller may close them at once. buffer: bytes
+        that may wait in the channel. reaped_within: seconds that `close` waits for the killed process. One in
+        an uninterruptible system call is left to the kernel.
         """
-        self._command = command
-        self._environment = {**os.environ, **(environment or {})}
+        self._program = SocketUnit.of(unit) or _Subprocess(command)
+        self._arguments = arguments
         self._reaped_within = reaped_within
         self._changing = threading.Lock()
-        self._process: subprocess.Popen[bytes] | None = None
+        self._started = self._killed = False
         self._failure: OSError | None = None
-        self._killed = False
+        self._ended = ""
         self._given: list[int] = []
         """Descriptors for the process alone."""
         self._thread = threading.Thread(target=self._run, name="child", daemon=True)
@@ -65,8 +111,8 @@ class ChildProcess:
 
     @property
     def pid(self) -> int | None:
-        """Return the process id; None before the process is started."""
-        return None if self._process is None else self._process.pid
+        """Return the process id of our child; None before it is started, and where systemd starts it."""
+        return self._program.pid if isinstance(self._program, _Subprocess) else None
 
     def fileno(self) -> int | None:
         """Return the channel's descriptor; None after `close`."""
@@ -79,17 +125,10 @@ class ChildProcess:
         """
         if self._failure is not None:
             raise self._failure
-        code = None if self._process is None else self._process.returncode
-        if code is None:
-            return ""
-        if code >= 0:
-            return f"exit code {code}"
-        with contextlib.suppress(ValueError):
-            return signal.Signals(-code).name
-        return f"signal {-code}"
+        return self._ended
 
     def cpu_seconds(self) -> float:
-        """Return for how long the process has computed, 0.0 for one that has ended and gone."""
+        """Return for how long our child has computed, 0.0 for one that has ended and gone."""
         try:
             fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
         except OSError:
@@ -105,33 +144,30 @@ class ChildProcess:
         """Kill the process in whatever state it is, and close the channel. May be called repeatedly."""
         with self._changing:
             self._killed = True
-            if self._process is not None and self._process.returncode is None:
-                self._process.kill()
+            if self._started and not self._ended:
+                self._kill()
         self._thread.join(self._reaped_within)  # a camera driver, or a disk, may delay its end
         self.channel.close()
 
     def _run(self) -> None:
         try:
-            process = subprocess.Popen(
-                [*self._command, *map(str, self._given), str(os.getpid())],
-                pass_fds=self._given,
-                stdin=subprocess.DEVNULL,
-                env=self._environment,
-                stdout=subprocess.DEVNULL,  # stderr is inherited, for faulthandler
-            )
+            self._program.run(self._arguments, self._given)
         except OSError as error:
             self._failure = error
             return
         finally:
             self._close_given()
         with self._changing:
-            self._process = process
+            self._started = True
             if self._killed:
-                process.kill()
-        with contextlib.suppress(ChildProcessError):  # `kill` has reaped it
-            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
-        with self._changing:  # so that no other process with its number is killed
-            process.wait()
+                self._kill()
+        self._ended = self._program.wait()
+
+    def _kill(self) -> None:
+        try:
+            self._program.kill()
+        except OSError as error:  # the next start asks for it again
+            log.error("a process cannot be ended: %s", error)
 
     def _close_given(self) -> None:
         for descriptor in self._given:
@@ -139,7 +175,12 @@ class ChildProcess:
 
 
 def end_with(parent: int) -> None:
-    """Have the kernel kill this process when `parent`, which started it, dies, or the thread that did."""
+    """Have the kernel kill this process when `parent`, which started it, dies, or the thread that did.
+
+    parent: 0 where systemd started it: then it ends when the channel does, and systemd kills it.
+    """
+    if not parent:
+        return
     ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != parent:  # it died before the call of prctl
         os._exit(0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from companion.system.child_process import ChildProcess
@@ -23,22 +23,21 @@ class SideChild(ChildProcess):
     def __init__(
         self,
         command: Sequence[str],
+        arguments: Sequence[str] = (),
         *,
+        unit: str = "",
         buffer: int,
         inherits: Sequence[int] = (),
-        environment: Mapping[str, str] | None = None,
         longest: int,
     ) -> None:
-        """Start the process. buffer, inherits, environment: of `ChildProcess`. longest: of `receive`.
-
-        Raises OSError.
-        """
+        """Start the process. longest: of `receive`. All else: of `ChildProcess`. Raises OSError."""
         super().__init__(
             command,
+            arguments,
+            unit=unit,
             kind=socket.SOCK_SEQPACKET,
             buffer=buffer,
             inherits=inherits,
-            environment=environment,
             reaped_within=_REAPED_WITHIN,
         )
         self._longest = longest

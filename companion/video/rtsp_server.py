@@ -4,9 +4,9 @@ It is run as a script by the system's Python (`[video] python`), because GStream
 system and not with pip. So it imports nothing of this project. It is given JPEGs and decodes, repeats and
 encodes them at its own rate, only while somebody watches.
 
-Each message is one datagram (SOCK_SEQPACKET). To it: b"c" and a JSON object (host, port, path, rate, encoder)
-once; then b"p", the number of a picture (u32, 0: a live one) and its JPEG. From it, four times a second:
-`REPORT`.
+Each message is one datagram (SOCK_SEQPACKET). To it: b"c" and a JSON object (host, port, path, rate, encoder,
+cache: a folder for GStreamer's list of elements) once; then b"p", the number of a picture (u32, 0: a live
+one) and its JPEG. From it, four times a second: `REPORT`; or once, one byte: why it cannot run.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ _WAITING = 2 << 20
 _MOST_MEMORY = 1 << 30
 _SETUP_WITHIN = 10.0
 _NICENESS, _FIRST_OUT = 10, 950
-PORT_TAKEN, NO_GSTREAMER = 3, 4
-"""Exit codes."""
+PORT_TAKEN, NO_GSTREAMER = b"t", b"g"
+"""Why it cannot run."""
 _DEATH_SIGNAL = 1
 
 BINDINGS = ("Gst", "GstApp", "GstRtsp", "GstRtspServer")
@@ -184,11 +184,25 @@ class Stream:
             self._source, self._note, self._playing, self._shown = None, None, False, 0
 
 
+def _give_up(channel: socket.socket, why: bytes) -> NoReturn:
+    """Say why it cannot run, and end once the supervisor has heard it."""
+    channel.settimeout(_SETUP_WITHIN)
+    with contextlib.suppress(OSError):
+        channel.send(why)
+        while channel.recv(LARGEST):
+            pass
+    sys.exit(1)
+
+
 def main(descriptor: int, parent: int) -> NoReturn:
-    """Serve until the supervisor, process `parent`, is gone. descriptor: the channel's socket."""
-    ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(0)
+    """Serve until the supervisor is gone. descriptor: the channel's socket.
+
+    parent: the supervisor's process id, 0 where systemd started this process.
+    """
+    if parent:
+        ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(0)
     os.nice(_NICENESS)
     try:
         with open("/proc/self/oom_score_adj", "w", encoding="ascii") as file:
@@ -204,7 +218,11 @@ def main(descriptor: int, parent: int) -> NoReturn:
     packed = channel.recv(LARGEST)
     if packed[:1] != b"c":
         sys.exit("the first message is no setup")
-    channel.settimeout(0)
+    setup = json.loads(packed[1:])
+    # ORC compiles code while it runs, which the service forbids; without, it takes code made in advance.
+    os.environ["ORC_CODE"] = "backup"
+    cache = os.environ.get("CACHE_DIRECTORY", setup["cache"])
+    os.environ["GST_REGISTRY"] = os.path.join(cache, "gstreamer-registry.bin")
     try:
         import gi
 
@@ -212,15 +230,15 @@ def main(descriptor: int, parent: int) -> NoReturn:
             gi.require_version(name, "1.0")
         from gi.repository import GLib, Gst
     except (ImportError, ValueError):
-        sys.exit(NO_GSTREAMER)
+        _give_up(channel, NO_GSTREAMER)
     Gst.init(None)
-    setup = json.loads(packed[1:])
     if any(Gst.ElementFactory.find(name) is None for name in elements(setup["encoder"])):
-        sys.exit(NO_GSTREAMER)
+        _give_up(channel, NO_GSTREAMER)
+    channel.settimeout(0)
     try:
         stream = Stream(channel, setup)
     except OSError:
-        sys.exit(PORT_TAKEN)
+        _give_up(channel, PORT_TAKEN)
     GLib.io_add_watch(
         descriptor, GLib.PRIORITY_DEFAULT, GLib.IO_IN | GLib.IO_HUP, lambda *_: stream.receive()
     )

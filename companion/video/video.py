@@ -28,24 +28,28 @@ PACKAGES = (
 """What the video needs of Debian, Raspberry Pi OS and Ubuntu."""
 
 _WHY = {
-    f"exit code {PORT_TAKEN}": "another program has its port: set another [video] listen",
-    f"exit code {NO_GSTREAMER}": f"GStreamer lacks what the video needs: sudo apt install {PACKAGES}",
+    PORT_TAKEN: "another program has its port: set another [video] listen",
+    NO_GSTREAMER: f"GStreamer lacks what the video needs: sudo apt install {PACKAGES}",
 }
 
 
 class VideoChild(SideChild):
     """Runs the RTSP server, by the system's Python."""
 
-    def __init__(self, command: Sequence[str], folder: str) -> None:
-        """Start the process. folder: where GStreamer keeps its list of elements. Raises OSError."""
-        # ORC compiles code while it runs, which the service forbids; without, it takes code made in advance.
-        environment = {"ORC_CODE": "backup", "GST_REGISTRY": os.path.join(folder, "gstreamer-registry.bin")}
-        super().__init__(command, buffer=2 * LARGEST, environment=environment, longest=REPORT.size + 1)
+    def __init__(self, command: Sequence[str]) -> None:
+        """Start the process. command: the whole of it, which systemd's unit runs, too. Raises OSError."""
+        super().__init__([], command, unit="video", buffer=2 * LARGEST, longest=REPORT.size + 1)
+        self._why = ""
+
+    def receive(self) -> list[bytes]:
+        """Return what it said, but for why it cannot run."""
+        said = super().receive()
+        self._why = next((_WHY[one] for one in said if one in _WHY), self._why)
+        return [one for one in said if one not in _WHY]
 
     def ended(self) -> str:
-        """Say why the process ended, "" while it runs."""
-        how = super().ended()
-        return _WHY.get(how, how)
+        """Say why the process ended or cannot run, "" while it runs."""
+        return self._why or super().ended()
 
 
 class Video:
@@ -57,13 +61,12 @@ class Video:
     def __init__(
         self,
         config: Config,
-        launch: Callable[[Sequence[str], str], VideoChild] = VideoChild,
+        launch: Callable[[Sequence[str]], VideoChild] = VideoChild,
         restarts: Restarts = VIDEO,
     ) -> None:
-        """launch: starts this command with this folder, or raises OSError. restarts: time limits."""
+        """launch: starts this command or raises OSError. restarts: time limits."""
         self._settings = settings = config.video
         self._listen = settings.address
-        self._command = (settings.python, "-I", str(SERVER))
         self._folder = os.path.abspath(config.journal.path)
         self._launch = launch
         self._process: SideProcess[VideoChild] = SideProcess("video", self._start, restarts)
@@ -135,13 +138,14 @@ class Video:
 
     def _start(self) -> VideoChild:
         assert self._listen is not None
-        child = self._launch(self._command, self._folder)
+        child = self._launch((self._settings.python, "-I", str(SERVER)))
         setup = {
             "host": self._listen.host,
             "port": self._listen.port,
             "path": PATH,
             "rate": round(self._settings.rate),
             "encoder": self._settings.encoder,
+            "cache": self._folder,
         }
         child.send(b"c" + json.dumps(setup).encode())
         return child

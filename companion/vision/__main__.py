@@ -1,10 +1,17 @@
-"""Starts the vision process: `python -m companion.vision DESCRIPTOR PARENT`. Only the supervisor runs it."""
+"""Starts the vision process: `python -m companion.vision CHANNEL PARENT`. Only the supervisor runs it."""
 
+import os
 import sys
 
-from companion.vision.process import main
+from companion.system.socket_units import arguments
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
+    given = arguments()
+    if len(given) != 2:
         sys.exit("companion.vision is started by `companion run`: type that")
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    # NumPy's threads would wait busily beside the network's: they double a frame's CPU time and save nothing.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+    from companion.vision.process import main
+
+    main(*map(int, given))

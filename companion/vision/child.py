@@ -10,8 +10,6 @@ from typing import Protocol
 from companion.system.child_process import ChildProcess
 from companion.vision.codec import Splitter
 
-_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
-"""NumPy's threads would wait busily beside the network's: they double a frame's CPU time and save nothing."""
 COMMAND = (sys.executable, "-m", "companion.vision")
 MOST_WAITING = 80 << 20
 """Bytes of requests that may wait for a process that does not read. Beyond that it counts as lost."""
@@ -50,9 +48,13 @@ class Child(Protocol):
 class VisionChild(ChildProcess):
     """Runs `python -m companion.vision`."""
 
-    def __init__(self, command: Sequence[str] = COMMAND) -> None:
-        """Start the process. command: gets a descriptor and our process id appended. Raises OSError."""
-        super().__init__(command, buffer=_BUFFER, environment=_ENVIRONMENT, reaped_within=_REAP_TIMEOUT)
+    def __init__(self, command: Sequence[str] = COMMAND, *, network: bool = True) -> None:
+        """Start the process. command: of `ChildProcess`. network: whether its camera needs any.
+
+        Raises OSError.
+        """
+        unit = "network-vision" if network else "vision"
+        super().__init__(command, unit=unit, buffer=_BUFFER, reaped_within=_REAP_TIMEOUT)
         self._splitter = Splitter()
         self._waiting = bytearray()
 

@@ -47,7 +47,13 @@ class WebChild(SideChild):
 
     def __init__(self, listener: socket.socket, command: Sequence[str] = COMMAND) -> None:
         """Start the process, which inherits `listener`. Raises OSError."""
-        super().__init__(command, buffer=2 * LARGEST, inherits=[listener.fileno()], longest=LONGEST_SAID + 1)
+        super().__init__(
+            command,
+            unit="page",
+            buffer=2 * LARGEST,
+            inherits=[listener.fileno()],
+            longest=LONGEST_SAID + 1,
+        )
 
 
 class Page:

@@ -25,16 +25,37 @@ def settings(unit: str) -> dict[str, str]:
     return dict(line.split("=", 1) for line in unit.splitlines() if "=" in line and not line.startswith("#"))
 
 
-def test_systemd_finds_nothing_to_say_about_the_unit(tmp_path: Path) -> None:
+def services() -> list[Path]:
+    """The unit of the companion, and those of what systemd starts beside it."""
+    return sorted((ROOT / "systemd").glob("*.service"))
+
+
+def laid_out(folder: Path) -> None:
+    """Lay out all units as the script does. The programs need not be installed where the tests run."""
+    for unit in (ROOT / "systemd").iterdir():
+        if unit.suffix in (".service", ".socket", ".path", ".slice"):
+            text = re.sub(r"/opt/anytraverse/bin/\w+", sys.executable, unit.read_text())
+            (folder / unit.name).write_text(text)
+    for name in ("companion", "companion-"):
+        drop_ins = folder / f"{name}.service.d"
+        drop_ins.mkdir()
+        shutil.copy(ROOT / "systemd/hardening.conf", drop_ins / "10-hardening.conf")
+
+
+def test_systemd_finds_nothing_to_say_about_the_units(tmp_path: Path) -> None:
     verify = shutil.which("systemd-analyze") or pytest.skip("systemd-analyze is not on this machine")
-    unit = tmp_path / UNIT.name
-    # The program need not be installed where the tests run.
-    unit.write_text(UNIT.read_text().replace("/opt/anytraverse/bin/companion", sys.executable))
+    laid_out(tmp_path)
+    units = [str(one) for one in tmp_path.iterdir() if one.is_file()]
     done = subprocess.run(
-        [verify, "verify", "--man=no", str(unit)], capture_output=True, text=True, timeout=60, check=False
+        [verify, "verify", "--man=no", *units],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env={**os.environ, "SYSTEMD_UNIT_PATH": f"{tmp_path}:"},
     )
-    about_the_unit = [line for line in done.stderr.splitlines() if UNIT.name in line]
-    assert (done.returncode, about_the_unit) == (0, []), done.stderr
+    said = [line for line in done.stderr.splitlines() if "companion" in line or "anytraverse" in line]
+    assert (done.returncode, said) == (0, []), done.stderr
 
 
 def test_the_unit_starts_what_the_script_installs_where_it_installs_it(
@@ -61,12 +82,14 @@ def test_the_watchdog_ends_a_hanging_daemon_within_the_time_that_a_restart_may_t
     assert int(unit["WatchdogSec"]) + int(unit["RestartSec"]) < 12
 
 
-def test_the_unit_is_hardened_and_leaves_the_devices_of_a_rover_usable(tmp_path: Path) -> None:
+@pytest.mark.parametrize("unit", services(), ids=lambda unit: str(unit.stem))
+def test_each_unit_is_hardened(unit: Path, tmp_path: Path) -> None:
     analyze = shutil.which("systemd-analyze") or pytest.skip("systemd-analyze is not on this machine")
-    unit = tmp_path / UNIT.name
-    unit.write_text(UNIT.read_text())
+    whole = tmp_path / unit.name
+    drop_in = "" if unit.stem.startswith("anytraverse") else (ROOT / "systemd/hardening.conf").read_text()
+    whole.write_text(unit.read_text() + drop_in)
     done = subprocess.run(
-        [analyze, "security", "--offline=true", "--no-pager", str(unit)],
+        [analyze, "security", "--offline=true", "--no-pager", str(whole)],
         capture_output=True,
         text=True,
         timeout=60,
@@ -74,20 +97,50 @@ def test_the_unit_is_hardened_and_leaves_the_devices_of_a_rover_usable(tmp_path:
     )
     if "unrecognized option" in done.stderr:
         pytest.skip("this systemd-analyze reads no unit that is not installed")
-    exposure = re.search(r"exposure level for companion.service: ([0-9.]+)", done.stdout)
+    exposure = re.search(r"exposure level for \S+: ([0-9.]+)", done.stdout)
     assert exposure is not None, done.stderr
     assert float(exposure[1]) <= 1.7
-    devices = {
-        line.split("=")[1].split()[0] for line in unit.read_text().splitlines() if "DeviceAllow=" in line
-    }
-    assert {"char-video4linux", "char-ttyACM", "char-ttyUSB", "char-ttyAMA", "char-usb_device"} <= devices
+
+
+def devices(name: str) -> set[str]:
+    text = (ROOT / "systemd" / name).read_text()
+    return {line.split("=")[1].split()[0] for line in text.splitlines() if line.startswith("DeviceAllow=")}
+
+
+def test_the_supervisor_has_serial_ports_and_the_vision_process_cameras() -> None:
+    serial = {"char-ttyACM", "char-ttyUSB", "char-ttyAMA", "char-ttyS", "char-ttyTHS"}
+    assert devices("companion.service") == serial
+    cameras = {"char-video4linux", "char-media", "char-dma_heap", "char-usb_device"}
+    assert devices("companion-vision@.service") == devices("companion-network-vision@.service") == cameras
+    for one in ("page", "live", "video", "recorder"):
+        assert devices(f"companion-{one}@.service") == set()
+
+
+def test_each_process_has_a_user_of_its_own_and_its_socket_is_the_supervisor_s_alone() -> None:
+    users = set()
+    for unit in (ROOT / "systemd").glob("companion-*@.service"):
+        service = settings(unit.read_text())
+        socket = settings(unit.with_name(unit.name.replace("@.service", ".socket")).read_text())
+        assert (socket["SocketUser"], socket["SocketMode"], socket["Accept"]) == (
+            "anytraverse",
+            "0600",
+            "yes",
+        )
+        assert (service["DynamicUser"], service["InaccessiblePaths"][:16]) == ("yes", "/etc/anytraverse")
+        assert "-I" in service["ExecStart"].split(), "its working directory may hold modules of others"
+        users.add(service["User"])
+        wanted = UNIT.read_text()
+        assert unit.name.replace("@.service", ".socket") in wanted
+        kind = unit.name.removeprefix("companion-").removesuffix("@.service")
+        assert f"anytraverse-kill@{kind}.path" in wanted
+    assert len(users) == 6
 
 
 def test_no_hardening_breaks_what_the_daemon_needs() -> None:
-    text = UNIT.read_text()
-    assert "SystemCallErrorNumber=EPERM" in text
+    hardening = (ROOT / "systemd/hardening.conf").read_text()
+    assert "SystemCallErrorNumber=EPERM" in hardening
     for broken in ("ProcSubset=", "~@resources", "PrivateDevices=", "PrivateUsers=yes", "PrivateNetwork="):
-        assert broken not in text
+        assert broken not in hardening + UNIT.read_text()
 
 
 def test_every_jump_of_the_device_rules_has_its_place() -> None:
@@ -103,6 +156,10 @@ def test_an_update_leaves_what_a_person_edited(checkout: Checkout, tmp_path: Pat
     installed(checkout, tmp_path)
     assert edited.read_text() == "mine"
     assert (stage / "etc/systemd/system/companion.service").read_text() == UNIT.read_text()
+    hardening = (ROOT / "systemd/hardening.conf").read_text()
+    for name in ("companion", "companion-"):
+        drop_in = stage / f"etc/systemd/system/{name}.service.d/10-hardening.conf"
+        assert drop_in.read_text() == hardening
 
 
 def test_the_service_is_installed_with_what_a_rover_needs(checkout: Checkout, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from companion.preflight.computer import (
     check_versions,
 )
 from companion.preflight.here import check_journal
-from companion.preflight.rights import check_rights
+from companion.preflight.rights import check_reach, check_rights
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, Verdict
 from companion.storage import Journal
@@ -146,7 +146,9 @@ def test_what_the_service_s_user_may_not_use_is_told_with_what_to_type(opened: P
     assert "nobody may not read" in finding.text
     assert f"sudo chown nobody {opened}/key" in finding.text
     os.chown(opened / "key", 65534, 65534)
-    assert only(check_rights(one)) == ("pass", "user nobody may use its files and devices")
+    verdict, text = only(check_rights(one))
+    assert (verdict, text[:41]) == ("pass", "user nobody may use its files and devices")
+    assert "whoever breaks into the vision process by a picture has all" in text
     opened.chmod(0o700)
     assert len(check_rights(one)) == 3, "nothing below a folder that cannot be entered can be used"
 
@@ -162,6 +164,44 @@ def test_what_the_service_needs_in_a_home_folder_is_told(
         "fail",
         "the service does not see /home/pi/clipseg: move it out of the home folder, e.g. to /opt",
     )
+
+
+def test_the_service_s_vision_process_has_a_user_of_its_own(
+    opened: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = rover(opened, more=f'[camera]\nsource = "folder:{opened}/pictures"\n')
+    one.folder.mkdir()
+    pictures = opened / "pictures"
+    pictures.mkdir(mode=0o700)
+    monkeypatch.setattr(rights, "SERVICE", one.folder)
+    verdict, text = only(check_rights(one))
+    assert (verdict, text.partition(":")[0]) == ("fail", f"user anytraverse-vision may not read {pictures}")
+    pictures.chmod(0o755)
+    verdict, text = only(check_rights(one))
+    assert (verdict, text.rpartition(", ")[2]) == ("pass", "anytraverse-vision the camera's")
+
+
+@pytest.mark.parametrize(
+    ("source", "limited", "verdict", "text"),
+    [
+        ("v4l2:/dev/video0", False, "pass", "the vision process has no network"),
+        ("rtsp://10.0.0.7/", True, "pass", "of the network the vision process reaches 10.0.0.7/32"),
+        ("rtsp://10.0.0.7/", False, "warn", "this system does not limit it"),
+        ("rtsp://camera.local/", True, "warn", "write the camera's numeric address"),
+        ("oak:", True, "pass", "of the network the vision process reaches nothing"),
+    ],
+)
+def test_how_much_of_the_network_the_vision_process_reaches_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, limited: bool, verdict: str, text: str
+) -> None:
+    one = rover(tmp_path, more=f'[camera]\nsource = "{source}"\n')
+    assert only(check_reach(one))[0] == "skip"
+    monkeypatch.setattr(rights, "SERVICE", one.folder)
+    monkeypatch.setattr(rights, "_UNIFIED", tmp_path)
+    monkeypatch.setattr(rights, "is_limited", lambda _needs: limited)
+    found = only(check_reach(one))
+    assert found[0] == verdict
+    assert text in found[1]
 
 
 def test_a_camera_s_command_or_url_is_no_file_of_which_rights_are_checked(tmp_path: Path) -> None:

@@ -48,6 +48,18 @@ def wait(child: ChildProcess) -> str:
     return child.ended()
 
 
+def failure(child: ChildProcess) -> OSError:
+    """Why it could not be started."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        try:
+            child.ended()
+        except OSError as error:
+            return error
+        time.sleep(0.01)
+    raise AssertionError("it was started")
+
+
 _LOOP = """
 import sys, time
 from tests.companion.system.test_child_process import _SAYS, start
@@ -103,15 +115,8 @@ def test_what_is_sent_before_it_is_started_reaches_it_and_the_caller_may_close_w
 
 def test_one_that_cannot_be_started_says_so_when_it_is_asked() -> None:
     child = start("", "/nowhere/python")
-
-    def fails() -> bool:
-        try:
-            return bool(child.ended())
-        except FileNotFoundError:
-            return True
-
-    until(fails)
-    with pytest.raises(FileNotFoundError, match="/nowhere/python"):
+    assert "/nowhere/python" in str(failure(child))
+    with pytest.raises(FileNotFoundError):
         child.ended()
     child.close()
 

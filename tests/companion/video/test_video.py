@@ -169,8 +169,8 @@ def test_a_process_that_says_nonsense_is_started_again(tmp_path: Path, said: byt
 
     code = f"import socket, sys, time; socket.socket(fileno=int(sys.argv[1])).send({said!r}); time.sleep(30)"
 
-    def launch(_command: object, folder: str) -> VideoChild:
-        return VideoChild((sys.executable, "-c", code), folder)
+    def launch(_command: object) -> VideoChild:
+        return VideoChild((sys.executable, "-c", code))
 
     stage = Stage(tmp_path, "127.0.0.1:8554", launch=launch)
     try:

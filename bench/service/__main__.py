@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.commit import commit_of
+from bench.service.apart import stand_in, vision
 from bench.service.container import ROOT, Container, ContainerError, base, require, wheel, wheels
 from bench.service.rover import Field
 from bench.service.steps import (
@@ -46,6 +47,8 @@ STEPS = (
     "reboot",
     "kill",
     "hang",
+    "vision",
+    "stand-in",
     "crash-loop",
     "upgrade",
     "oak",
@@ -107,6 +110,8 @@ def _take_steps(service: Service, own: Path, only: Sequence[str], figures: Figur
         reboot,
         kill,
         hang,
+        vision,
+        stand_in,
         crash_loop,
         partial(upgrade, wheel=own),
         oak,

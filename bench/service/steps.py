@@ -66,7 +66,7 @@ class Service:
             return {}
         return read if isinstance(read, dict) else {}
 
-    def until(self, what: str, fits: Callable[[], bool], within: float) -> float:
+    def until(self, what: str, fits: Callable[[], object], within: float) -> float:
         """Wait, and return the seconds that it took."""
         begun = time.monotonic()
         while not fits():

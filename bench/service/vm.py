@@ -18,7 +18,7 @@ _MACHINE = """qemu-system-x86_64 -accel tcg,thread=multi -cpu max -m 2048 -smp 2
 _BOOTS_WITHIN = 300.0
 _CONFIG = """
 [camera]
-source = "folder:nothing"
+source = "http://127.0.0.2:8080/video"
 [web]
 listen = ""
 [vehicle]
@@ -39,7 +39,7 @@ StandardError=inherit
 WantedBy=graphical.target
 """
 _PROBE = """
-import json, os, time
+import json, os, socket, time
 def tried(path, mode):
     until = time.monotonic() + 30
     while not os.path.exists(path) and time.monotonic() < until:
@@ -54,6 +54,13 @@ said = {"video": tried("/dev/video0", os.O_RDWR)}
 camera = cv2.VideoCapture("/dev/video0", cv2.CAP_V4L2)
 said["frame"] = camera.read()[0]
 said["autopilot"] = tried("/dev/anytraverse-autopilot", os.O_RDWR | os.O_NONBLOCK)
+def sent(host):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        try:
+            return "sent" if out.sendto(b"probe", (host, 9)) else "nothing"
+        except OSError as error:
+            return error.strerror
+said["camera_address"], said["other_address"] = sent("127.0.0.2"), sent("127.0.0.1")
 nodes = [os.path.join(at, name) for at, _, names in os.walk("/dev/bus/usb") for name in names]
 oaks = [node for node in nodes if os.stat(node).st_mode & 0o777 == 0o660]
 said["oak"] = [tried(node, os.O_RDWR) for node in oaks]
@@ -104,14 +111,14 @@ def _install(root: Path, wheels: Path, checkout: Path) -> None:
     units = root / "etc/systemd/system"
     (units / "in-vm.service").write_text(_TEST)
     (root / "opt/probe.py").write_text(_PROBE)
-    (units / "probe.service").write_text(_probe((units / "companion.service").read_text()))
+    vision, hardening = units / "companion-network-vision@.service", ROOT / "systemd/hardening.conf"
+    (units / "probe.service").write_text(_probe(vision.read_text() + hardening.read_text()))
     run(["chroot", str(root), "systemctl", "enable", "companion", "in-vm"], "systemctl enable")
 
 
 def _probe(unit: str) -> str:
-    """Return the companion's unit with another program: the same user, devices and system calls."""
-    left_out = ("Type=", "WatchdogSec=", "Restart", "RuntimeDirectory")
-    lines = [line for line in unit.splitlines() if not line.startswith(left_out)]
+    """Return the vision process's unit with another program: the same user, devices and system calls."""
+    lines = unit.splitlines()
     here = lines.index("[Service]") + 1
     lines[here:here] = ["Type=exec", "RuntimeDirectory=anytraverse-probe", "RuntimeDirectoryPreserve=yes"]
     program = "ExecStart=/opt/anytraverse/bin/python /opt/probe.py"
@@ -139,9 +146,10 @@ def _boot(folder: Path, kernel: Path, ramdisk: Path, image: Path) -> dict[str, A
         raise ContainerError(f"no result\n{said[-3000:]}\n{console.read_text(errors='replace')[-2000:]}")
     found: dict[str, Any] = json.loads(lines[-1])
     probe = found["probe"]
-    wanted = {"video": "opened", "frame": True, "autopilot": "opened", "oak": ["opened"]}
+    wanted = {"video": "opened", "frame": True, "oak": ["opened"], "camera_address": "sent"}
     wrong = {name: probe.get(name) for name, value in wanted.items() if probe.get(name) != value}
-    # Everybody may write to /dev/fuse: only the unit forbids it.
-    if wrong or "opened" in (probe["fuse"], probe["disk"]) or not found["same_process"]:
+    # Everybody may write to /dev/fuse: only the unit forbids it. The autopilot's port is the supervisor's.
+    forbidden = probe["fuse"], probe["disk"], probe["autopilot"], probe["other_address"]
+    if wrong or {"opened", "sent"} & {*forbidden} or not found["same_process"]:
         raise ContainerError(f"devices: {found}")
     return {**found, "machine_s": round(time.monotonic() - begun, 1)}

@@ -65,7 +65,8 @@ configure() {
 uninstall() {
     [ ! -e "$package" ] || fail "a Debian package installed it: type: sudo apt remove anytraverse-companion"
     ! booted || systemctl disable --now companion 2>/dev/null || true
-    rm -f "$units"/companion.s* "$units"/companion-*.s* "$units"/anytraverse-kill@.* "$rules/70-anytraverse.rules"
+    find "$units" -maxdepth 1 -type f \( -name 'companion.*' -o -name 'companion-*' -o -name 'anytraverse-kill@.*' \) -delete
+    rm -f "$rules/70-anytraverse.rules"
     rm -f "$units/companion.service.d/10-hardening.conf" "$units/companion-.service.d/10-hardening.conf"
     rmdir "$units/companion.service.d" "$units/companion-.service.d" 2>/dev/null || true # there may be your own
     rm -rf "$opt/anytraverse" "$opt/anytraverse-a" "$opt/anytraverse-b"

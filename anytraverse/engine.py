@@ -31,14 +31,14 @@ from anytraverse.synonyms import refuse_contradictions
 
 
 class AnyTraverse:
-    """Frames in, assessments out. One instance serves one thread.
+    """Judges frames with the words in force, and learns from answers. One instance serves one thread.
 
     It has no clock: `now` is the caller's monotonic time in seconds, the one of `Frame.captured_at`.
     `memory` changes when words, the reference or the history change, and is never changed in place.
     """
 
     def __init__(self, perceiver: Perceiver, settings: Settings, memory: Memory) -> None:
-        """Refuses a memory that the perceiver cannot use: see `resumed_memory`.
+        """Refuse a memory that the perceiver cannot use: see `resumed_memory`.
 
         Raises UnknownWordError for a word that it cannot ground, PreferencesError for words that contradict
         each other, PerceiverError and ExampleError for a memory or examples of another model.
@@ -56,7 +56,7 @@ class AnyTraverse:
         self._scenes = SceneWatch()
 
     def observe(self, frame: Frame) -> Observation:
-        """The one expensive pass over a frame, whatever came before it, with an embedding of its own.
+        """Encode a frame and calculate its embedding: the expensive part, whatever came before.
 
         Raises PerceiverError when the perceiver fails on it.
         """
@@ -66,8 +66,8 @@ class AnyTraverse:
     def step(self, frame: Frame, now: float, place: Place | None = None) -> Assessment:
         """Judge a new frame; adopt a remembered scene when the last frames matched one.
 
-        Without a reference, the first frame without a fault becomes it. Where there is no doubt about the
-        scene, an earlier frame's embedding may stand for it: see `SceneWatch`.
+        Without a reference, the first frame without a fault becomes the reference. Where the scene is not in
+        doubt, the embedding of an earlier frame may be used: see `SceneWatch`.
         """
         assessment = self._step(frame, now, place or Place())
         self._scenes.judged(assessment)
@@ -209,7 +209,7 @@ class AnyTraverse:
             raise
 
     def fault(self, frame: Frame, now: float, why: str) -> Assessment:
-        """The assessment of a frame that could not be judged."""
+        """Return the assessment of a frame that could not be judged."""
         return Assessment(frame, self.memory.preferences, (Finding.fault(why),), now - frame.captured_at)
 
     def _judge_new(self, frame: Frame, now: float) -> Assessment:
@@ -222,7 +222,7 @@ class AnyTraverse:
         return self.judge(self.newest, now)
 
     def _observe_next(self, frame: Frame, now: float) -> Observation:
-        """`observe`, but with the last embedding where that will do."""
+        """Encode a frame as `observe` does. Where the scene is not in doubt, use the last embedding."""
         scene = self._scenes.take(self.settings, self.memory.reference, now)
         features = self.perceiver.encode(frame.image)
         if scene is None:
@@ -230,7 +230,7 @@ class AnyTraverse:
         return Observation(frame, features, scene.embedding, scene_at=scene.at)
 
     def _see_scene(self, observation: Observation | None) -> None:
-        """The frame's own embedding in the place of an earlier one's."""
+        """Replace an earlier frame's embedding in `observation` by one of its own frame."""
         if observation is not None and observation.scene_at is not None:
             observation.embedding, observation.scene_at = self._embed(observation.features), None
 
@@ -238,16 +238,15 @@ class AnyTraverse:
         return np.array(self.perceiver.embed(features), dtype=np.float32)
 
     def _judge_in_time(self, call: Observation) -> Assessment:
-        """The call's frame judged as if it were fresh: its age is no fault of the words."""
+        """Judge the call's frame as if it were fresh: the words are not to blame for its age."""
         return self.judge(call, call.frame.captured_at)
 
     def _attend(self, observation: Observation) -> tuple[Map, Map | None]:
-        """Attention maps of the words in force, and those of the drivable ones when only they are asked for.
+        """Return the attention maps of the words in force, and those of the drivable words asked for alone.
 
-        None: these are the same, of a perceiver that says of itself that it is `independent`: there a word's
-        map does not depend on the other words asked for.
-
-        A change of weights that turns no sign asks for nothing.
+        The second is None for an `independent` perceiver: there a word's map does not depend on the other
+        words, so both are the same. The perceiver is not asked again after a change of weights that turns no
+        sign.
         """
         memory, kept = self.memory, observation.attended
         if is_independent(self.perceiver):
@@ -267,18 +266,18 @@ class AnyTraverse:
         return observation.attended[prompts], observation.attended[alone]
 
     def _similarity(self, embedding: Embedding) -> float | None:
-        """Cosine to the reference, None without one; NaN where nothing can be compared."""
+        """Return the cosine to the reference, None without one; NaN for an embedding of other numbers."""
         if self.memory.reference is not None:
             return cosine(self.memory.reference, embedding)
         return None if is_embedding(embedding) else math.nan
 
     def _known_similarity(self, observation: Observation, similarity: float | None) -> float | None:
-        """The similarity that the scene is judged by: to the reference, or that of its surroundings.
+        """Return the similarity by which the scene is judged: to the reference, or of its surroundings.
 
-        Surroundings of a strangeness up to 1 make a new place known, unless an operator said of a frame like
-        this one that it shows another place. Those of more than 1 to each remembered scene make every place
-        new: a covered lens shows little, and what it shows may resemble the reference. A strangeness of 1
-        counts as the perceiver's own threshold of the scene.
+        Surroundings with a strangeness of at most 1 make a new place known, unless an operator said of a
+        frame like this one that it shows another place. Where the strangeness is above 1 to each remembered
+        scene, every place is new: a covered lens shows little, and that little may resemble the reference. A
+        strangeness of 1 gives the perceiver's own threshold of the scene.
         """
         if similarity is None or not math.isfinite(similarity):
             return similarity
@@ -296,17 +295,17 @@ class AnyTraverse:
         return similarity
 
     def _is_at(self, embedding: Embedding) -> bool:
-        """Whether the newest frame still shows that scene."""
+        """Return whether the newest frame still shows the scene of `embedding`."""
         newest = self.newest
         return newest is not None and cosine(newest.embedding, embedding) >= self.settings.thresholds.scene
 
     def _match(self, observation: Observation) -> tuple[Match | None, bool]:
-        """The remembered scene that a changed one matches, and whether the scene is undecided.
+        """Return the remembered scene that a changed scene matches, and whether the scene is undecided.
 
-        A scene has changed also where its surroundings are familiar: its place may have words of its own.
+        A scene counts as changed although its surroundings are familiar: its place may have words of its own.
 
-        A match may need more than the threshold of the scene. Frames of a known place lie on both sides of
-        that number, so that one which misses it by at most the margin does not say that the place is unknown.
+        A match may need more similarity than the scene's threshold. The similarities of frames of one place
+        scatter about that number. So a frame that misses it by at most the margin leaves the scene undecided.
         """
         found = find_scene(self._similarity(observation.embedding), self.settings)
         if not any(finding.bad for finding in found):

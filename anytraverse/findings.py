@@ -156,9 +156,9 @@ def _with_square(tile: Tile, aspect: float, settings: Settings) -> Tile:
 
 
 def _around(low: float, high: float, side: float, within: tuple[float, float]) -> tuple[float, float]:
-    """Return low and high, moved apart to `side` about their middle, and shifted to lie `within`.
+    """Return low and high, widened about their middle to the length `side` and shifted into `within`.
 
-    It stays as it is where it is no shorter, and may leave `within` where it did so before.
+    An interval that is as long already is returned unchanged. One that reached out of `within` still does.
     """
     if high - low >= side:
         return low, high
@@ -207,7 +207,7 @@ def find(roi: RoiFigures, words: int, similarity: float | None, settings: Settin
 def _named_finding(
     figure: str, strange: float, share: float, limit: float, margin: float, unknown: Finding
 ) -> Finding:
-    """Make the finding of a thing that words of no positive weight explain: bad above `limit`, as before.
+    """Make the finding of a thing that words of no positive weight explain. It is bad above `limit`.
 
     share: of its strangeness `strange` that these words explain. unknown: the finding of the same figure of
     the uncertainty map. The reason is `blocked` when they explain enough of it, else still `unknown_object`.
@@ -261,7 +261,7 @@ def _gap(maps: Maps, missing: Mask, aspect: float, settings: Settings) -> Tile |
 
 
 def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> NamedTile | None:
-    """Find the tile of a thing that has a word of no positive weight and must still hold the vehicle.
+    """Find the tile of a thing whose word has no positive weight: the vehicle must be held for it.
 
     The word may be found in only a part of the thing, too small to close the corridor, or in another thing.
     The uncertainty is low there, so that the worst tile does not show it. Where the worst tile is over its

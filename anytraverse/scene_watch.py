@@ -18,26 +18,27 @@ class Scene(NamedTuple):
 
 
 class SceneWatch:
-    """The newest embedding of a stream of frames, which may stand for frames after its own.
+    """Keeps the newest embedding of a stream of frames, which may be used for later frames, too.
 
-    It is made anew on every N-th frame (`Settings.scene_every`), when it is older than `Settings.freshness`,
-    and after a fault. And while there is any doubt it is made on every frame: until the last `window`
-    embeddings in a row were clear of the scene's threshold, and the newest is clear of today's.
+    A new one is calculated on every N-th frame (`Settings.scene_every`), when the last is older than
+    `Settings.freshness`, and after a fault. While the scene is in doubt, each frame gets its own: until the
+    last `window` embeddings in a row were clear of the scene's threshold, and the newest is clear of the
+    present one.
 
-    So an embedding that says "unknown scene", fits a remembered scene or ends a doubt is always the frame's
-    own. One embedding is one vote, and n of m frames need no other rule. A new place is noticed at most N
-    frames late, and within the freshness limit.
+    So an embedding that makes a scene unknown, matches a remembered scene or ends a doubt is always the
+    frame's own. Each embedding is one vote, as the rule "n of m frames" expects. A new place is noticed at
+    most N frames late, and within the freshness limit.
     """
 
     def __init__(self) -> None:
         self._newest: Scene | None = None
         self._frames = 0
-        """Frames that the newest was used for, its own among them."""
+        """For how many frames the newest embedding was used, its own frame included."""
         self._clear = 0
-        """Embeddings in a row that were clear."""
+        """How many embeddings in a row were clear."""
 
     def take(self, settings: Settings, reference: Embedding | None, now: float) -> Scene | None:
-        """The scene that may stand for a new frame, or None: make one. `judged` gives it back."""
+        """Return the embedding to use for a new frame, None where it needs its own. `judged` puts it back."""
         scene, self._newest = self._newest, None
         if scene is None or reference is None or self._clear < settings.window:
             return None
@@ -47,7 +48,7 @@ class SceneWatch:
         return scene if all(finding.clear for finding in found) else None
 
     def judged(self, seen: Assessment) -> None:
-        """A new frame was judged, by a scene of its own or by the one that was taken."""
+        """Note that a new frame was judged, with an embedding of its own or with the one that was taken."""
         observation = seen.observation
         if observation is None or Reason.FAULT in seen.reasons:
             self._newest, self._clear = None, 0

@@ -1,4 +1,4 @@
-"""Has judged frames drawn for whoever watches the page or the video: one at a time, and none for nobody."""
+"""Has judged frames drawn while somebody watches the page or the video, one at a time."""
 
 from __future__ import annotations
 

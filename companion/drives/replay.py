@@ -124,7 +124,7 @@ class Comparison:
 
 
 def row(name: str, seen: Assessment, reasons: Iterable[Reason], opened: int = 0) -> Row:
-    """Make the row of a judged frame. reasons: of those that it may have, those that count here."""
+    """Make the row of a judged frame. reasons: those of the frame that count here."""
     roi, counts = seen.roi, frozenset(reasons)
     figures: dict[str, float | None] = dict.fromkeys(FIGURES)
     if roi is not None:

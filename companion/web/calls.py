@@ -50,9 +50,11 @@ def shown_calls(
     own: Mapping[int, OwnAnswers],
     incident: Callable[[int], dict[str, Any] | None] = lambda _call: None,
 ) -> dict[str, Any]:
-    """Return the calls, the open call or hold first, then the newest; the names that were used in them; what
-    became of the newest answer on the page that belongs to none of these calls: words alone, for one; and the
-    incident files of the last minute.
+    """Return what the page shows of calls.
+
+    These are the open call or hold, the newest calls before it, and the names used in them; the result of
+    the newest answer that belongs to none of them, such as words alone; and the incident files of the last
+    minute.
 
     state: what /state.json has. told_at: monotonic seconds when it was so. records: of the newest calls, the
     newest first. address: makes the address of a picture from its path, "" where there is none. own: by call,

@@ -114,10 +114,10 @@ def _main(
     beside.page.answer = link.answers.receive_from_page
 
     def poll(now: float) -> None:
-        beside.page.poll(now, _starting)
+        beside.page.tell(now, _starting)
         beside.video.poll(now)
-        beside.recorder.poll(now)
-        beside.live.poll(now)
+        beside.recorder.feed(now)
+        beside.live.feed(now)
         link.camera.url = beside.video.url
 
     ready = load(vision, link, stop, service, poll)
@@ -230,11 +230,11 @@ def _run(
             elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
                 checked_at = status_at
         told = daemon.recording.take()
-        recorder.poll(now, told)
-        live.poll(now, told)
+        recorder.feed(now, told)
+        live.feed(now, told)
         daemon.recording.listeners = recorder.listener, live.listener
         packer.poll(now)
-        page.poll(now, news)
+        page.tell(now, news)
         if page.wanted():
             daemon.live_picture.want()
         if (picture := daemon.live_picture.take()) is not None:

@@ -61,8 +61,8 @@ class Restarted(threading.Thread):
 
 def _recorder_fails(work: Work, how: str) -> Outcome:
     """how: a signal's name, or what `FailingDisk` takes."""
-    if packages := missing():
-        return Outcome(0, (f"{', '.join(packages)} not installed",))
+    if why := missing():
+        return Outcome(0, (why,))
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed, recorded=_MB) as rover:
         folder = rover.state / FOLDER

@@ -72,7 +72,7 @@ def stand_in(service: Service) -> Figures:
         if left:
             raise ContainerError(f"it outlives the companion: {left}")
         service.sh(f"rm -r {folder} && systemctl daemon-reload")
-    service.sh("rm /etc/anytraverse/signing.key")
+    service.sh("rm /etc/anytraverse/signing.key /opt/stand_in.py")
     service.configure()
     service.sh(f"chmod 644 /{CONFIG}; systemctl start companion")
     service.until("it judges again", service.judges, 20.0)

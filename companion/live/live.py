@@ -7,28 +7,25 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from importlib.util import find_spec
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from companion.browser.listen import Listen
 from companion.config import Config
 from companion.live.messages import LONGEST_REPORT, Report
-from companion.recording.feed import BUFFER, Feed
-from companion.recording.messages import Message
-from companion.system.side_process import SideChild, SideProcess
+from companion.recording.feed import BUFFER, FedService
+from companion.system.side_process import SideChild, missing_packages
 from companion.system.watchdog import Restarts
 from companion.tasks import LIVE
 
 log = logging.getLogger(__name__)
 
 COMMAND = (sys.executable, "-m", "companion.live")
-EXTRA = 'pip install "anytraverse-companion[live]"'
 
 
-def missing() -> list[str]:
-    """Name the packages that the live view needs and that are not installed. Imports none of them."""
-    return [] if find_spec("foxglove") else ["foxglove-sdk"]
+def missing() -> str:
+    """Say which packages the live view needs and that are not installed, "" where all are."""
+    return missing_packages({"foxglove": "foxglove-sdk"}, "live")
 
 
 class LiveChild(SideChild):
@@ -40,8 +37,8 @@ class LiveChild(SideChild):
         super().__init__(command, where, unit="live", buffer=BUFFER, longest=LONGEST_REPORT + 1)
 
 
-class Live:
-    """Owns the live view's process. The main loop calls `poll` in every turn."""
+class Live(FedService[LiveChild]):
+    """Owns the live view's process. The main loop calls `feed` in every turn."""
 
     def __init__(
         self,
@@ -51,43 +48,22 @@ class Live:
     ) -> None:
         """launch: starts the process that listens there or raises OSError. restarts: time limits."""
         self._listen = config.live.address
+        off = "switched off by [live] listen" if self._listen is None else missing()
+        super().__init__("live view", restarts, off)
         self._launch = launch
-        self._feed: Feed[LiveChild] = Feed("live view", self._start, restarts)
         self._clients = 0
-        if self._listen is None:
-            self._process.trouble = "switched off by [live] listen"
-        elif packages := missing():
-            self._listen, self._process.trouble = None, f"{', '.join(packages)} not installed: {EXTRA}"
-            log.warning("no live view: %s", self._process.trouble)
-
-    @property
-    def listener(self) -> int:
-        """The number of the process for which messages should be made, 0: there is none."""
-        return self._feed.listener
-
-    def poll(self, now: float, messages: Iterable[Message] = ()) -> None:
-        """Keep the process running, take what it says, and send it messages. now: monotonic seconds."""
-        if self._listen is not None:
-            self._feed.poll(now, messages, self._take)
+        if off and self._listen is not None:
+            log.warning("no live view: %s", off)
 
     def figures(self) -> dict[str, Any]:
         """Return where it is, how many see it, what is wrong, and how much was lost since the start."""
-        process, running = self._process, self._process.running
         return {
-            "url": self._listen.url("ws") if self._listen is not None and running else "",
-            "clients": self._clients if running else 0,
-            "trouble": process.trouble,
-            "restarts": process.restarted,
-            "lost": self._feed.lost,
+            "url": self._listen.url("ws") if self._listen is not None and self.running else "",
+            "clients": self._clients if self.running else 0,
+            "trouble": self.trouble,
+            "restarts": self.restarted,
+            "lost": self.lost,
         }
-
-    def close(self) -> None:
-        """Kill the process."""
-        self._process.close()
-
-    @property
-    def _process(self) -> SideProcess[LiveChild]:
-        return self._feed.process
 
     def _take(self, said: bytes, _now: float) -> bool:
         try:
@@ -96,14 +72,14 @@ class Live:
             return False
         if self._listen is None or self._listen.port not in (0, told.port):
             return False
-        if not self._process.running:
+        if not self.running:
             # A port that was free is the same one after a restart.
             self._listen = self._listen._replace(port=told.port)
             log.info("the live view is on %s", self._listen.url("ws"))
         self._clients = told.clients
         return True
 
-    def _start(self) -> LiveChild:
+    def _start_fed(self) -> LiveChild:
         """Start the process where the port is free. Raises OSError."""
         assert self._listen is not None
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from companion.live.live import EXTRA, missing
+from companion.live.live import missing
 from companion.preflight.page import served
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, Verdict, passed, warned
@@ -15,8 +15,8 @@ def check_live(rover: Rover) -> list[Finding]:
     settings = rover.config.live
     if settings.address is None:
         return [passed(LIVE, 'off: [live] listen is ""')]
-    if packages := missing():
-        return [warned(LIVE, f'{", ".join(packages)} not installed: {EXTRA}, or set [live] listen = ""')]
+    if why := missing():
+        return [warned(LIVE, f'{why}, or set [live] listen = ""')]
     loopback = settings.address.loopback
     whose = "to programs on this computer" if loopback else "to whoever reaches that port: it has no password"
     found = served(rover, LIVE, settings.listen, rover.told("live"), whose, "[live] listen")

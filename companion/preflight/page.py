@@ -8,7 +8,7 @@ from typing import Any
 from companion.browser.listen import read_listen
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, passed, skipped, warned
-from companion.web.page import EXTRA, missing
+from companion.web.page import missing
 
 PAGE = "page"
 
@@ -17,8 +17,8 @@ def check_page(rover: Rover) -> list[Finding]:
     """Check that the page can be shown, and say who may see it."""
     if rover.config.web.address is None:
         return [passed(PAGE, 'off: [web] listen is ""')]
-    if packages := missing():
-        return [warned(PAGE, f'{", ".join(packages)} not installed: {EXTRA}, or set [web] listen = ""')]
+    if why := missing():
+        return [warned(PAGE, f'{why}, or set [web] listen = ""')]
     whose = (
         "whoever knows the token, who may answer calls on it"
         if rover.config.web.token

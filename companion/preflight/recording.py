@@ -6,7 +6,7 @@ import shutil
 
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, passed, skipped, warned
-from companion.recording.recorder import EXTRA, missing
+from companion.recording.recorder import missing
 from companion.recording.ring import FOLDER
 from companion.system.computer import existing
 
@@ -19,8 +19,8 @@ def check_recording(rover: Rover) -> list[Finding]:
     size, folder = rover.config.recording.size, rover.folder / FOLDER
     if not size:
         return [passed(RECORDING, "off: [recording] size is 0")]
-    if packages := missing():
-        what = f"{', '.join(packages)} not installed: {EXTRA}, or set [recording] size = 0"
+    if why := missing():
+        what = f"{why}, or set [recording] size = 0"
         return [warned(RECORDING, what)]
     if rover.running is None:
         free = shutil.disk_usage(existing(rover.folder)).free // 1_000_000

@@ -12,7 +12,7 @@ from companion.config import format_config, load_config, state_folder
 from companion.recording import incident
 from companion.recording.contents import read_json
 from companion.recording.foxglove import NS
-from companion.recording.recorder import EXTRA, missing
+from companion.recording.recorder import missing
 from companion.recording.ring import FOLDER, recordings
 from companion.recording.topics import TOPICS, Topic
 
@@ -103,7 +103,7 @@ def pack(file: str, call: str | None, last: str | None, out: str | None) -> int:
         raise RecordError(f"{path}: is there already: name another one with --out") from None
     print(f"{path}: {packed.messages} messages, {path.stat().st_size / 1e6:.1f} MB")
     if not windows:
-        why = "nothing was recorded then" if recorded else f"{', '.join(missing())} not installed: {EXTRA}"
+        why = missing() or "nothing was recorded then"
         print(f"  without a recording: {why}")
     for line in packed.left_out:
         print(f"  left out: {line}")
@@ -116,8 +116,8 @@ def _state(file: str) -> Path:
 
 
 def _need_packages() -> None:
-    if packages := missing():
-        raise RecordError(f"{', '.join(packages)} not installed: {EXTRA}")
+    if why := missing():
+        raise RecordError(why)
 
 
 def _seconds(text: str) -> float:

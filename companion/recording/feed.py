@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
+from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable
-from typing import Generic, TypeVar
+from collections.abc import Iterable
+from typing import TypeVar
 
 from companion.recording.messages import LARGEST_PART, Message, datagrams, ends_message
 from companion.recording.topics import TOPICS
-from companion.system.error_guard import ErrorGuard
-from companion.system.side_process import SideChild, SideProcess
+from companion.system.side_process import SideChild, SideService
 from companion.system.watchdog import Restarts
 
 log = logging.getLogger(__name__)
@@ -23,42 +23,40 @@ _MOST_WAITING = 8 << 20
 _Child = TypeVar("_Child", bound=SideChild)
 
 
-class Feed(Generic[_Child]):
-    """Owns the process, and what waits for it. No failure of it reaches the rest of the daemon.
+class FedService(SideService[_Child]):
+    """A process that is sent messages, and what waits for it.
 
-    process: the process. lost: messages that it was not sent, since the start.
+    lost: messages that it was not sent, since the start.
     """
 
-    def __init__(self, name: str, launch: Callable[[], _Child], restarts: Restarts) -> None:
-        """name: for the log. launch: starts the process or raises OSError. restarts: time limits."""
-        self.process: SideProcess[_Child] = SideProcess(name, self._start, restarts)
+    def __init__(self, name: str, restarts: Restarts, off: str = "") -> None:
+        super().__init__(name, restarts, off)
         self.lost = 0
         self._starts = 0
-        self._name = name
-        self._launch = launch
-        self._guard = ErrorGuard(lambda _now: None)
         self._waiting: deque[bytes] = deque()
         self._bytes = 0
 
     @property
     def listener(self) -> int:
-        """The number of the process, which no other one of this feed has had; 0: there is none.
+        """The number of the process, which no other one of this service has had; 0: there is none.
 
         It may be sent messages: they wait while it starts.
         """
-        return self._starts if self.process.child is not None else 0
+        return self._starts if self.child is not None else 0
 
-    def poll(self, now: float, messages: Iterable[Message], take: Callable[[bytes, float], bool]) -> None:
-        """Keep the process running, have `take` hear it, and send it messages. now: monotonic seconds."""
+    def feed(self, now: float, messages: Iterable[Message] = ()) -> None:
+        """Keep the process running, hear it, and send it messages. now: monotonic seconds."""
+        self.poll(now)
+        if self._off:
+            return
         with self._guard.survived(f"the {self._name}", now):
-            self.process.poll(now, take)
             for message in messages:
                 self._queue(message)
             self.flush()
 
     def flush(self) -> None:
         """Send what waits, as far as the process takes it."""
-        while self._waiting and self.process.send(self._waiting[0]):
+        while self._waiting and self.send(self._waiting[0]):
             self._bytes -= len(self._waiting.popleft())
 
     def _queue(self, message: Message) -> None:
@@ -70,7 +68,7 @@ class Feed(Generic[_Child]):
             )
             parts = []
         size = sum(map(len, parts))
-        if not parts or self.process.child is None or self._bytes + size > _MOST_WAITING:
+        if not parts or self.child is None or self._bytes + size > _MOST_WAITING:
             self.lost += 1
             return
         self._bytes += size
@@ -82,4 +80,8 @@ class Feed(Generic[_Child]):
         self._waiting.clear()
         self._bytes = 0
         self._starts += 1
-        return self._launch()
+        return self._start_fed()
+
+    @abstractmethod
+    def _start_fed(self) -> _Child:
+        """Have the process started. Raises OSError."""

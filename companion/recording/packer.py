@@ -14,7 +14,7 @@ from typing import Any
 
 from companion.config import Config, format_config
 from companion.recording.packing import LONGEST, Asked, kept
-from companion.recording.recorder import EXTRA, missing
+from companion.recording.recorder import SWITCHED_OFF, missing
 from companion.system.error_guard import ErrorGuard
 from companion.system.side_process import SideChild
 from companion.wire.ids import Result
@@ -53,11 +53,7 @@ class IncidentPacker:
         """launch: starts the process or raises OSError. stalled, longest: see `STALLED`, `LONGEST_RUN`."""
         self._folder = Path(os.path.abspath(config.journal.path))
         self._config = format_config(config)
-        self._not_recorded = ""
-        if not config.recording.most:
-            self._not_recorded = "switched off by [recording] size"
-        elif packages := missing():
-            self._not_recorded = f"{', '.join(packages)} not installed: {EXTRA}"
+        self._not_recorded = missing() if config.recording.most else SWITCHED_OFF
         self._launch = launch
         self._stalled, self._longest = stalled, longest
         self._child: PackingChild | None = None

@@ -9,11 +9,12 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from companion.system.socket_units import SocketUnit
+from companion.system.socket_units import SocketUnit, arguments
 
 log = logging.getLogger(__name__)
 
@@ -172,6 +173,20 @@ class ChildProcess:
     def _close_given(self) -> None:
         for descriptor in self._given:
             os.close(descriptor)
+
+
+def begin(count: int, *, niceness: int, first_out: int) -> list[str]:
+    """Begin a process that the supervisor starts: end with it, and step back for it. Return its arguments.
+
+    count: of arguments and descriptors. It is called before the imports, which keep a small computer busy
+    for a second. Exits where a person has typed the command.
+    """
+    given = arguments()
+    if len(given) != count + 1:
+        sys.exit("this process is started by `companion run`: type that")
+    end_with(int(given.pop()))
+    step_back(niceness, first_out)
+    return given
 
 
 def end_with(parent: int) -> None:

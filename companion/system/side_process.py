@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 import socket
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from typing import Generic, TypeVar
 
 from companion.system.child_process import ChildProcess
+from companion.system.error_guard import ErrorGuard
 from companion.system.watchdog import Restarts, Watchdog
 
 log = logging.getLogger(__name__)
@@ -66,16 +69,22 @@ class SideChild(ChildProcess):
 _Child = TypeVar("_Child", bound=SideChild)
 
 
-class SideProcess(Generic[_Child]):
-    """Starts the process, watches it, and starts it again. It runs from its first message on.
+class SideService(ABC, Generic[_Child]):
+    """Has a process that the daemon can do without: starts it, watches it, and starts it again.
+
+    It runs from its first message on. No failure of it reaches the rest of the daemon. A service says how its
+    process is started (`_start`) and takes what the process says (`_take`).
 
     trouble: why it does not run, in a sentence; "" while all is well.
     """
 
-    def __init__(self, name: str, launch: Callable[[], _Child], restarts: Restarts) -> None:
-        """name: for the log. launch: has the process started and gives it its setup, or raises OSError."""
-        self._watchdog: Watchdog[_Child] = Watchdog(launch, restarts, name)
-        self.trouble = "starting"
+    def __init__(self, name: str, restarts: Restarts, off: str = "") -> None:
+        """name: for the log. restarts: time limits. off: why no process is ever started, "" otherwise."""
+        self._name = name
+        self._off = bool(off)
+        self.trouble = off or "starting"
+        self._watchdog: Watchdog[_Child] = Watchdog(self._start, restarts, name)
+        self._guard = ErrorGuard(lambda _now: None)
 
     @property
     def child(self) -> _Child | None:
@@ -92,17 +101,34 @@ class SideProcess(Generic[_Child]):
         """Whether it was heard since its start."""
         return self._watchdog.running
 
-    def poll(self, now: float, take: Callable[[bytes, float], bool]) -> None:
-        """Start the process when it is due, and hear what it says.
+    def poll(self, now: float) -> None:
+        """Start the process when it is due, and hear what it says. now: monotonic seconds."""
+        if not self._off:
+            with self._guard.survived(f"the {self._name}", now):
+                self._poll(now)
 
-        now: monotonic seconds. take: takes a message and `now`; False for one that is not understood: then
-        the process is started again.
-        """
+    def send(self, message: bytes) -> bool:
+        """Send a message; False when it is dropped, or there is no process."""
+        return self.child is not None and self.child.send(message)
+
+    def close(self) -> None:
+        """Kill the process."""
+        self._watchdog.kill()
+
+    @abstractmethod
+    def _start(self) -> _Child:
+        """Have the process started, and give it its setup. Raises OSError."""
+
+    @abstractmethod
+    def _take(self, said: bytes, now: float) -> bool:
+        """Take a message; False for one that is not understood: then the process is started again."""
+
+    def _poll(self, now: float) -> None:
         watchdog = self._watchdog
         watchdog.polled(now)
         if watchdog.child is None:
             if watchdog.may_start(now):
-                self._start(now)
+                self._try_to_start(now)
             return
         try:
             ended = watchdog.child.ended()
@@ -110,7 +136,7 @@ class SideProcess(Generic[_Child]):
             self._not_started(error, now)
             return
         for one in watchdog.child.receive():
-            if not take(one, now):
+            if not self._take(one, now):
                 self._restart("sent nonsense", now)
                 return
             if not watchdog.running:
@@ -121,15 +147,7 @@ class SideProcess(Generic[_Child]):
         if failure is not None:
             self._restart(failure.cause, now)
 
-    def send(self, message: bytes) -> bool:
-        """Send a message; False when it is dropped, or there is no process."""
-        return self._watchdog.child is not None and self._watchdog.child.send(message)
-
-    def close(self) -> None:
-        """Kill the process."""
-        self._watchdog.kill()
-
-    def _start(self, now: float) -> None:
+    def _try_to_start(self, now: float) -> None:
         try:
             self._watchdog.start(now)
         except OSError as error:
@@ -145,3 +163,14 @@ class SideProcess(Generic[_Child]):
         again = cause == self.trouble
         self.trouble = cause
         self._watchdog.restart_later(cause, now, logging.DEBUG if again else logging.WARNING)
+
+
+def missing_packages(modules: Mapping[str, str], extra: str) -> str:
+    """Say which packages are not installed, and what to type; "" where all are. Imports none of them.
+
+    modules: module -> the package that brings it. extra: of this project, with all of them.
+    """
+    absent = [package for module, package in modules.items() if find_spec(module) is None]
+    return (
+        f'{", ".join(absent)} not installed: pip install "anytraverse-companion[{extra}]"' if absent else ""
+    )

@@ -12,8 +12,7 @@ from typing import Any
 from companion.cameras.shown import shown
 from companion.config import Config
 from companion.config.video import PATH
-from companion.system.error_guard import ErrorGuard
-from companion.system.side_process import SideChild, SideProcess
+from companion.system.side_process import SideChild, SideService
 from companion.system.watchdog import Restarts
 from companion.tasks import VIDEO
 from companion.video.rtsp_server import LARGEST, NO_GSTREAMER, PORT_TAKEN, REPORT
@@ -52,7 +51,7 @@ class VideoChild(SideChild):
         return self._why or super().ended()
 
 
-class Video:
+class Video(SideService[VideoChild]):
     """Owns the video process. The main loop calls `poll` in every turn.
 
     watched: whether somebody sees the video.
@@ -65,42 +64,34 @@ class Video:
         restarts: Restarts = VIDEO,
     ) -> None:
         """launch: starts this command or raises OSError. restarts: time limits."""
-        self._settings = settings = config.video
-        self._listen = settings.address
+        self._settings = config.video
+        self._listen = config.video.address
+        super().__init__(
+            "video", restarts, "" if self._listen is not None else "switched off by [video] listen"
+        )
         self._folder = os.path.abspath(config.journal.path)
         self._launch = launch
-        self._process: SideProcess[VideoChild] = SideProcess("video", self._start, restarts)
-        self._guard = ErrorGuard(lambda _now: None)
         self._shown = 0
         self._shown_since = float("-inf")
         self.watched = False
-        if self._listen is None:
-            self._process.trouble = "switched off by [video] listen"
-
-    @property
-    def trouble(self) -> str:
-        """Why there is no video, in a sentence; "" while all is well."""
-        return self._process.trouble
 
     @property
     def url(self) -> str:
         """The video's address as ground stations are told it; "" while there is none."""
-        if self._listen is None or self._process.trouble:
+        if self._listen is None or self.trouble:
             return ""
         return self._settings.url or self._listen.url("rtsp").rstrip("/") + PATH
 
     def poll(self, now: float) -> None:
         """Keep the process running, and take what it says. now: monotonic seconds."""
-        if self._listen is not None:
-            with self._guard.survived("the video", now):
-                self._process.poll(now, self._take)
-                if not self._process.running:
-                    self._shown, self.watched = 0, False
+        super().poll(now)
+        if not self.running:
+            self._shown, self.watched = 0, False
 
     def show(self, number: int, picture: bytes) -> None:
         """Show a picture until the next one. number: of a still picture, 0: a live one. picture: JPEG."""
         if len(picture) <= LARGEST - 5:
-            self._process.send(b"p" + number.to_bytes(4, "little") + picture)
+            self.send(b"p" + number.to_bytes(4, "little") + picture)
 
     def shown_for(self, number: int, now: float) -> float:
         """Return for how many seconds the video has shown this still picture and no other; 0: it does not."""
@@ -112,12 +103,8 @@ class Video:
             "url": self.url and (shown(self._settings.url) or self.url),
             "watched": self.watched,
             "trouble": self.trouble,
-            "restarts": self._process.restarted,
+            "restarts": self.restarted,
         }
-
-    def close(self) -> None:
-        """Kill the process."""
-        self._process.close()
 
     def _take(self, said: bytes, now: float) -> bool:
         if len(said) != REPORT.size:
@@ -127,7 +114,7 @@ class Video:
             return False
         if self._listen.port not in (0, port):
             return False
-        if not self._process.running:
+        if not self.running:
             # A port that was free is the same one after a restart.
             self._listen = self._listen._replace(port=port)
             log.info("the video is on port %d", port)

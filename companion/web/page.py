@@ -11,13 +11,11 @@ import os
 import socket
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from importlib.util import find_spec
 from typing import Any
 
 from companion.browser.listen import hashed
 from companion.config import Config
-from companion.system.error_guard import ErrorGuard
-from companion.system.side_process import SideChild, SideProcess
+from companion.system.side_process import SideChild, SideService, missing_packages
 from companion.system.watchdog import Restarts
 from companion.tasks import PAGE
 from companion.web.messages import ALIVE, LARGEST, LONGEST_SAID, WANTED, Kind, Message, decode_answer
@@ -26,8 +24,7 @@ from companion.wire.answers import Acknowledgement
 log = logging.getLogger(__name__)
 
 COMMAND = (sys.executable, "-m", "companion.web")
-EXTRA = 'pip install "anytraverse-companion[web]"'
-_NEEDS = ("starlette", "uvicorn", "prometheus_client")
+_NEEDS = {name: name for name in ("starlette", "uvicorn", "prometheus_client")}
 _EVERY = 1.0
 """Seconds between two updates."""
 _SOON = 0.2
@@ -37,9 +34,9 @@ _WANTED_EVERY = 0.8
 _BACKLOG = 64
 
 
-def missing() -> list[str]:
-    """Name the packages that the page needs and that are not installed. Imports none of them."""
-    return [name for name in _NEEDS if find_spec(name) is None]
+def missing() -> str:
+    """Say which packages the page needs and that are not installed, "" where all are."""
+    return missing_packages(_NEEDS, "web")
 
 
 class WebChild(SideChild):
@@ -56,8 +53,8 @@ class WebChild(SideChild):
         )
 
 
-class Page:
-    """Owns the web process. The main loop calls `poll` in every turn."""
+class Page(SideService[WebChild]):
+    """Owns the web process. The main loop calls `tell` in every turn."""
 
     def __init__(
         self,
@@ -67,6 +64,8 @@ class Page:
     ) -> None:
         """launch: starts the process with this listening socket or raises OSError. restarts: time limits."""
         self._listen = listen = config.web.address
+        off = "switched off by [web] listen" if listen is None else missing()
+        super().__init__("page", restarts, off)
         self._setup = Message(
             Kind.SETUP,
             {
@@ -76,38 +75,33 @@ class Page:
             },
         ).encoded()
         self._launch = launch
-        self._process: SideProcess[WebChild] = SideProcess("page", self._start, restarts)
         self._listener: socket.socket | None = None
-        self._guard = ErrorGuard(lambda _now: None)
         self._told_at = self._wanted_at = float("-inf")
         self._wanted = self._too_large = self._acknowledged = False
         self._may_answer = bool(config.web.token)
         self.answer: Callable[[bytes, float], None] = lambda _payload, _at: None
         """Takes the payload of an answer that was given on the page, and when it was handed over."""
-        if self._listen is None:
-            self._process.trouble = "switched off by [web] listen"
-        elif packages := missing():
-            self._listen, self._process.trouble = None, f"{', '.join(packages)} not installed: {EXTRA}"
-            log.warning("no page: %s", self.trouble)
-
-    @property
-    def trouble(self) -> str:
-        """Why there is no page, in a sentence; "" while all is well."""
-        return self._process.trouble
+        if off and listen is not None:
+            log.warning("no page: %s", off)
 
     @property
     def url(self) -> str:
         """Where the page is, "" while it is nowhere."""
-        return self._listen.url() if self._listen is not None and self._process.child is not None else ""
+        return self._listen.url() if self._listen is not None and self.child is not None else ""
 
-    def poll(self, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
+    def tell(self, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
         """Keep the process running, take what it says, and tell it the news once a second.
 
         now: monotonic seconds, here and below. news: makes the content of a `Kind.NEWS`.
         """
-        if self._listen is not None:
+        self.poll(now)
+        if self.child is None:
+            self._end_listening()
+        every = _SOON if self._acknowledged else _EVERY
+        if self.child is not None and now - self._told_at >= every:
+            self._told_at, self._acknowledged = now, False
             with self._guard.survived("the page", now):
-                self._poll(now, news)
+                self.send(Message(Kind.NEWS, {**news(), "at": now}).encoded())
 
     def wanted(self) -> bool:
         """Whether somebody watches, so that a picture should be drawn; True once a second at most."""
@@ -117,7 +111,7 @@ class Page:
     def show(self, frame: int, captured_at: float, picture: bytes) -> None:
         """Show a drawn frame. captured_at: monotonic seconds. picture: JPEG."""
         try:
-            self._process.send(Message(Kind.PICTURE, {"frame": frame, "at": captured_at}, picture).encoded())
+            self.send(Message(Kind.PICTURE, {"frame": frame, "at": captured_at}, picture).encoded())
         except ValueError as error:
             level = logging.DEBUG if self._too_large else logging.WARNING
             self._too_large = True
@@ -126,32 +120,23 @@ class Page:
     def acknowledge(self, acknowledgement: Acknowledgement) -> None:
         """Tell the page what became of an answer. The page asks again when it does not hear of it."""
         content = {"payload": acknowledgement.pack().hex()}
-        self._process.send(Message(Kind.ACKNOWLEDGEMENT, content).encoded())
+        self.send(Message(Kind.ACKNOWLEDGEMENT, content).encoded())
         self._acknowledged = True
 
     def figures(self) -> dict[str, Any]:
         """Return where the page is, what is wrong with it, and how often it was started again."""
-        return {"url": self.url, "trouble": self.trouble, "restarts": self._process.restarted}
+        return {"url": self.url, "trouble": self.trouble, "restarts": self.restarted}
 
     def close(self) -> None:
         """Kill the process."""
-        self._process.close()
+        super().close()
         self._end_listening()
-
-    def _poll(self, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
-        self._process.poll(now, self._take)
-        if self._process.child is None:
-            self._end_listening()
-        every = _SOON if self._acknowledged else _EVERY
-        if self._process.child is not None and now - self._told_at >= every:
-            self._told_at, self._acknowledged = now, False
-            self._process.send(Message(Kind.NEWS, {**news(), "at": now}).encoded())
 
     def _take(self, said: bytes, now: float) -> bool:
         answer = decode_answer(said) if self._may_answer else None
         if said not in (ALIVE, WANTED) and answer is None:
             return False
-        if not self._process.running:
+        if not self.running:
             log.info("the page is on %s", self.url)
         if said == WANTED and now - self._wanted_at >= _WANTED_EVERY:
             self._wanted_at, self._wanted = now, True

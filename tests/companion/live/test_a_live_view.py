@@ -27,6 +27,7 @@ from companion.live import live as live_module
 from companion.live.live import Live, LiveChild
 from companion.recording.messages import Message
 from companion.recording.topics import TOPICS
+from companion.system.side_process import missing_packages
 from tests.companion.live.viewer import Seen, Viewer
 from tests.companion.recording.made import LIMITS, frame, status, words
 
@@ -48,7 +49,7 @@ class Stage:
     def turn(self, messages: Sequence[Message] = ()) -> None:
         """One turn of the main loop."""
         began = time.monotonic()
-        self.live.poll(began, messages)
+        self.live.feed(began, messages)
         self.slowest = max(self.slowest, time.monotonic() - began)
         time.sleep(0.01)
 
@@ -69,7 +70,7 @@ class Stage:
         return found
 
     def pid(self) -> int:
-        child = self.live._process.child
+        child = self.live.child
         return 0 if child is None else child.pid or 0
 
     def close(self) -> None:
@@ -117,7 +118,7 @@ def test_a_viewer_finds_the_topics_of_a_recording_and_decodes_them_by_what_is_ad
 
 def test_a_new_viewer_sees_what_holds_and_no_old_picture(stage: Stage) -> None:
     stage.turn([words(0.5), frame(1), words(0.7)])
-    stage.until(lambda: not stage.live._feed._waiting)
+    stage.until(lambda: not stage.live._waiting)
     time.sleep(0.1)
     (held,) = stage.viewer().read(0.3)
     assert (held.topic, held.content["words"]) == ("/words", {"grass": 0.7})
@@ -278,7 +279,7 @@ def test_a_process_that_says_nonsense_is_killed(said: str, caplog: pytest.LogCap
 def test_without_the_package_it_is_said_once_how_to_install_it(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(live_module, "missing", lambda: ["foxglove-sdk"])
+    monkeypatch.setattr(live_module, "missing", lambda: missing_packages({"nowhere": "foxglove-sdk"}, "live"))
     stage = Stage()
     for _ in range(5):
         stage.turn([status(1)])

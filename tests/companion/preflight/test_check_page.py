@@ -15,11 +15,12 @@ from companion.config.web import Web
 from companion.preflight import page
 from companion.preflight.page import check_page
 from companion.preflight.rover import Rover
+from companion.system.side_process import missing_packages
 
 
 @pytest.fixture(autouse=True)
 def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page, "missing", list)
+    monkeypatch.setattr(page, "missing", str)
 
 
 def found(listen: str, running: Mapping[str, Any] | None = None, token: str = "") -> tuple[str, str]:
@@ -69,7 +70,7 @@ def test_a_companion_that_runs_says_how_its_page_does(
 
 
 def test_missing_packages_are_named_with_what_to_type(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page, "missing", lambda: ["uvicorn"])
+    monkeypatch.setattr(page, "missing", lambda: missing_packages({"nowhere": "uvicorn"}, "web"))
     verdict, text = found("127.0.0.1:8191")
     assert verdict == "WARN"
     assert text.startswith('uvicorn not installed: pip install "anytraverse-companion[web]"')

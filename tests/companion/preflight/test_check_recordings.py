@@ -17,12 +17,13 @@ from companion.preflight import live, recording
 from companion.preflight.live import check_live
 from companion.preflight.recording import check_recording
 from companion.preflight.rover import Rover
+from companion.system.side_process import missing_packages
 
 
 @pytest.fixture(autouse=True)
 def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recording, "missing", list)
-    monkeypatch.setattr(live, "missing", list)
+    monkeypatch.setattr(recording, "missing", str)
+    monkeypatch.setattr(live, "missing", str)
 
 
 def rover(
@@ -70,7 +71,7 @@ def test_what_keeps_it_from_recording_is_a_warning(tmp_path: Path, monkeypatch: 
     told = {"trouble": "", "files": 3, "bytes": 5_000_000, "lost": 7}
     verdict, text = of_recordings(tmp_path, 20, told)
     assert (verdict, "7 messages lost" in text, "lower [recording] rate" in text) == ("WARN", True, True)
-    monkeypatch.setattr(recording, "missing", lambda: ["mcap"])
+    monkeypatch.setattr(recording, "missing", lambda: missing_packages({"nowhere": "mcap"}, "record"))
     assert "pip install" in of_recordings(tmp_path, 20)[1]
 
 
@@ -88,5 +89,5 @@ def test_a_live_view_is_off_or_it_is_said_who_sees_it(monkeypatch: pytest.Monkey
     told = {"url": "ws://127.0.0.1:8765/", "trouble": "", "clients": 1}
     assert of_the_live_view(listen, told)[1] == "ws://127.0.0.1:8765/ shows it to programs on this computer"
     assert of_the_live_view(listen, {"url": "", "trouble": "ended: SIGABRT"})[0] == "WARN"
-    monkeypatch.setattr(live, "missing", lambda: ["foxglove-sdk"])
+    monkeypatch.setattr(live, "missing", lambda: missing_packages({"nowhere": "foxglove-sdk"}, "live"))
     assert 'pip install "anytraverse-companion[live]"' in of_the_live_view(listen)[1]

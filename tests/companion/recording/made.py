@@ -64,7 +64,7 @@ class Stage:
     def turn(self, messages: Sequence[Message] = ()) -> float:
         """One turn of the main loop; returns the seconds that the recorder took of it."""
         began = time.monotonic()
-        self.recorder.poll(began, messages)
+        self.recorder.feed(began, messages)
         took = time.monotonic() - began
         time.sleep(0.01)
         return took
@@ -76,11 +76,11 @@ class Stage:
             self.turn()
 
     def ready(self) -> Stage:
-        self.until(lambda: self.recorder._process.running and self.pid())
+        self.until(lambda: self.recorder.running and self.pid())
         return self
 
     def pid(self) -> int:
-        child = self.recorder._process.child
+        child = self.recorder.child
         return 0 if child is None else child.pid or 0
 
     @property

@@ -23,6 +23,7 @@ from companion.recording.process import Writing
 from companion.recording.reading import messages, whole
 from companion.recording.recorder import RecorderChild
 from companion.recording.ring_writer import RingWriter
+from companion.system.side_process import missing_packages
 from companion.system.watchdog import Restarts
 from tests.companion.recording.made import Stage, frame, opened, status
 
@@ -61,13 +62,13 @@ def test_a_process_that_dies_or_hangs_is_started_again_and_nobody_waits(
     stage.until(lambda: stage.files and stage.files[0].stat().st_size > 20_000)  # it was flushed
     os.kill(first, deed)
     deadline = time.monotonic() + 20.0
-    while stage.pid() in (0, first) or not stage.recorder._process.running:
+    while stage.pid() in (0, first) or not stage.recorder.running:
         assert time.monotonic() < deadline
         count += 1
         slowest = max(slowest, stage.turn([frame(count, count / 100)]))
     assert slowest < SLOWEST_TURN
     stage.turn([frame(99_999, 200.0)])
-    stage.until(lambda: stage.recorder.figures()["restarts"] == 1 and not stage.recorder._feed._waiting)
+    stage.until(lambda: stage.recorder.figures()["restarts"] == 1 and not stage.recorder._waiting)
     stage.recorder.close()
     assert {0, 99_999} <= set(numbers(stage)), "what was flushed before, and what came after"
     assert all(whole(path) for path in stage.files), "the torn one was repaired"
@@ -80,7 +81,7 @@ def test_a_stopped_process_takes_nothing_and_what_is_lost_is_counted(tmp_path: P
     os.kill(stage.pid(), signal.SIGSTOP)
     began = time.monotonic()
     for number in range(150):
-        stage.recorder.poll(time.monotonic(), [frame(number, 0.0, 100_000)])
+        stage.recorder.feed(time.monotonic(), [frame(number, 0.0, 100_000)])
     assert time.monotonic() - began < 1.0
     lost = stage.recorder.figures()["lost"]
     assert 40 < lost < 90, "what waits is bounded"
@@ -133,11 +134,11 @@ def test_a_full_disk_is_told_once_by_the_log_and_in_the_status(
 ) -> None:
     (tmp_path / "recordings").write_text("in the way")
     stage = Stage(tmp_path).ready()
-    stage.until(lambda: stage.recorder.trouble != "")
+    stage.until(lambda: stage.recorder.figures()["trouble"] != "")
     for number in range(30):
         stage.turn([status(number)])
     stage.until(lambda: stage.recorder.figures()["lost"] == 30)
-    assert stage.recorder.trouble == "file exists"
+    assert stage.recorder.figures()["trouble"] == "file exists"
     assert stage.recorder.figures()["restarts"] == 0
     stage.recorder.close()
     said = [one for one in caplog.records if "file exists" in one.getMessage()]
@@ -147,7 +148,7 @@ def test_a_full_disk_is_told_once_by_the_log_and_in_the_status(
 def test_without_the_package_it_is_said_once_how_to_install_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(recorder_module, "missing", lambda: ["mcap"])
+    monkeypatch.setattr(recorder_module, "missing", lambda: missing_packages({"nowhere": "mcap"}, "record"))
     stage = Stage(tmp_path)
     for _ in range(5):
         stage.turn([status(1)])

@@ -29,6 +29,7 @@ from companion.recording.messages import Message
 from companion.recording.ring_writer import RingWriter
 from companion.recording.shortened import Window
 from companion.recording.topics import TOPICS
+from companion.system.side_process import missing_packages
 from companion.wire.incidents import MOST_MEMBERS
 from tests.companion.recording.made import BEGAN, NS, frame, opened, status, words
 
@@ -186,7 +187,7 @@ def test_without_a_recording_the_rest_is_packed(rover: Rover, monkeypatch: pytes
     code, said, _ = rover.type("incident", "C8")
     assert (code, "without a recording: nothing was recorded then" in said) == (0, True)
     assert "calls/8.json" in unpacked(rover.folder / "incident-C8.zip")
-    monkeypatch.setattr(command, "missing", lambda: ["mcap"])
+    monkeypatch.setattr(command, "missing", lambda: missing_packages({"nowhere": "mcap"}, "record"))
     code, said, _ = rover.type("incident", "--last", "5m")
     assert (code, "mcap not installed" in said) == (0, True)
 

@@ -231,7 +231,7 @@ def test_no_camera_is_no_process(tmp_path: Path) -> None:
 def test_an_address_with_a_password_is_told_to_ground_stations_and_not_shown(tmp_path: Path) -> None:
     settings = Settings(listen="0.0.0.0:8554", url="rtsp://me:SECRET@rover.local:8554/SECRET")
     video = Video(replace(Config(), journal=Journal(folder=str(tmp_path)), video=settings))
-    video._process.trouble = ""
+    video.trouble = ""
     assert video.url == settings.url
     assert video.figures()["url"] == "rtsp://rover.local:8554/..."
     video._settings = replace(settings, url="")

@@ -51,7 +51,7 @@ class Stage:
         self.frames = 0
 
     def turn(self) -> None:
-        self.page.poll(time.monotonic(), lambda: self.news)
+        self.page.tell(time.monotonic(), lambda: self.news)
         if self.page.wanted():
             self.frames += 1
             self.page.show(self.frames, time.monotonic() - 0.05, JPEG)
@@ -75,7 +75,7 @@ class Stage:
 
     def pid(self) -> int:
         """The process id, 0 without a process."""
-        child = self.page._process.child
+        child = self.page.child
         return (child.pid or 0) if child is not None else 0
 
     @property

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from companion.system.side_process import missing_packages
 from companion.system.watchdog import Restarts
 from companion.tasks import PAGE
 from companion.web import page as page_module
@@ -40,7 +41,7 @@ def test_a_process_that_dies_or_hangs_is_started_again_on_the_same_port(
         while stage.pid() in (0, first) or not stage.up():
             assert time.monotonic() < deadline
             began = time.monotonic()
-            stage.page.poll(began, lambda: stage.news)
+            stage.page.tell(began, lambda: stage.news)
             slowest = max(slowest, time.monotonic() - began)
             time.sleep(0.01)
         assert slowest < SLOWEST_TURN
@@ -60,7 +61,7 @@ def test_a_stopped_process_takes_nothing_and_nobody_waits_for_it(tmp_path: Path)
         began = time.monotonic()
         for _ in range(200):
             stage.page._told_at = float("-inf")
-            stage.page.poll(time.monotonic(), lambda: stage.news)
+            stage.page.tell(time.monotonic(), lambda: stage.news)
             stage.page.show(1, began, b"y" * 100_000)
         assert time.monotonic() - began < 1.0
         os.kill(stage.pid(), signal.SIGCONT)
@@ -108,7 +109,7 @@ def test_a_process_that_says_too_much_is_taken_a_little_at_a_time(tmp_path: Path
         wanted, until = 0, time.monotonic() + 1.7
         while time.monotonic() < until:
             began = time.monotonic()
-            stage.page.poll(began, lambda: stage.news)
+            stage.page.tell(began, lambda: stage.news)
             assert time.monotonic() - began < SLOWEST_TURN
             wanted += stage.page.wanted()
         assert 1 <= wanted <= 3
@@ -163,8 +164,8 @@ def test_a_port_that_is_busy_for_two_days_is_tried_once_a_minute(
         now = time.monotonic()
         for _ in range(2 * 24 * 60):
             now += 60.0
-            stage.page.poll(now, lambda: stage.news)
-            stage.page.poll(now + 0.02, lambda: stage.news)
+            stage.page.tell(now, lambda: stage.news)
+            stage.page.tell(now + 0.02, lambda: stage.news)
     assert stage.page.figures()["restarts"] == pytest.approx(2 * 24 * 60, abs=10)
     assert "the page failed" not in caplog.text
 
@@ -172,7 +173,7 @@ def test_a_port_that_is_busy_for_two_days_is_tried_once_a_minute(
 def test_without_the_extra_it_is_said_once_how_to_install_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(page_module, "missing", lambda: ["uvicorn"])
+    monkeypatch.setattr(page_module, "missing", lambda: missing_packages({"nowhere": "uvicorn"}, "web"))
     stage = Stage(tmp_path)
     for _ in range(5):
         stage.turn()
@@ -284,6 +285,7 @@ import sys
 from companion.browser import access
 access._IDLE = access._STALLED = 0.6
 from companion.web.server import main
+from companion.system.side_process import missing_packages
 main(*map(int, sys.argv[1:3]))
 """
 

@@ -208,7 +208,7 @@ def test_rubbish_ends_its_own_connection_only(stage: Stage, rubbish: bytes) -> N
     with socket.create_connection(stage.address, timeout=2.0) as connection:
         connection.sendall(rubbish + b"\r\n\r\n")
     assert stage.get("/healthz").status in (200, 503)
-    assert stage.page._process.restarted == 0
+    assert stage.page.restarted == 0
 
 
 def test_a_head_that_never_ends_is_refused(stage: Stage) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import fcntl
 import os
 import socket
@@ -11,6 +12,7 @@ import sys
 import termios
 import time
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import ClassVar
 from urllib.parse import SplitResult, urlsplit
@@ -20,7 +22,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: what FFmpeg prin
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
-from anytraverse.decoding import PictureTooLargeError, check_size  # noqa: E402
+from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, check_size  # noqa: E402
 from companion.cameras import (  # noqa: E402
     BadFrame,
     CameraError,
@@ -57,6 +59,7 @@ class _Stream:
         os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = _USERS_OPTIONS or self.OPTIONS
         # OpenCV's warnings hold the URL with its password.
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        _bound_ffmpeg()
         settings = {
             cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: round(1e3 * OPENS_WITHIN),
             cv2.CAP_PROP_READ_TIMEOUT_MSEC: round(1e3 * max(LEAST_READ_TIMEOUT, options.freshness)),
@@ -179,6 +182,14 @@ class HttpsStream(_Stream):
     """Reads a stream over HTTPS. The camera's certificate is not verified."""
 
     SCHEME, PORT = "https", 443
+
+
+@cache
+def _bound_ffmpeg() -> None:
+    """Let no buffer of FFmpeg grow beyond MAX_BYTES: it collects whatever a camera calls one picture."""
+    mapped = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines()
+    for library in {line.split(maxsplit=5)[5] for line in mapped if "/libavutil" in line}:
+        ctypes.CDLL(library).av_max_alloc(ctypes.c_size_t(MAX_BYTES))
 
 
 def _open_sockets() -> dict[str, int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import cache, partial
@@ -190,6 +191,29 @@ def test_a_server_that_says_nothing_costs_a_bounded_time(kind: str) -> None:
         with pytest.raises(CameraError, match="does not answer"):
             open_camera(f"{kind}://127.0.0.1:{mute.getsockname()[1]}/x", _OPTIONS)
         assert time.monotonic() - began < 8.0
+
+
+@pytest.mark.parametrize("length", ["Content-Length: 2147483647\r\n", ""])
+def test_a_picture_without_end_is_not_collected_in_memory(length: str) -> None:
+    taken = 0
+
+    def pour(server: socket.socket) -> None:
+        nonlocal taken
+        with contextlib.suppress(OSError), server.accept()[0] as reader:
+            reader.recv(4096)
+            head = "HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=frame\r\n\r\n"
+            reader.sendall(f"{head}--frame\r\nContent-Type: image/jpeg\r\n{length}\r\n".encode())
+            while taken < 2 << 30:
+                reader.sendall(bytes(1 << 20))
+                taken += 1 << 20
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        pouring = threading.Thread(target=pour, args=(server,))
+        pouring.start()
+        with contextlib.suppress(CameraError):
+            open_camera(f"http://127.0.0.1:{server.getsockname()[1]}/x", _OPTIONS).close()
+    pouring.join(_SOON)
+    assert taken < 300 << 20
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ class Timestamps:
 
     @property
     def streams(self) -> Mapping[Stream, int]:
-        """Stream -> its newest timestamp; the stream received last is at the end."""
+        """Stream -> its newest timestamp."""
         return self._streams
 
     def next(self, stream: Stream, clock: int) -> int:
@@ -159,11 +159,11 @@ class Timestamps:
         return ""
 
     def _note(self, stream: Stream, timestamp: int) -> None:
-        self._streams.pop(stream, None)
-        self._streams[stream] = timestamp
-        if len(self._streams) > MAX_STREAMS:
-            forgotten = next(iter(self._streams))
+        if stream not in self._streams and len(self._streams) >= MAX_STREAMS:
+            # The oldest timestamp, not the one heard longest ago: its frames could be replayed.
+            forgotten = min(self._streams, key=self._streams.__getitem__)
             self.floor = max(self.floor, self._streams.pop(forgotten))
+        self._streams[stream] = timestamp
 
 
 def refusal(

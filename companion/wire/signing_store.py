@@ -161,7 +161,7 @@ class TimestampFile:
         rows = {stream: at + reserve for stream, at in saved.rows.items()}
         last = max([saved.last + own, *rows.values()])
         if saved.whole:
-            return Timestamps(last, saved.floor, dict(sorted(rows.items(), key=lambda row: row[1])))
+            return Timestamps(last, saved.floor, rows)
         self.notice = f"{self._path} was damaged and is written anew: only frames newer than now are accepted"
         newest = max(last, clock)
         return Timestamps(newest, newest)

@@ -167,6 +167,23 @@ def test_a_forgotten_stream_that_was_ahead_does_not_make_others_old_where_the_ne
     assert timestamps.check(GROUND, NOW + 1, NOW, synchronised=True) == ""
 
 
+def test_a_sender_that_is_ahead_is_not_forgotten_for_others_so_that_its_frames_could_be_replayed() -> None:
+    timestamps, ahead = Timestamps(), NOW + DAY // 2
+    assert timestamps.check(GROUND, ahead, NOW, synchronised=True) == ""
+    for count in range(2 * MAX_STREAMS):
+        assert timestamps.check(Stream(1, 1 + count, 0), NOW + count, NOW, synchronised=True) == ""
+    assert timestamps.check(GROUND, ahead, NOW + count, synchronised=True) == REPLAY
+    assert timestamps.check(GROUND, ahead + 1, NOW + count, synchronised=True) == ""
+
+
+def test_a_sender_is_heard_though_all_that_are_remembered_are_ahead_where_the_network_set_our_clock() -> None:
+    timestamps = Timestamps(streams={Stream(1, 1 + count, 0): NOW + DAY for count in range(MAX_STREAMS)})
+    for count in range(3):
+        assert timestamps.check(GROUND, NOW + count, NOW, synchronised=True) == ""
+        assert timestamps.check(GROUND, NOW + count, NOW, synchronised=True) == REPLAY
+    assert len(timestamps.streams) == MAX_STREAMS
+
+
 def test_our_timestamps_rise_though_the_clock_goes_back_and_our_own_frames_do_not_come_back_in() -> None:
     timestamps, own = Timestamps(), Stream(1, 191, 0)
     sent = [timestamps.next(own, clock) for clock in (NOW, NOW, NOW - 9_000, NOW + 5)]

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.regular_file import read_regular
+from companion.wire.packing import clean
 
 _LONGEST_VALUE = 40
 
@@ -32,7 +33,7 @@ class Problem:
     def __str__(self) -> str:
         place = str(self.file) if self.line is None else f"{self.file}:{self.line}"
         value = "" if self.value is None else f" = {_short(self.value)}"
-        return ": ".join(part for part in (place, f"{self.key}{value}", self.reason) if part)
+        return clean(": ".join(part for part in (place, f"{self.key}{value}", self.reason) if part))
 
 
 class ConfigError(Exception):

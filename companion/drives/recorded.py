@@ -118,7 +118,7 @@ class Recording:
                     setup = read_json(one.message.data)
         if not self.count:
             raise DriveError(f"{path} holds no frames of a recording: give one of the .mcap files")
-        self.model, self.config = str(setup.get("model", "")), str(setup.get("config", ""))
+        self.model, self.config = printable(str(setup.get("model", ""))), str(setup.get("config", ""))
 
     def frames(self) -> Iterator[DriveFrame]:
         """Read all frames in their order."""

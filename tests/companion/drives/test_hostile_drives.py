@@ -143,6 +143,31 @@ def test_what_frames_were_judged_by_is_taken_from_the_recorded_configuration() -
         config_of(recording)
 
 
+def test_what_a_recording_says_does_not_control_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "companion.toml"
+    own.write_text(
+        '[camera]\nsource = "folder:."\n[vehicle]\nfile = ""\n[perceiver]\nname = "builtin:lexicon"\n'
+    )
+    path = tmp_path / "000001.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        camera, setup = (
+            writer.register_channel(TOPICS[one].name, "", 0) for one in (Topic.CAMERA, Topic.SETUP)
+        )
+        hostile = {"model": "\x1b[2J", "config": '[words]\n"\\u001b]0;gotcha\\u0007" = 1.0\n'}
+        writer.add_message(setup, 1, as_json(hostile), 1)
+        writer.add_message(camera, 1, image(PICTURE, "jpeg", 1), 1, 1)
+        writer.finish()
+    for more in ([], ["--config", str(own)]):
+        main(["replay", str(path), *more])
+        said = "".join(capsys.readouterr())
+        assert said
+        assert not [one for one in said if not one.isprintable() and one != "\n"]
+
+
 def bomb(path: Path, topic: Topic, messages_of_it: int, size: int) -> Path:
     """Write a recording of few bytes that says far more: chunks of zeros."""
     filler = image(PICTURE + bytes(size), "jpeg", 0) if topic is Topic.CAMERA else b'{"a":"' + b"0" * size

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from companion.wire.ids import Kind
 from companion.wire.json_values import list_of, mapping_of, number_of, read_object, text_of
+from companion.wire.packing import clean
 from companion.wire.texts import name
 
 FOLDER = "incidents"
@@ -98,7 +99,7 @@ def read_incidents(content: bytes) -> Incidents:
 def incidents_from(told: Mapping[str, Any]) -> Incidents:
     """Take the content of /incidents.json. What is not understood is left out."""
     failed = mapping_of(told.get("failed"))
-    about_failed, why = _call(failed.get("what")), text_of(failed.get("why"))
+    about_failed, why = _call(failed.get("what")), clean(text_of(failed.get("why")))
     rows = (packed_from(mapping_of(one)) for one in list_of(told.get("packed"))[: 2 * MOST_KEPT])
     return Incidents(
         _call(told.get("packing")),
@@ -118,4 +119,4 @@ def packed_from(told: Mapping[str, Any]) -> Packed | None:
     size, short = (number_of(told.get(key), 0, 1e12) for key in ("bytes", "short"))
     if found is None or size is None or short is None:
         return None
-    return Packed(int(found[1]), int(found[2] or 0), int(size), int(short), text_of(told.get("note")))
+    return Packed(int(found[1]), int(found[2] or 0), int(size), int(short), clean(text_of(told.get("note"))))

@@ -12,15 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.wire.incidents import MOST_KEPT, SHORT, Incidents, Packed, read_incidents, read_name
+from companion.wire.packing import clean
 
 CALL = st.integers(0, 0xFFFF)
-PACKED = st.builds(
-    Packed, st.integers(0, 10**8), CALL, st.integers(0, 10**9), st.integers(0, 10**9), st.text(max_size=40)
-)
+TEXT = st.text(min_size=1, max_size=40).map(clean)
+PACKED = st.builds(Packed, st.integers(0, 10**8), CALL, st.integers(0, 10**9), st.integers(0, 10**9), TEXT)
 TOLD = st.builds(
     Incidents,
     st.none() | CALL,
-    st.none() | st.tuples(CALL, st.text(min_size=1, max_size=40)),
+    st.none() | st.tuples(CALL, TEXT.filter(bool)),
     st.lists(PACKED, max_size=MOST_KEPT).map(tuple),
 )
 JSON: st.SearchStrategy[Any] = st.recursive(
@@ -39,6 +39,13 @@ def test_what_a_rover_tells_is_read_back(told: Incidents) -> None:
     for one in told.packed:
         for kind in ("", SHORT):
             assert read_name(f"{one.name}{kind}.zip") == (one.number, one.call, kind == SHORT)
+
+
+def test_what_a_rover_says_of_them_is_cleaned() -> None:
+    evil = "\x1b[2J gone \u202e"
+    failed, packed = {"what": "C7", "why": evil}, {"name": "0012-C7", "bytes": 9, "short": 9, "note": evil}
+    told = read_incidents(json.dumps({"failed": failed, "packed": [packed]}).encode())
+    assert (told.failed, told.packed[0].note) == ((7, "[2J gone"), "[2J gone")
 
 
 @given(st.dictionaries(st.sampled_from(["packing", "failed", "packed"]), JSON))

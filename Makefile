@@ -50,7 +50,7 @@ bench-modes: ready-dev ## set modes by hand round the companion's own, over a sl
 bench-calls: ready-dev ## count the calls of simulated and real drives, and those that ask again (an hour); ARGS=--quick
 	@$(PYTHON_IN_VENV) -m bench.calls $(ARGS)
 
-bench-attack: ready-dev ## attack the companion on its link, its page and its files (ten minutes); ARGS="gate --quick"
+bench-attack: ready-dev ## attack the companion on all that it reads, and its stations (nine minutes); ARGS="gate --quick"
 	@$(PYTHON_IN_VENV) -m bench.attack $(ARGS)
 
 bench-vision: ready-dev ## kill the vision process 200 times between an answer and its acknowledgement; ARGS="--kills 20"

@@ -256,8 +256,8 @@ BENCHES = {
     ),
     "attack": Bench(
         "bench.attack",
-        "floods, forged names, a page and files without the right to them: what is reached, and what suffers",
-        (10, 3),
+        "floods, forged names, hostile rovers, cameras and recordings: what is reached, and what suffers",
+        (9, 4),
         figures=(
             Quoted("worst_heartbeat_gap_s", "between two heartbeats, the longest", "s", LESS),
             Quoted("longest_without_judging_s", "without a judged frame, the longest", "s", LESS),

@@ -2,9 +2,11 @@
 
 answers, torrent, heartbeats, noise: floods of the link, with a real vision process, an open call and an
 operator. gate: the rover's page without its token. identities: autopilot and operator without the key, and
-what they said played back. files: paths that lead out of what MAVLink FTP serves, and links that a part which
-was broken into could have left there. secrets: a camera's password, in 25 forms, looked for in all that a
-companion prints, logs, records and packs.
+what they said played back. clock: senders with the key, and a clock far ahead. files: paths that lead out
+of what MAVLink FTP serves, and links that a part which was broken into could have left there. stations: a
+rover that is hostile to the console and to the terminal client. camera: a hostile network camera. recordings:
+a stranger's, at the desk. secrets: a camera's password, in 25 forms, looked for in all that a companion
+prints, logs, records and packs.
 Prints a line for each kind; the last line is one JSON object: worst_heartbeat_gap_s,
 longest_without_judging_s, secrets, reached, and all figures by kind. Exit code 1: a promise was broken.
 Run: make bench-attack, or python -m bench.attack [answers gate] [--quick]
@@ -23,18 +25,26 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from bench.attack.camera import camera
+from bench.attack.clock import clock
 from bench.attack.files import files
 from bench.attack.floods import RATES, flood
 from bench.attack.gate import gate
 from bench.attack.identities import identities
 from bench.attack.outcome import Outcome
+from bench.attack.recordings import recordings
 from bench.attack.secrets import secrets
+from bench.attack.stations import stations
 
 KINDS: Mapping[str, Callable[..., Outcome]] = {
     **{name: partial(flood, name) for name in RATES},
     "gate": gate,
     "identities": identities,
+    "clock": clock,
     "files": files,
+    "stations": stations,
+    "camera": camera,
+    "recordings": recordings,
     "secrets": secrets,
 }
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from bench.faults.standing import Standing
@@ -35,8 +38,13 @@ class Outcome:
         return not (self.reached or self.secrets or self.gap > MOST_GAP or self.blind > MOST_BLIND)
 
 
-def watched(rover: Standing, outcome: Outcome, running: Callable[[], bool], limit: float) -> None:
-    """Let the rover go on while `running`, `limit` s at most, and note the longest gaps."""
+def watched(
+    rover: Standing, outcome: Outcome, running: Callable[[], bool], limit: float, *, sees: bool = True
+) -> None:
+    """Let the rover go on while `running`, `limit` s at most, and note the longest gaps.
+
+    sees: whether frames must be judged meanwhile.
+    """
     began = beat_at = frame_at = time.monotonic()
     frames = rover.judged()
     while running() and time.monotonic() - began < limit:
@@ -47,6 +55,15 @@ def watched(rover: Standing, outcome: Outcome, running: Callable[[], bool], limi
         if (judged := rover.judged()) != frames:
             frames, frame_at = judged, now
         outcome.gap = max(outcome.gap, round(now - beat_at, 2))
-        outcome.blind = max(outcome.blind, round(now - frame_at, 2))
+        if sees:
+            outcome.blind = max(outcome.blind, round(now - frame_at, 2))
     if rover.daemon is None or not rover.daemon.running:
         outcome.gap = outcome.blind = math.inf
+
+
+def peak_memory(pid: int) -> int:
+    """Return the most MB that a process has had in memory; 0 for one that has ended."""
+    with contextlib.suppress(OSError):
+        if found := re.search(r"^VmHWM:\s+(\d+) kB$", Path(f"/proc/{pid}/status").read_text(), re.M):
+            return int(found[1]) >> 10
+    return 0

@@ -91,14 +91,15 @@ def _send(link: str, calls: int) -> dict[int, float]:
 
     for number in range(1, calls + 1):
         sent[number] = 1e3 * time.time()
-        say(_call(number, ids.Stage.OPEN))
+        say(call_of(number, ids.Stage.OPEN))
         time.sleep(_GAP)
-        say(_call(number, ids.Stage.CLOSED))
+        say(call_of(number, ids.Stage.CLOSED))
         time.sleep(_GAP + number % 7 * 0.011)  # at any time of the console's own cycle
     return sent
 
 
-def _call(number: int, stage: ids.Stage) -> CallData:
+def call_of(number: int, stage: ids.Stage) -> CallData:
+    """Return a call about an unknown object."""
     closed = stage is ids.Stage.CLOSED
     return CallData(
         id=number,

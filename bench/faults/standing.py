@@ -39,7 +39,7 @@ _LOOK = 0.005
 _GRASS, _THING = (100, 120, 60), (200, 30, 200)
 _TEXT = """\
 [camera]
-source = "field:{frames}"
+source = "{camera}"
 latency = 0
 [perceiver]
 name = "{perceiver}"
@@ -109,12 +109,13 @@ class Standing:
         listens: bool = False,
         recorded: int = 0,
         perceiver: str = "builtin:lexicon",
+        camera: str = "",
         web: str = 'listen = ""',
         link: str = "",
     ) -> None:
         """out: an existing folder. signs: all sign with one key. listens: as of `Wire`. recorded: MB.
 
-        web, link: lines of [web], and more of [link].
+        camera: its source; "": the rover's own pictures. web, link: lines of [web], and more of [link].
         """
         self.out, self.state = out, out / "state"
         self.thing = False
@@ -135,7 +136,8 @@ class Standing:
         self.config = out / "companion.toml"
         host, port = self._frames.address
         link = f'signing_key = "signing.key"\n{link}' if signs else link
-        self._text = {"frames": f"{host}:{port}", "url": self.wire.url, "link": link, "policy": policy}
+        camera = camera or f"field:{host}:{port}"
+        self._text = {"camera": camera, "url": self.wire.url, "link": link, "policy": policy}
         self._text |= {"recorded": str(recorded), "perceiver": perceiver, "web": web}
         self.config.touch(0o600)  # it may hold a token
         self.config.write_text(_TEXT.format(**self._text, state=self.state), encoding="utf-8")

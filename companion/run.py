@@ -133,7 +133,8 @@ def _main(
         link.send_text(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", daemon.calls.policy.name.lower())
-    daemon.pointing.shown_for, daemon.pack_incident = beside.video.shown_for, beside.packer.ask
+    daemon.pointing.shown_for = beside.video.shown_for
+    daemon.pack_incident, daemon.cancel_incident = beside.packer.ask, beside.packer.cancel
     closing.enter_context(daemon.recording.log_lines())
     report = CheckReport(config)
     served.show_checks(report.document)

@@ -34,10 +34,12 @@ from companion.storage.served_tree import Document, Documents, Tree
 from companion.vehicle.ardupilot import ScriptHold
 from companion.wire.answers import (
     Acknowledgement,
+    CancelIncident,
     ForgetCall,
     ForgetWord,
     NewEpisode,
     OtherPlace,
+    PackIncident,
     SetWord,
     TapBox,
 )
@@ -241,7 +243,7 @@ def _is_operation(operation: object) -> bool:
             left, top, right, bottom = box
             inside = 0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0
             return inside and frame_id >= 0 and isinstance(word, str) and -1.0 <= weight <= 1.0
-        case ForgetWord() | ForgetCall() | NewEpisode() | OtherPlace():
+        case ForgetWord() | ForgetCall() | NewEpisode() | OtherPlace() | PackIncident() | CancelIncident():
             return True
         case _:
             return False

@@ -34,4 +34,4 @@ def shown(
         for kind, size in ((SHORT, newest.short), ("", newest.size)):
             name = f"{newest.name}{kind}.zip"
             files.append({"name": name, "what": _KINDS[kind], "bytes": size, **more(name, size)})
-    return {"text": " ".join(texts), "busy": packing or waits, "files": files}
+    return {"text": " ".join(texts), "busy": packing or waits, "packing": packing, "files": files}

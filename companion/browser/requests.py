@@ -9,7 +9,16 @@ from typing import Any
 from anytraverse.errors import PreferencesError
 from anytraverse.preferences import check_weight, clean_word
 from companion.wire import json_values
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
+from companion.wire.answers import (
+    CancelIncident,
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    OtherPlace,
+    SetWord,
+    TapBox,
+)
 from companion.wire.ids import Motion, Stage
 from companion.wire.packing import Fractions
 from companion.wire.payloads import CallData
@@ -31,7 +40,9 @@ class RequestError(ValueError):
 
 @dataclass(frozen=True)
 class AnswerRequest:
-    """An answer. call: id of its call or hold, 0 for words alone, and for a match that is refused."""
+    """An answer. call: id of its call or hold, 0 for words alone, and for what answers none: a match that is
+    refused, an incident file that is cancelled.
+    """
 
     call: int
     motion: Motion
@@ -47,12 +58,13 @@ class AnswerRequest:
             raise RequestError("you tapped in an older picture, so nothing was sent: tap in the new one")
         if self.call and (call is None or call.stage is Stage.CLOSED):
             raise RequestError(f"call {self.call} is closed already, so nothing was sent")
-        if not self.call and current and not self._only_refuses_match:
+        if not self.call and current and not self._answers_no_call:
             raise RequestError("a call is open: words now would answer it, so send them as its answer")
 
     @property
-    def _only_refuses_match(self) -> bool:
-        return self.motion is Motion.NONE and all(isinstance(one, OtherPlace) for one in self.operations)
+    def _answers_no_call(self) -> bool:
+        alone = OtherPlace | CancelIncident
+        return self.motion is Motion.NONE and all(isinstance(one, alone) for one in self.operations)
 
 
 def read_object(body: bytes) -> Mapping[str, Any]:
@@ -110,6 +122,7 @@ def _operation(told: Any) -> Operation:
         "forget_call": lambda one: ForgetCall(whole(one, "forget_call", 1, 0xFFFF)),
         "new_episode": lambda _: NewEpisode(),
         "other_place": lambda one: OtherPlace(whole(one, "other_place", 0, 0xFFFF)),
+        "cancel_incident": lambda one: CancelIncident(whole(one, "cancel_incident", 0, 0xFFFF)),
     }
     named = [name for name in kinds if name in told]
     if len(named) != 1:

@@ -51,7 +51,7 @@ from companion.vehicle.state import Vehicle, VehiclePosition, is_moving, stands
 from companion.vision.client import Applied, Judged, Result, VisionClient
 from companion.vision.messages import Drawn, Encoded, Model
 from companion.wire import notices, texts
-from companion.wire.answers import Acknowledgement, PackIncident
+from companion.wire.answers import Acknowledgement, CancelIncident, IncidentRequest, PackIncident
 from companion.wire.ids import ERROR, INFO, NOTICE, WARNING, Motion, Policy, State, words_hash
 from companion.wire.ids import Result as AckResult
 
@@ -107,11 +107,10 @@ class Daemon:
         self.live_picture = LivePicture(vision)
         self.pointing = Pointing(calls, link)
         self.video_pictures = VideoPictures(vision, self.pointing, self.told, video_rate)
-        self.pack_incident: Callable[[int, float], tuple[AckResult, str]] = lambda _call, _now: (
-            AckResult.REFUSED,
-            "nothing is packed here",
-        )
+        self.pack_incident: Callable[[int, float], tuple[AckResult, str]] = _packs_nothing
         """Has an incident packed: see `IncidentPacker.ask`."""
+        self.cancel_incident: Callable[[int, float], tuple[AckResult, str]] = _packs_nothing
+        """Has it packed no more: see `IncidentPacker.cancel`."""
         self._weak_words = WeakWords()
         self._view = view
         self._course = course
@@ -250,7 +249,7 @@ class Daemon:
                 self._handle_vehicle(vehicle, now)
             case ParameterRequest() | ResetRequest() | Answer(via=Via.TEXT):
                 self._finish_answer(self.settings.set(event, now), now)
-            case Answer() if any(isinstance(one, PackIncident) for one in event.operations):
+            case Answer() if any(isinstance(one, IncidentRequest) for one in event.operations):
                 self._pack_incident(event, now)
             case Answer() if self.test_call.receive(event, now):
                 pass
@@ -266,10 +265,12 @@ class Daemon:
                 self._executor.carry_out(self.settings.policy.rc_channels_received(event, now), now)
 
     def _pack_incident(self, answer: Answer, now: float) -> None:
-        """Have an incident packed. That answers no call, and teaches nothing."""
+        """Have an incident packed, or no more. That answers no call, and teaches nothing."""
         match answer.operations:
             case (PackIncident(call_id),) if answer.motion is Motion.NONE:
                 result, text = self.pack_incident(call_id, now)
+            case (CancelIncident(call_id),) if answer.motion is Motion.NONE:
+                result, text = self.cancel_incident(call_id, now)
             case _:
                 result, text = (
                     AckResult.REFUSED,
@@ -451,3 +452,7 @@ class Daemon:
             self._link.announce(None, self.settings.policy.reminder, now, quiet=True, severity=WARNING)
         if self.persistence.memory_stored(now, self._vision.memory):
             self.settings.send_changes(now)
+
+
+def _packs_nothing(_call: int, _now: float) -> tuple[AckResult, str]:
+    return AckResult.REFUSED, "nothing is packed here"

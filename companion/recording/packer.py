@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import Config, format_config
-from companion.recording.packing import LONGEST, Asked, kept
+from companion.recording.packing import CANCELLED, LONGEST, Asked, kept
 from companion.recording.recorder import SWITCHED_OFF, missing
 from companion.system.error_guard import ErrorGuard
 from companion.system.side_process import SideChild
@@ -28,6 +28,8 @@ STALLED = 120.0
 """Seconds without progress after which the process is killed."""
 LONGEST_RUN = 900.0
 """Seconds after which it is killed in any case. On a computer that has nothing else to do it needs a few."""
+_ENDS_WITHIN = 10.0
+"""Seconds after which one that was cancelled is killed. The next one deletes what it had written."""
 PAUSE = 10.0
 """Seconds between two incidents, so that a flood of requests wears no disk out."""
 
@@ -58,6 +60,7 @@ class IncidentPacker:
         self._stalled, self._longest = stalled, longest
         self._child: PackingChild | None = None
         self._began = self._looked_at = self._ended = float("-inf")
+        self._cancelled_at: float | None = None
         self._worked = 0.0
         """CPU seconds of the process at the last look."""
         self._guard = ErrorGuard(lambda _now: None)
@@ -85,6 +88,18 @@ class IncidentPacker:
             return Result.REFUSED, f"one was asked for just now: ask again in {wait:.0f} s"
         return self._start(call, now)
 
+    def cancel(self, call: int, now: float) -> tuple[Result, str]:
+        """Have an incident packed no more. Returns what a requester is told. call: as for `ask`."""
+        packing = self.told.packing
+        if self._child is None or packing is None:
+            return Result.REFUSED, "nothing is being packed"
+        if packing != call:
+            return Result.REFUSED, f"{_named(packing)} is being packed, not {_named(call)}"
+        if self._cancelled_at is None:
+            self._cancelled_at = now
+            self._child.terminate()
+        return Result.APPLIED, f"{_named(call)} is packed no more"
+
     def poll(self, now: float) -> None:
         """Take what the process says, and end one that takes too long."""
         if self._child is None:
@@ -100,6 +115,8 @@ class IncidentPacker:
                 self._finish(said[0], now)
             elif ended:
                 self._fail(f"packing ended with {ended}", now)
+            elif self._cancelled_at is not None and now - self._cancelled_at > _ENDS_WITHIN:
+                self._fail(CANCELLED, now)
             elif now - self._began > self._longest:
                 self._fail(f"it took longer than {self._longest:.0f} s: use `companion incident`", now)
             elif now - self._looked_at > self._stalled and not self._progresses(self._child, now):
@@ -132,6 +149,7 @@ class IncidentPacker:
             self._ended = now
             return Result.REFUSED, _not_started(error)
         self._child, self._began, self._looked_at, self._worked = child, now, now, 0.0
+        self._cancelled_at = None
         self.told = self.told._replace(packing=call, failed=None)
         log.info("%s is being packed", _named(call))
         return Result.APPLIED, f"{_named(call)} is being packed"
@@ -150,6 +168,8 @@ class IncidentPacker:
 
     def _fail(self, why: str, now: float) -> None:
         call = self.told.packing or 0
+        if self._cancelled_at is not None:
+            why = CANCELLED
         log.warning("%s is not packed: %s", _named(call), why)
         self._end(Incidents(None, (call, why), self.told.packed), now)
 

@@ -10,7 +10,7 @@ import resource
 import shutil
 import signal
 import socket
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -26,6 +26,7 @@ LARGEST = 64 << 20
 """Bytes of a file."""
 LONGEST = 96 << 10
 """Bytes of what supervisor and process say to each other."""
+CANCELLED = "it was cancelled"
 _LEAST = 1 << 20
 """Bytes of a file for which there must be room."""
 _MOST_MEMORY = 512 << 20
@@ -70,9 +71,10 @@ def kept(folder: Path) -> list[Packed]:
     return sorted(both, reverse=True)
 
 
-def pack(asked: Asked) -> Packed:
+def pack(asked: Asked, written: Callable[[], object] = lambda: None) -> Packed:
     """Pack an incident: the whole file and the short one. Deletes the oldest once they are there.
 
+    written: called once both are; an interruption before that leaves nothing behind.
     Limits the size of the files that this process may write from now on. Raises PackingError, OSError; then
     all that were packed before stay.
     """
@@ -103,9 +105,10 @@ def pack(asked: Asked) -> Packed:
     try:
         for kind, path in files.items():
             incident.write_incident(path, folder, asked.config, windows, calls, what, short=kind == SHORT)
-    except OSError as error:
+        written()
+    except BaseException as error:
         _clear(home, {one.name for one in before})
-        if error.errno == errno.EFBIG:
+        if isinstance(error, OSError) and error.errno == errno.EFBIG:
             raise PackingError(f"it is larger than {most >> 20} MB: use `companion incident`") from error
         raise
     for kind, path in files.items():
@@ -126,8 +129,7 @@ def _clear(home: Path, names: Iterable[str]) -> None:
 
 def main(channel: int) -> NoReturn:
     """Pack what the supervisor asks for, tell it, and end. channel: a descriptor of a socket."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # the supervisor kills it
-        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor ends it
     resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, resource.RLIM_INFINITY))
     log_to_stderr(logging.WARNING)
     supervisor = socket.socket(fileno=channel)
@@ -144,7 +146,10 @@ def _told(asked: bytes) -> bytes:
     """Carry out what is asked for; return what became of it."""
     told: Mapping[str, Any]
     try:
-        told = pack(Asked(**json.loads(asked))).document()
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        told = pack(Asked(**json.loads(asked)), _not_interrupted).document()
+    except KeyboardInterrupt:
+        told = {"why": CANCELLED}
     except PackingError as error:
         told = {"why": str(error)}
     except OSError as error:
@@ -152,3 +157,7 @@ def _told(asked: bytes) -> bytes:
     except MemoryError:
         told = {"why": "it needs too much memory: use `companion incident`"}
     return json.dumps(told).encode()
+
+
+def _not_interrupted() -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)

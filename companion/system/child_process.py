@@ -53,10 +53,10 @@ class _Subprocess:
             return signal.Signals(-code).name
         return f"signal {-code}"
 
-    def kill(self) -> None:
+    def kill(self, number: signal.Signals = signal.SIGKILL) -> None:
         with self._reaping:
             if self._process is not None and self._process.returncode is None:
-                self._process.kill()
+                self._process.send_signal(number)
 
 
 class ChildProcess:
@@ -140,6 +140,14 @@ class ChildProcess:
         """Wait for the process to end by itself. Whether it did."""
         self._thread.join(seconds)
         return not self._thread.is_alive()
+
+    def terminate(self) -> None:
+        """Ask our child to end in order (SIGTERM). One that has not started yet is killed when it does."""
+        with self._changing:
+            if self._started and isinstance(self._program, _Subprocess):
+                self._program.kill(signal.SIGTERM)
+            else:
+                self._killed = True
 
     def close(self) -> None:
         """Kill the process in whatever state it is, and close the channel. May be called repeatedly."""

@@ -36,6 +36,7 @@ class _Code(IntEnum):
     NEW_EPISODE = 5
     OTHER_PLACE = 6
     PACK_INCIDENT = 7
+    CANCEL_INCIDENT = 8
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,15 @@ class PackIncident:
     id: int = 0
 
 
-Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode | OtherPlace | PackIncident
+@dataclass(frozen=True)
+class CancelIncident:
+    """Pack no more what `PackIncident` with this `id` asked for. It stands alone."""
+
+    id: int = 0
+
+
+IncidentRequest = PackIncident | CancelIncident
+Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode | OtherPlace | IncidentRequest
 
 
 def _pack_operation(operation: Operation) -> bytes:
@@ -116,6 +125,8 @@ def _pack_operation(operation: Operation) -> bytes:
             return _CODE.pack(_Code.OTHER_PLACE) + layouts.OTHER_PLACE.struct.pack(call_id)
         case PackIncident(call_id):
             return _CODE.pack(_Code.PACK_INCIDENT) + layouts.PACK_INCIDENT.struct.pack(call_id)
+        case CancelIncident(call_id):
+            return _CODE.pack(_Code.CANCEL_INCIDENT) + layouts.CANCEL_INCIDENT.struct.pack(call_id)
 
 
 def _weight(raw: int) -> float:
@@ -149,6 +160,9 @@ def _read_operation(reader: Reader) -> Operation:
     if code == _Code.PACK_INCIDENT:
         (call_id,) = reader.take(layouts.PACK_INCIDENT.struct)
         return PackIncident(call_id)
+    if code == _Code.CANCEL_INCIDENT:
+        (call_id,) = reader.take(layouts.CANCEL_INCIDENT.struct)
+        return CancelIncident(call_id)
     raise PayloadError(f"operation {code} is unknown: update this end")
 
 

@@ -12,8 +12,8 @@ from companion.wire.answers import (
     MAX_WORD_BYTES,
     Acknowledgement,
     AnswerMessage,
+    IncidentRequest,
     Operation,
-    PackIncident,
 )
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.packing import PayloadError, clean
@@ -155,7 +155,7 @@ class Pending:
         """Return whether later answers to the same rover must wait for this one."""
         if self.settled or self._closed_at is not None:
             return False
-        if self.operations and all(isinstance(one, PackIncident) for one in self.operations):
+        if self.operations and all(isinstance(one, IncidentRequest) for one in self.operations):
             return False  # it changes nothing, so that no order is to be kept
         return self.first_sent is None or now - self.first_sent < BLOCKS_S
 

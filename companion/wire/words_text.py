@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from anytraverse.errors import PreferencesError
 from anytraverse.preferences import MAX_WORDS, check_weight, clean_word
 from companion.wire.answers import (
+    CancelIncident,
     ForgetCall,
     ForgetWord,
     NewEpisode,
@@ -57,6 +58,8 @@ def operation_text(operation: Operation) -> str:
             return f"other place {call_id}" if call_id else "other place"
         case PackIncident(call_id):
             return f"incident {call_id}" if call_id else "incident"
+        case CancelIncident(call_id):
+            return f"cancel incident {call_id}" if call_id else "cancel incident"
 
 
 def read_words(text: str) -> tuple[Operation, ...]:

@@ -3,6 +3,7 @@
     [rover N] [call id] [changes] [go | stay | look]
     [rover N] policy report | shadow | hold | off
     [rover N] picture [call id] [large | raw]
+    [rover N] [cancel] incident [call id]
 
 Changes are those of `companion.wire.typed_answers`.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from companion.wire.answers import CancelIncident, IncidentRequest, PackIncident
 from companion.wire.ids import Motion, Policy
 from companion.wire.typed_answers import Change, CommandError, in_range, read_typed
 
@@ -20,6 +22,7 @@ _ROVER = re.compile(r"rover\s+(\d{1,3})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORE
 _CALL = re.compile(r"[ch]?(\d{1,5})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
 _POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
 _PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(?:\s+(large|raw))?\Z", re.ASCII | re.IGNORECASE)
+_INCIDENT = re.compile(r"(cancel\s+)?incident(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII | re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,14 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Incident:
+    """Has an incident file packed on the rover, or no more: `incident`, `incident 7`, `cancel incident 7`."""
+
+    request: IncidentRequest
+    rover: int | None = None
+
+
+@dataclass(frozen=True)
 class Show:
     """Shows something or quits: `status`, `calls`, `words`, `help` or `quit`."""
 
@@ -68,7 +79,7 @@ class Show:
 
 
 SHOWS = ("status", "calls", "words", "help", "quit")
-Command = Reply | Select | SetPolicy | Picture | Show
+Command = Reply | Select | SetPolicy | Picture | Incident | Show
 
 
 def parse(line: str) -> Command | None:
@@ -90,8 +101,10 @@ def parse(line: str) -> Command | None:
     if found := _POLICY.match(rest):
         return SetPolicy(_policy(found[1]), rover)
     if found := _PICTURE.match(rest):
-        number = None if found[1] is None else in_range("call", int(found[1]), 1, 0xFFFF)
-        return Picture(number, (found[2] or "").lower(), rover)
+        return Picture(_number(found[1]), (found[2] or "").lower(), rover)
+    if found := _INCIDENT.match(rest):
+        kind = CancelIncident if found[1] else PackIncident
+        return Incident(kind(_number(found[2]) or 0), rover)
     call_id, rest = _leading(_CALL, rest)
     if call_id is not None:
         in_range("call", call_id, 1, 0xFFFF)
@@ -103,6 +116,10 @@ def parse(line: str) -> Command | None:
 def _leading(pattern: re.Pattern[str], rest: str) -> tuple[int | None, str]:
     found = pattern.match(rest)
     return (int(found[1]), rest[found.end() :]) if found else (None, rest)
+
+
+def _number(digits: str | None) -> int | None:
+    return None if digits is None else in_range("call", int(digits), 1, 0xFFFF)
 
 
 def _policy(name: str | None) -> Policy:

@@ -8,7 +8,7 @@ from statistics import median
 from typing import Any
 
 from companion.wire.delivery import Status
-from companion.wire.ids import Result
+from companion.wire.ids import Motion, Result
 from companion.wire.packing import PayloadError
 from companion.wire.typed_answers import CommandError, WeightMissingError
 from companion.wire.weights import own_weight, turned
@@ -17,7 +17,7 @@ from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal import wording
-from gcs_plugin.terminal.commands import Picture, Reply, Select, SetPolicy, Show, parse
+from gcs_plugin.terminal.commands import Incident, Picture, Reply, Select, SetPolicy, Show, parse
 from gcs_plugin.terminal.output import Output, plain
 from gcs_plugin.terminal.resolve import Addressed, address, choose_rover, picture_of
 from gcs_plugin.terminal.script import Script
@@ -84,6 +84,8 @@ HELP = """\
   bush: -1, go             any change, and drive on; also `tap drum -1 go`
   policy hold              what the companion may do: `report`, `shadow`, `hold`, or `off`: nobody watches
   picture                  fetch what the call saw, to tap in it; `picture 7`, `7 large`, `7 raw`
+  incident 7               have what is known of call 7 packed into a file; `incident`: of the last minute
+  cancel incident 7        pack it no more
   7 go                     for call 7 instead of the current one; `rover 2 go`, or `rover 2` to stay there
   status, calls, words, help, quit""".splitlines()
 
@@ -146,6 +148,9 @@ class Session:
                     self._client.set_policy(rover.system, command.policy, now)
                 case Picture():
                     self._fetch(command, now)
+                case Incident():
+                    rover = choose_rover(self._client.rovers, command.rover, self._selected)
+                    self._client.answer(rover.system, 0, Motion.NONE, (command.request,), now)
                 case Show():
                     self._show(command, now)
         except WeightMissingError as error:

@@ -11,10 +11,11 @@ export class Incident {
     Object.assign(this, { post, say, busy: false, asked: false, here: 0 });
     this.text = element("p", { id: `incident${++numbered}`, className: "faint" });
     this.ask = element("button", { type: "button", className: "plain", "aria-describedby": this.text.id, onclick: () => this.send("incident", {}) });
+    this.cancel = element("button", { type: "button", className: "plain", onclick: () => this.sendCancel() });
     this.problem = element("p", { className: "problem" });
     this.files = element("ul");
     this.rows = new Map(); // name of a file -> FileRow
-    this.part = element("div", { className: "incident", hidden: true }, this.ask, this.text, this.problem, this.files);
+    this.part = element("div", { className: "incident", hidden: true }, this.ask, this.text, this.cancel, this.problem, this.files);
   }
 
   // what: what it is about, for a person. whose: rover and call, as they are posted. data: null where nobody may ask for one.
@@ -24,6 +25,9 @@ export class Incident {
     if (!data) return;
     this.ask.disabled = data.busy;
     showText(this.ask, `Pack an incident file of ${what}`);
+    if (document.activeElement === this.cancel && !data.packing) this.ask.focus();
+    this.cancel.hidden = !data.packing;
+    showText(this.cancel, `Cancel packing of ${what}`);
     this.showFiles(data.files);
     changed(this.text, data.text, (part) => part.replaceChildren(data.text));
     const here = data.files.filter(({ url }) => url).length;
@@ -38,6 +42,11 @@ export class Incident {
     for (const name of names) if (!this.rows.has(name)) this.rows.set(name, new FileRow((kind) => this.send(kind, { name })));
     arrange(this.files, names.map((name) => this.rows.get(name).part));
     files.forEach((file) => this.rows.get(file.name).show(file));
+  }
+
+  // It goes the way of an answer, but belongs to no call.
+  sendCancel() {
+    return this.send("answer", { call: null, motion: "none", changes: [{ cancel_incident: this.whose.call ?? 0 }] });
   }
 
   async send(kind, more) {

@@ -36,7 +36,7 @@ from companion.recording.topics import TOPICS, Topic
 from companion.storage.served_files import ServedFiles
 from companion.storage.served_tree import FileError
 from companion.wire.ids import Result
-from companion.wire.incidents import MOST_KEPT, SHORT, read_incidents
+from companion.wire.incidents import MOST_KEPT, SHORT, Incidents, read_incidents
 from tests.companion.recording.made import BEGAN, NS, opened, status, words
 from tests.companion.recording.test_commands import unpacked
 
@@ -322,7 +322,7 @@ def test_what_a_killed_process_leaves_is_served_to_nobody_and_goes_with_the_next
     child = one.packer._child
     assert child is not None
     home, deadline = rover / "incidents", time.monotonic() + PATIENCE
-    while not any(name.startswith(".") for name in os.listdir(home) if home.is_dir()):
+    while not list(home.glob(".*.zip")):
         assert time.monotonic() < deadline
         time.sleep(0.0005)
     assert child.pid is not None
@@ -333,6 +333,68 @@ def test_what_a_killed_process_leaves_is_served_to_nobody_and_goes_with_the_next
     assert left
     pack(asked(rover))
     assert not [name for name in os.listdir(home) if name.startswith(".")]
+
+
+def test_an_incident_that_is_cancelled_leaves_nothing_behind_and_the_older_ones_stay(rover: Path) -> None:
+    while len(kept(rover)) < MOST_KEPT:
+        pack(asked(rover, 0))
+    before = kept(rover)
+    one = packing_of(rover)
+    assert one.packer.cancel(7, time.monotonic()) == (Result.REFUSED, "nothing is being packed")
+    one.packer.ask(7, time.monotonic())
+    child = one.packer._child
+    assert child is not None
+    deadline = time.monotonic() + PATIENCE
+    while not any(name.startswith(".") for name in one.files()):
+        assert time.monotonic() < deadline
+        time.sleep(0.0005)
+    assert child.pid is not None
+    os.kill(child.pid, signal.SIGSTOP)
+    now = time.monotonic()
+    assert one.packer.cancel(8, now) == (Result.REFUSED, "C7 is being packed, not C8")
+    assert one.packer.cancel(7, now) == (Result.APPLIED, "C7 is packed no more")
+    assert one.packer.cancel(7, now)[0] is Result.APPLIED, "said twice"
+    assert one.packer.told.packing == 7, "until the process has ended"
+    os.kill(child.pid, signal.SIGCONT)
+    one.until_done()
+    assert one.packer.told == Incidents(failed=(7, "it was cancelled"), packed=tuple(before))
+    assert kept(rover) == before
+    assert len(one.files()) == 2 * MOST_KEPT
+    assert one.packer.ask(7, time.monotonic() + PAUSE)[0] is Result.APPLIED, "another may be packed"
+    one.packer.close()
+
+
+def test_an_incident_can_be_cancelled_before_its_process_runs(rover: Path) -> None:
+    one = packing_of(rover)
+    one.packer.ask(7, time.monotonic())
+    assert one.packer.cancel(7, time.monotonic())[0] is Result.APPLIED
+    one.until_done()
+    assert one.packer.told.failed == (7, "it was cancelled")
+
+
+def _ignores_sigterm(pid: int | None) -> bool:
+    if pid is None:
+        return False
+    told = Path(f"/proc/{pid}/status").read_text().split("SigIgn:")[1].split()[0]
+    return bool(int(told, 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def test_a_process_that_does_not_end_when_it_is_cancelled_is_killed(tmp_path: Path) -> None:
+    deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
+    one = packing_of(tmp_path, launch=child_of(deaf))
+    one.packer.ask(7, 0.0)
+    child = one.packer._child
+    assert child is not None
+    deadline = time.monotonic() + PATIENCE
+    while not _ignores_sigterm(child.pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    one.packer.cancel(7, 1.0)
+    one.packer.poll(10.0)
+    assert one.packer.told.packing == 7
+    one.packer.poll(12.0)
+    assert one.packer.told.failed == (7, "it was cancelled")
+    assert child.ended() == "SIGKILL"
 
 
 def test_over_mavlink_ftp_incident_files_are_served_and_nothing_else_of_the_folder(rover: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from companion.web.page import missing
-from companion.wire.answers import Acknowledgement, AnswerMessage, PackIncident, TapBox
+from companion.wire.answers import Acknowledgement, AnswerMessage, CancelIncident, PackIncident, TapBox
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
 from tests.companion.web import played
@@ -149,11 +149,21 @@ def held(stage: Stage, tab: Any, given: list[bytes], key: str) -> set[Motion]:
 
 
 def have_it_packed(stage: Stage, card: Any, given: list[bytes]) -> None:
-    """Ask for an incident file of call 7, which is packed then: it can be saved."""
+    """Ask for an incident file of call 7, cancel it, and have it packed all the same: it can be saved."""
     stay = AnswerMessage.unpack(given[-1])
     stage.page.acknowledge(Acknowledgement.without_figures(stay.transaction, 7, Result.APPLIED, "noted"))
     card.get_by_role("button", name="Pack an incident file of C7").click()
     stage.until(lambda: AnswerMessage.unpack(given[-1]).operations == (PackIncident(7),))
+    stage.news["incidents"] = Incidents(packing=7).document()
+    cancelling = card.get_by_role("button", name="Cancel packing of C7")
+    stage.until(cancelling.is_visible)
+    cancelling.click()
+    stage.until(lambda: AnswerMessage.unpack(given[-1]).operations == (CancelIncident(7),))
+    cancel = AnswerMessage.unpack(given[-1])
+    stage.page.acknowledge(Acknowledgement.without_figures(cancel.transaction, 0, Result.APPLIED, "no more"))
+    stage.news["incidents"] = Incidents(failed=(7, "it was cancelled")).document()
+    stage.until(lambda: "It could not be packed: it was cancelled." in card.inner_text())
+    assert not cancelling.is_visible()
     packed = Packed(3, 7, 5_100_000, 84_000, "without a recording: switched off")
     stage.news["incidents"] = Incidents(packed=(packed,)).document()
     stage.until(card.get_by_text("Save the whole file (5.1 MB)").is_visible)

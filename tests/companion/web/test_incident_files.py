@@ -15,7 +15,7 @@ import pytest
 
 from companion.web.page import missing
 from companion.web.server import MOST_DOWNLOADS
-from companion.wire.answers import Acknowledgement, AnswerMessage, PackIncident
+from companion.wire.answers import Acknowledgement, AnswerMessage, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
 from tests.companion.web.played import TOKEN, Stage
@@ -63,7 +63,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 
 def test_a_request_goes_the_way_of_an_answer_and_its_progress_is_shown(page: Page) -> None:
-    assert page.shown() == {"text": "", "busy": False, "files": []}
+    assert page.shown() == {"text": "", "busy": False, "packing": False, "files": []}
     asked = page.stage.post("/incident", {"call": None})
     assert (asked.status, json.loads(asked.body)) == (200, {"done": "asked for"})
     page.stage.until(lambda: bool(page.given))
@@ -79,6 +79,29 @@ def test_a_request_goes_the_way_of_an_answer_and_its_progress_is_shown(page: Pag
     short, whole = page.shown()["files"]
     assert (short["url"], whole["url"]) == ("/incidents/0012-last-short.zip", "/incidents/0012-last.zip")
     assert page.shown()["text"].endswith("It is without a recording: nothing was recorded then.")
+
+
+def test_packing_is_cancelled_while_a_call_is_open_too(page: Page) -> None:
+    page.tell(Incidents(packing=7))
+    page.stage.news["state"]["open"] = {"id": 8, "kind": "call", "stage": "open", "frame_id": 9, "age": 3}
+    page.stage.until(lambda: json.loads(page.get("/shown-calls.json")[2])["calls"][:1] != [])
+    page.given.clear()
+    cancel = {"call": None, "motion": "none", "changes": [{"cancel_incident": 7}]}
+    assert page.stage.post("/answer", cancel).status == 200
+    page.stage.until(lambda: bool(page.given))
+    (request, *_) = page.given
+    assert (request.target, request.motion, request.operations) == (0, Motion.NONE, (CancelIncident(7),))
+    page.stage.page.acknowledge(
+        Acknowledgement.without_figures(request.transaction, 0, Result.APPLIED, "C7 is packed no more")
+    )
+
+    def told() -> tuple[str, str]:
+        (newest,) = json.loads(page.get("/shown-calls.json")[2])["alone"]
+        return newest["said"], newest["text"]
+
+    page.stage.until(lambda: told() == ("cancel incident 7", "done: C7 is packed no more"))
+    page.stage.news["state"]["open"] = None
+    assert page.stage.post("/answer", cancel | {"changes": [{"cancel_incident": -1}]}).status == 409
 
 
 def test_a_file_is_saved_whole_by_whoever_has_the_token(page: Page) -> None:

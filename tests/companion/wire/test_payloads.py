@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from companion.wire.answers import (
     Acknowledgement,
     AnswerMessage,
+    CancelIncident,
     ForgetCall,
     ForgetWord,
     NewEpisode,
@@ -100,6 +101,7 @@ OPERATIONS: st.SearchStrategy[Operation] = st.one_of(
     st.just(NewEpisode()),
     st.builds(OtherPlace, U16),
     st.builds(PackIncident, U16),
+    st.builds(CancelIncident, U16),
 )
 ANSWERS = st.builds(
     AnswerMessage,

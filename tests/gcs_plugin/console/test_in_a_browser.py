@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
-from companion.wire.answers import TapBox
+from companion.wire.answers import CancelIncident, PackIncident, TapBox
 from companion.wire.payloads import CallData
 from tests.gcs_plugin.console.served import MISSING, Served
 
@@ -109,6 +109,27 @@ def test_before_its_words_are_read_a_name_is_asked_about_in_red(
     question.locator("button.turn").click()
     served.until(lambda: rover.applied != [])
     assert len(rover.applied) == 1
+
+
+def test_an_incident_file_is_asked_for_and_cancelled(
+    served: Served, open_page: Callable[..., Any], rover: Any
+) -> None:
+    rover.stage_after = ids.Stage.OPEN
+    rover.files["/incidents.json"] = b'{"packing": "C7", "failed": null, "packed": []}'
+    tab = open_page()
+    card = tab.locator(CALL)
+    served.until(card.is_visible)
+    card.get_by_role("button", name="Pack an incident file of C7").click()
+    cancelling = card.get_by_role("button", name="Cancel packing of C7")
+    served.until(cancelling.is_visible)
+    cancelling.press("Enter")
+    served.until(lambda: len(rover.applied) == 2)
+    none = ids.Motion.NONE
+    assert rover.applied == [(0, none, (PackIncident(7),)), (0, none, (CancelIncident(7),))]
+    told = b'{"packing": null, "failed": {"what": "C7", "why": "it was cancelled"}, "packed": []}'
+    rover.files["/incidents.json"] = told
+    served.until(lambda: "It could not be packed: it was cancelled." in card.inner_text())
+    assert not cancelling.is_visible()
 
 
 @pytest.mark.usefixtures("rover")

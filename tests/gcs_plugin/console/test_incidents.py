@@ -18,7 +18,7 @@ import pytest
 from companion.answers.answer import Answer
 from companion.browser.requests import RequestError
 from companion.storage.served_tree import Document, Documents
-from companion.wire.answers import Acknowledgement, PackIncident
+from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Policy, Result, Stage, State
 from companion.wire.incidents import MOST_MEMBERS, Incidents, Packed
 from companion.wire.payloads import CallData, Summary
@@ -111,7 +111,7 @@ def rover(thing_call: CallData, quiet_summary: Summary, tmp_path: Path) -> Itera
 
 
 def test_a_request_is_delivered_as_an_answer_is_and_its_progress_is_told(rover: Rover) -> None:
-    assert rover.shown() == {"text": "", "busy": False, "files": []}
+    assert rover.shown() == {"text": "", "busy": False, "packing": False, "files": []}
     assert rover.desk.post("incident", call=7) == "asked for"
     assert rover.shown()["busy"]
     rover.desk.run(1.0)
@@ -140,6 +140,20 @@ def test_a_request_is_followed_for_as_long_as_the_rover_packs(rover: Rover) -> N
     assert rover.shown()["busy"]
     rover.told = Incidents(packed=(PACKED,))
     rover.desk.until(lambda: bool(rover.shown()["files"]))
+
+
+def test_packing_is_cancelled_by_an_answer_that_belongs_to_no_call(rover: Rover) -> None:
+    rover.desk.post("incident", call=7)
+    rover.desk.run(1.0)
+    rover.told = Incidents(7)
+    rover.reply(Result.APPLIED, "C7 is being packed")
+    rover.desk.until(lambda: bool(rover.shown()["packing"]))
+    rover.desk.post("answer", call=None, motion="none", changes=[{"cancel_incident": 7}])
+    rover.desk.until(lambda: rover.desk.requests()[-1].operations == (CancelIncident(7),))
+    assert (rover.desk.requests()[-1].target, rover.desk.requests()[-1].motion) == (0, Motion.NONE)
+    rover.told = Incidents(failed=(7, "it was cancelled"))
+    rover.desk.until(lambda: rover.shown()["text"] == "It could not be packed: it was cancelled.")
+    assert not rover.shown()["busy"]
 
 
 @pytest.mark.parametrize(

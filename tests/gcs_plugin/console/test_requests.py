@@ -21,7 +21,7 @@ JSON = st.recursive(
     max_leaves=12,
 )
 KEYS = ["tap", "word", "weight", "box", "frame", "forget", "forget_call", "new_episode", "other_place"]
-CHANGE = st.dictionaries(st.sampled_from(KEYS), JSON, max_size=5)
+CHANGE = st.dictionaries(st.sampled_from([*KEYS, "cancel_incident"]), JSON, max_size=5)
 ALIKE = st.fixed_dictionaries(
     {"rover": st.integers(0, 256) | JSON},
     optional={

@@ -6,11 +6,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, TapBox
+from companion.wire.answers import (
+    CancelIncident,
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    OtherPlace,
+    PackIncident,
+    SetWord,
+    TapBox,
+)
 from companion.wire.ids import Motion, Policy
 from companion.wire.typed_answers import Change, CommandError, Tap
 from companion.wire.words_text import operation_text
-from gcs_plugin.terminal.commands import Reply, Select, SetPolicy, Show, parse
+from gcs_plugin.terminal.commands import Command, Incident, Reply, Select, SetPolicy, Show, parse
 
 BOX = (0.4, 0.55, 0.6, 0.8)
 
@@ -216,6 +225,20 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
 )
 def test_a_match_is_refused_by_one_line(line: str, reply: Reply) -> None:
     assert parse(line) == reply
+
+
+@pytest.mark.parametrize(
+    ("line", "command"),
+    [
+        ("incident", Incident(PackIncident(0))),
+        ("Incident C7", Incident(PackIncident(7))),
+        ("cancel incident", Incident(CancelIncident(0))),
+        ("rover 2 cancel incident 7", Incident(CancelIncident(7), rover=2)),
+        ("incident: -1", Reply(Motion.NONE, (SetWord("incident", -1.0),))),
+    ],
+)
+def test_an_incident_file_is_asked_for_and_cancelled(line: str, command: Command) -> None:
+    assert parse(line) == command
 
 
 def test_no_call_has_the_number_70000() -> None:

@@ -10,7 +10,16 @@ from typing import Any
 import pytest
 
 from companion.wire import ids
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, TapBox
+from companion.wire.answers import (
+    CancelIncident,
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    OtherPlace,
+    PackIncident,
+    SetWord,
+    TapBox,
+)
 from companion.wire.ids import words_hash
 from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
@@ -126,6 +135,19 @@ def test_that_a_place_is_another_one_concerns_no_call_and_is_sent_at_once(
     at.run(0.1)
     at.type("other place 3")
     assert at.rovers[0].applied == [(0, ids.Motion.NONE, (OtherPlace(3),))]
+    assert at.paper.problems == []
+
+
+def test_an_incident_file_is_asked_for_and_cancelled_while_a_call_is_new(
+    desk: Make, thing_call: CallData
+) -> None:
+    at = desk(thing_call)
+    at.rovers[0].call = replace(thing_call, id=8, frame_id=5000)
+    at.run(0.1)
+    at.type("incident 7")
+    at.type("cancel incident C7")
+    none = ids.Motion.NONE
+    assert at.rovers[0].applied == [(0, none, (PackIncident(7),)), (0, none, (CancelIncident(7),))]
     assert at.paper.problems == []
 
 

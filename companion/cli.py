@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import faulthandler
 import json
 import logging
 import os
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING
 from anytraverse.release import own_version
 from companion.cli_drives import add_drives
 from companion.cli_errors import UserError, error_text, told
-from companion.system.log_lines import end_process, flush_stderr, log_to_stderr
+from companion.system.log_lines import dump_when_aborted, end_process, log_to_stderr, say_last
 
 if TYPE_CHECKING:
     from companion.config import Config
@@ -45,8 +44,7 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
     try:
         code: int = options.run(options)
     except UserError as error:
-        flush_stderr()  # so that what to mend is the last line
-        print(f"companion {options.command}: {error}", file=sys.stderr)
+        say_last(f"companion {options.command}: {error}", 2)
         return 2
     except KeyboardInterrupt:
         return 130
@@ -140,8 +138,7 @@ def _run(options: argparse.Namespace) -> int:
     from companion.wire.parameters import ParameterError
 
     log_to_stderr(logging.DEBUG if options.verbose else logging.INFO)
-    if sys.__stderr__ is not None:
-        faulthandler.enable(sys.__stderr__)  # systemd's watchdog sends SIGABRT: the log shows what hung
+    dump_when_aborted()  # systemd's watchdog sends SIGABRT: the log shows what hung
     shut_out()
     stop, service = stop_on_signals(), ServiceManager()
     service.pause(stop)

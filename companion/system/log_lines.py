@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
+import faulthandler
 import logging
 import os
 import queue
+import stat
+import sys
 import threading
 import traceback
 from logging.handlers import QueueHandler
@@ -90,6 +94,30 @@ def flush_stderr() -> None:
     for handler in logging.getLogger().handlers:
         if isinstance(handler, StderrHandler):
             handler.flush()
+
+
+def say_last(line: str, code: int) -> None:
+    """Print a line to stderr after all that was logged. Ends the process with `code` if nobody reads it."""
+    flush_stderr()
+    printing = threading.Thread(target=print, args=(line,), kwargs={"file": sys.stderr}, daemon=True)
+    printing.start()
+    printing.join(LAST_LINES)
+    if printing.is_alive():
+        os._exit(code)
+
+
+def dump_when_aborted() -> None:
+    """Have a crash or SIGABRT say on stderr where each thread was. It waits for no reader of a pipe.
+
+    Where stderr is a socket, as that of systemd's journal, systemd kills the process that waits.
+    """
+    if sys.__stderr__ is None:
+        return
+    descriptor = _STDERR
+    if stat.S_ISFIFO(os.fstat(_STDERR).st_mode):
+        with contextlib.suppress(OSError):  # opened anew, since others that share it may wait for its reader
+            descriptor = os.open(f"/proc/self/fd/{_STDERR}", os.O_WRONLY | os.O_NONBLOCK)
+    faulthandler.enable(descriptor)
 
 
 def end_process(code: int) -> NoReturn:

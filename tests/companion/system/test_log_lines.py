@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -142,10 +143,40 @@ def test_a_process_that_ends_has_said_why() -> None:
     assert done.stderr.endswith("ValueError: wrong\n")
 
 
-def test_a_process_ends_though_nobody_reads_why() -> None:
-    reader, log = os.pipe()
+_ABORTS = """
+import os
+from companion.system.log_lines import dump_when_aborted
+dump_when_aborted()
+os.abort()
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        (("-c", _ENDS), 3),
+        (("-c", _ABORTS), -signal.SIGABRT),
+        (("-m", "companion", "run", "--config", "there-is-none.toml"), 2),
+    ],
+    ids=["an error", "an abort", "what the user can mend"],
+)
+def test_a_process_ends_though_nobody_reads_why(
+    command: tuple[str, ...], code: int, pipe: tuple[io.FileIO, int]
+) -> None:
+    _, log = pipe
     fill(log)
-    done = subprocess.run([sys.executable, "-c", _ENDS], cwd=ROOT, stderr=log, timeout=PATIENCE, check=False)
-    assert done.returncode == 3
-    os.close(reader)
-    os.close(log)
+    done = subprocess.run([sys.executable, *command], cwd=ROOT, stderr=log, timeout=PATIENCE, check=False)
+    assert done.returncode == code
+
+
+def test_a_process_that_is_aborted_says_where_it_was() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", _ABORTS],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.stderr.startswith("Fatal Python error: Aborted")
+    assert 'File "<string>", line 5 in <module>' in done.stderr

@@ -79,6 +79,8 @@ class Download:
             self.problem = f"the rover's page does not answer ({error or 'it is silent'})"
         except ValueError as error:
             self.problem = str(error)
+        except RuntimeError:  # the program ends: no thread takes work any more
+            self.problem = "the console ended"
         finally:
             connection.close()
             self.done = True

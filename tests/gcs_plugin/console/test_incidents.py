@@ -10,6 +10,7 @@ import threading
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -348,7 +349,7 @@ def test_the_newest_files_stay_in_the_folder_and_what_is_none_of_ours(rover: Rov
 
 
 def test_where_the_rovers_page_is_named_files_come_from_it(
-    thing_call: CallData, quiet_summary: Summary, tmp_path: Path
+    thing_call: CallData, quiet_summary: Summary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "state" / "incidents").mkdir(parents=True)
     (tmp_path / "state" / "incidents" / NAME).write_bytes(CONTENT)
@@ -367,6 +368,13 @@ def test_where_the_rovers_page_is_named_files_come_from_it(
     arrives(rover, whole["name"])
     _, whole = rover.shown()["files"]
     assert whole["problem"] == "the rover's page refuses it: status 404"
+    with monkeypatch.context() as ending:
+        checking = ThreadPoolExecutor(1)
+        ending.setattr(incidents, "_CHECKING", checking)
+        checking.shutdown()  # as when the console ends
+        rover.desk.post("fetch", name=NAME)
+        arrives(rover)
+    assert rover.stored() == [CONTENT]
     stage.close()
     rover.desk.post("fetch", name=whole["name"])
     arrives(rover, whole["name"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import socket
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from pathlib import Path
@@ -25,6 +26,9 @@ _SHARED = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _LARGEST_HEADER = 16 << 10
 _POSTED_WITHIN = 5.0
+_LAST_ANSWERS = 0.1
+_LEAVES_WITHIN = 2
+"""Seconds after which what still runs is cancelled, as an answer that waits for a disk."""
 
 
 def static_routes(folder: Path) -> list[Route]:
@@ -99,7 +103,10 @@ class EventStreams:
 
 
 class Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy
-    """Serves an application over bounded connections. It leaves signals to the process that runs it."""
+    """Serves an application over bounded connections. It leaves signals to the process that runs it.
+
+    Set `should_exit` to end it: answers that are on their way have `_LAST_ANSWERS` s.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         super().__init__(
@@ -114,8 +121,18 @@ class Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy
                 proxy_headers=False,
                 server_header=False,
                 h11_max_incomplete_event_size=_LARGEST_HEADER,
+                timeout_graceful_shutdown=_LEAVES_WITHIN,
             )
         )
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End, and abort what is open: streams of events have no end, and who takes nothing delays none."""
+        asyncio.get_running_loop().call_later(_LAST_ANSWERS, self._abort)
+        await super().shutdown(sockets)
+
+    def _abort(self) -> None:
+        for connection in list(self.server_state.connections):
+            connection.transport.abort()
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:

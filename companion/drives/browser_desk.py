@@ -91,7 +91,7 @@ class BrowserDesk:
         deadline = time.monotonic() + _LAST_WORD
         while self._streams.open and time.monotonic() < deadline:
             time.sleep(_CYCLE)
-        self._server.should_exit = self._server.force_exit = True
+        self._server.should_exit = True
         if self._thread is not None:
             self._thread.join(2.0)
 

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,19 +75,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     for name in ("uvicorn", "uvicorn.error"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    taken.listen(64)  # before the address is told: who comes early waits
-    listen = Listen(listen.host, taken.getsockname()[1])
-    elsewhere = f" {options.origin}/ and, on this computer," if options.origin else ""
-    print(f"The console is at{elsewhere} {listen.url()}", flush=True)
-    print(f"It listens on {', '.join(one.name for one in connections)}. Ctrl-C ends it.", flush=True)
-    if not options.no_browser:
-        threading.Thread(
-            target=webbrowser.open, args=(listen.url() + (f"?token={token}" if token else ""),), daemon=True
-        ).start()
+
+    def ready() -> None:
+        taken.listen(64)  # before the address is told: who comes early waits
+        url = Listen(listen.host, taken.getsockname()[1]).url()
+        elsewhere = f" {options.origin}/ and, on this computer," if options.origin else ""
+        print(f"The console is at{elsewhere} {url}", flush=True)
+        print(f"It listens on {', '.join(one.name for one in connections)}. Ctrl-C ends it.", flush=True)
+        if not options.no_browser:
+            address = url + (f"?token={token}" if token else "")
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
     told = None if log is None else JsonOutput(log, time.monotonic())
     console = Console(client, told, options.incidents, pages)
     try:
-        asyncio.run(_run(taken, listen, token, options.origin, links, console, background))
+        asyncio.run(_run(taken, listen, token, options.origin, links, console, background, ready))
     finally:
         links.close()
         if log is not None:
@@ -103,7 +105,9 @@ async def _run(
     links: Links,
     console: Console,
     background: Background | None,
+    ready: Callable[[], None],
 ) -> None:
+    """Serve the page until a signal. ready: tells where it is, once a signal ends it in order."""
     from companion.browser.access import Gate
     from companion.browser.requests import MOST_POSTED
     from companion.browser.site import Server
@@ -134,10 +138,11 @@ async def _run(
             await asyncio.sleep(CYCLE)
 
     def stop() -> None:
-        server.should_exit = server.force_exit = True
+        server.should_exit = True
 
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop)
+    ready()
     following = asyncio.create_task(follow())
     following.add_done_callback(lambda _: stop())
     await server.serve(sockets=[taken])

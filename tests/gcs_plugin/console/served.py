@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import select
+import signal
 import socket
 import subprocess
 import sys
@@ -105,10 +106,10 @@ class Served:
         status, _, told = self.ask(f"/{kind}", "POST", body, **(own | headers))
         return status, told
 
-    def close(self) -> None:
-        """End the console."""
+    def close(self, by: signal.Signals = signal.SIGTERM) -> None:
+        """End the console, which says nothing more."""
         self._air.close()
-        self.process.terminate()
+        self.process.send_signal(by)
         try:
             _, errors = self.process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
+import signal
+import socket
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -38,6 +40,19 @@ def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallData) 
     served.until(lambda: made.heard_ground and served.news()["rovers"] != [])
     yield made
     served.rovers = []
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_who_is_told_the_address_can_end_it_in_order(by: signal.Signals) -> None:
+    Served().close(by)
+
+
+def test_it_ends_though_a_page_is_open() -> None:
+    made = Served()
+    with socket.create_connection(made.address) as watching:
+        watching.sendall(b"GET /events HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % made.address[1])
+        assert watching.recv(64).startswith(b"HTTP/1.1 200")
+        made.close()
 
 
 def test_the_page_comes_from_here_under_a_strict_policy_and_is_small(served: Served) -> None:

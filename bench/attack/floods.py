@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from bench.attack.outcome import Outcome, watched
 from bench.faults.standing import Standing
+from bench.link.frame import framed
 from companion.wire.answers import AnswerMessage, SetWord
 from companion.wire.delivery import Pending
 from companion.wire.ids import TUNNEL_ANSWER, Motion
@@ -86,7 +87,7 @@ def _datagrams(name: str) -> Sequence[bytes]:
         return [b"\xfe" * 60_000]
     if name == "heartbeats":
         beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
-        return [bytes(beat.pack(mavlink.MAVLink(None, *sender))) for sender in _SENDERS]
+        return [framed(beat, *sender) for sender in _SENDERS]
     return [_answer(number, sender) for number, sender in zip(range(_FRAMES), cycle(_SENDERS), strict=False)]
 
 
@@ -94,4 +95,4 @@ def _answer(number: int, sender: tuple[int, int]) -> bytes:
     words = (SetWord("gravel", number % 20 / 10 - 1),)
     payload = AnswerMessage(1 + number, 0, Motion.NONE, words).pack()
     message = mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), payload.ljust(128, b"\0"))
-    return bytes(message.pack(mavlink.MAVLink(None, *sender)))
+    return framed(message, *sender)

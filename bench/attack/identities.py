@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from bench.attack.outcome import Outcome, watched
 from bench.faults.standing import Standing
 from bench.faults.standing_wire import HOLD, SYSTEM
+from bench.link.frame import framed
 from companion.sim.demo.rehearsal import free_port
 from companion.storage.journal_copy import read_stored_memory
 from companion.wire.answers import SetWord
@@ -80,7 +81,7 @@ def _forged(call: int) -> list[bytes]:
         said.append((command, _OPERATOR))
     weight = mavlink.MAVLink_param_set_message(SYSTEM, COMPONENT_ID, b"AT_W_GRASS", -1.0, 9)
     said.append((weight, _OPERATOR))
-    return [bytes(message.pack(mavlink.MAVLink(None, *sender))) for message, sender in said]
+    return [framed(message, *sender) for message, sender in said]
 
 
 def _commands(attacker: socket.socket) -> list[str]:

@@ -23,6 +23,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from bench.link.frame import framed
 from companion.answers.answer import Answer
 from companion.config.link_settings import MAIN, Address, LinkSettings
 from companion.link.inbound import VehicleUpdate
@@ -92,7 +93,7 @@ def floods() -> dict[str, Flood]:
         "noise": Flood(50.0, (b"\xfe" * 60_000,)),
         "one": Flood(2000.0, _answers([(250, 7)])),
         "many": Flood(2000.0, _answers(everybody)),
-        "heartbeats": Flood(2000.0, tuple(_frame(heartbeat, *ids) for ids in everybody)),
+        "heartbeats": Flood(2000.0, tuple(framed(heartbeat, *ids) for ids in everybody)),
         "torrent": Flood(20_000.0, _answers(everybody)),
     }
 
@@ -229,7 +230,7 @@ class Outside:
                     self.measured.told_max = max(self.measured.told_max, now - self._first_asked)
 
     def _send(self, by: socket.socket, message: Any, ids: tuple[int, int]) -> None:
-        frame = _frame(message, *ids)
+        frame = framed(message, *ids)
         if self._key is not None:
             self._stamp += 1
             frame = self._key.sign(frame, message.crc_extra, by.getsockname()[1] % 256, self._stamp)
@@ -242,7 +243,7 @@ def _live(queue: Any, port: int, name: str, seconds: float, signed: bool) -> Non
 
 def _answers(senders: list[tuple[int, int]]) -> tuple[bytes, ...]:
     return tuple(
-        _frame(_answer(1 + number % 60_000), *sender) for number, sender in zip(range(20_000), cycle(senders))
+        framed(_answer(1 + number % 60_000), *sender) for number, sender in zip(range(20_000), cycle(senders))
     )
 
 
@@ -256,10 +257,6 @@ def _granted(request: Answer) -> Acknowledgement:
         request.transaction, request.target, Result.APPLIED, Stage.CLOSED, Outcome.NONE,
         None, None, Reasons.NONE, 0, "noted",
     )  # fmt: skip
-
-
-def _frame(message: Any, system: int, component: int) -> bytes:
-    return bytes(message.pack(mavlink.MAVLink(None, system, component)))
 
 
 def _signing(folder: Path) -> Signing:

@@ -98,7 +98,7 @@ def _main(
     closing.enter_context(log_to_file(config.journal.path, writer))
     served = ServedFiles(config.journal.path, closing.enter_context(Reader()))
     memory, saved = journal.load_memory(), journal.load_supervision() or {}
-    # The memory lives as long as the daemon, and a full collection over 10,000 scenes would stall the loop.
+    # The memory lives as long as the daemon, and a full collection over all its scenes would stall the loop.
     gc.freeze()
     link = _open_link(config, served, memory, saved)
     closing.callback(link.close)

@@ -37,6 +37,8 @@ from companion.config.web import Web
 from companion.vehicle import PX4_HOLDS
 
 LONGEST_FRESHNESS = 10.0
+MOST_SCENES = 10_000
+"""The most that a memory holds, wherever it comes from."""
 SMALLEST_RING = 20
 """MB of the recordings, at least: eight files, each of which takes some frames."""
 
@@ -292,7 +294,7 @@ class Journal(Section):
     folder: str | None = setting(
         None, path, "folder; unset: $STATE_DIRECTORY under systemd, else ~/.local/state/anytraverse"
     )
-    scenes: int = setting(256, whole(1, 10_000), "answered scenes that are stored")
+    scenes: int = setting(256, whole(1, MOST_SCENES), "answered scenes that are stored")
 
     def with_paths_in(self, folder: Path) -> Journal:
         """Return these settings with a relative path resolved against `folder`."""

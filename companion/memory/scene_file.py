@@ -27,12 +27,11 @@ from anytraverse.preferences import MAX_WORDS, Preferences, Setting
 from anytraverse.regular_file import open_regular
 from anytraverse.release import own_version
 from anytraverse.synonyms import refuse_contradictions
+from companion.config.schema import MOST_SCENES
 from companion.storage.journal import LARGEST
 from companion.system.atomic_write import write_durably
 
 FORMAT, VERSION = "anytraverse memory", 1
-MAX_SCENES = 10_000
-"""As many as [journal] scenes allows."""
 MAX_VECTORS = 100_000
 MAX_PICTURE = 256 << 10
 """Bytes of one picture."""
@@ -145,7 +144,7 @@ def _read(file: BinaryIO, expected: Expected) -> list[Scene]:
             "two models cannot be compared. Set [perceiver] name to the same model on both"
         )
     vectors = _count(header.get("vectors"), MAX_VECTORS, "vectors")
-    scenes = _count(header.get("scenes"), MAX_SCENES, "scenes")
+    scenes = _count(header.get("scenes"), MOST_SCENES, "scenes")
     examples = [
         Example(model, _vector(_next(file, number + 2), expected.example)) for number in range(vectors)
     ]

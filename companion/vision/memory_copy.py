@@ -8,13 +8,12 @@ from dataclasses import replace
 
 from anytraverse.history import Entry, History
 from anytraverse.memory import Memory
+from companion.config.schema import MOST_SCENES
 from companion.vision.checks import BadReportError
 from companion.vision.messages import MOST_ROWS, Done, FrameJudged, MemoryUpdate, Ready, Report, Scenes
 
 _SCENES = 64
 """Remembered scenes in one request, at most. Encoding one takes about 0.1 ms of the main loop."""
-_MOST_SCENES = 10_000
-"""As many as [journal] scenes allows."""
 
 
 class MemoryCopy:
@@ -33,7 +32,7 @@ class MemoryCopy:
     def add(self, rows: tuple[Entry, ...]) -> None:
         """Take in rows of the next update. Raises BadReportError for more than a memory has."""
         self._rows += rows
-        if len(self._rows) > _MOST_SCENES:
+        if len(self._rows) > MOST_SCENES:
             raise BadReportError(f"{len(self._rows)} rows of one update")
 
     def apply(self, update: MemoryUpdate) -> None:

@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo console test lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
+.PHONY: help demo console test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -17,8 +17,13 @@ demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, SEED=7
 console: ready-rover ## the same trail, and you answer in a browser; SEED=7 another trail, OUT=folder
 	@.venv/bin/companion demo --console $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
 
-test: ready-dev ## run the tests on all cores; ARGS="-k wheel" passes options on to pytest
-	@$(PYTHON_IN_VENV) -m pytest -n $(WORKERS) --dist=loadfile --no-loadscope-reorder $(ARGS)
+PYTEST = $(PYTHON_IN_VENV) -m pytest -n $(WORKERS) --dist=loadfile --no-loadscope-reorder
+
+test: ready-dev ## run the fast tests on all cores (five minutes on two); ARGS="-k wheel" passes options on to pytest
+	@$(PYTEST) -m "not slow" $(ARGS)
+
+test-slow: ready-dev ## run the other tests: real processes, benches, parity with torch and transformers; ARGS as for test
+	@$(PYTEST) -m slow $(ARGS)
 
 lint: ready-dev ## check style and format
 	@$(PYTHON_IN_VENV) -m ruff check .
@@ -27,7 +32,7 @@ lint: ready-dev ## check style and format
 types: ready-dev ## check types
 	@$(PYTHON_IN_VENV) -m mypy
 
-check: lint types test ## all three, as before a commit
+check: lint types test ## all three, as before a commit; `make test-slow` is the gate's fourth
 
 interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.2 GB of packages); ARGS as for test
 	@INTEROP=.venv-interop $(PYTHON_IN_VENV) -m pytest tests/interop $(ARGS)

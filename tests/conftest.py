@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Generator
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -18,6 +19,44 @@ settings.load_profile("companion")
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's, which `pytest -n` would start on every core of each
 
+SLOW = (
+    "bench",
+    "anytraverse/dense/test_dense_parity.py",
+    "anytraverse/dense/test_dense_parity_published.py",
+    "anytraverse/export",
+    "anytraverse/test_ground_perceiver.py",
+    "anytraverse/training",
+    "companion/browser/test_turned_signs.py",
+    "companion/cameras/test_network_cameras.py",
+    "companion/cameras/test_pipe.py",
+    "companion/daemon/test_clipseg_in_the_daemon.py",
+    "companion/daemon/test_clipseg_on_the_field.py",
+    "companion/daemon/test_no_secret_is_shown.py",
+    "companion/daemon/test_run_from_start_to_end.py",
+    "companion/daemon/test_what_is_kept_before_it_is_said.py",
+    "companion/drives/test_browser_desk.py",
+    "companion/link/test_calls_over_a_lossy_radio.py",
+    "companion/link/test_mutated_frames_fuzzed.py",
+    "companion/link/test_stuck_devices.py",
+    "companion/live",
+    "companion/preflight/test_check_on_the_field.py",
+    "companion/recording/test_a_recorder_that_fails.py",
+    "companion/sim/demo/test_demo_processes.py",
+    "companion/sim/field/test_album.py",
+    "companion/sim/field/test_field_camera.py",
+    "companion/sim/field/test_field_process.py",
+    "companion/sim/field/test_network_on_the_field.py",
+    "companion/test_whole_thread.py",
+    "companion/video",
+    "companion/vision/test_processes.py",
+    "companion/web/test_a_page_that_fails.py",
+    "companion/web/test_beside_a_daemon.py",
+    "companion/web/test_in_a_browser.py",
+    "gcs_plugin/console/test_in_a_browser.py",
+    "gcs_plugin/console/test_served.py",
+)
+"""Folders and files of the tests that `make test` leaves to `make test-slow`: they wait for real processes
+within limits that a busy computer breaks, train and compare networks, or take long."""
 LONGEST = (
     "test_bench_stopping.py",
     "test_network_cameras.py",
@@ -29,11 +68,15 @@ LONGEST = (
 )
 """Workers begin with them, so that none of them runs last and alone. CLIPSeg wants all cores: when it begins,
 the stopping test, whose rovers are held where vision starves, is nearly over."""
+TESTS = Path(__file__).parent
 EXPORT = ("torch", "transformers", "onnx", "PIL")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "needs_export: compares with what the extra `export` brings")
+    config.addinivalue_line("markers", "slow: `make test-slow` runs it, see `SLOW`")
+    if absent := [place for place in SLOW if not (TESTS / place).exists()]:
+        raise pytest.UsageError(f"tests/conftest.py: SLOW names what is not there: {', '.join(absent)}")
     # Else each worker and each process that a test starts would compile what it imports: 0.8 s of a daemon's
     # first 1.1 s.
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -54,7 +97,11 @@ def pytest_make_collect_report(
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """All workers have the tests in one order, which xdist wants."""
+    """Mark the slow tests. All workers have the tests in one order, which xdist wants."""
+    for item in items:
+        place = item.path.relative_to(TESTS).as_posix()
+        if any(place == one or place.startswith(f"{one}/") for one in SLOW):
+            item.add_marker(pytest.mark.slow)
     if not hasattr(config, "workerinput"):
         return
     order = {name: place for place, name in enumerate(LONGEST)}

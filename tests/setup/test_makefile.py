@@ -55,9 +55,10 @@ def test_make_test_hands_its_arguments_to_pytest(checkout: Checkout) -> None:
     checkout.python()
     done = checkout.run("make", "test", "ARGS=-k wheel")
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(
-        r"-m pytest -n \d+ --dist=loadfile --no-loadscope-reorder -k wheel", checkout.calls[-1]
-    )
+    options = r"-m pytest -n \d+ --dist=loadfile --no-loadscope-reorder"
+    assert re.fullmatch(rf"{options} -m not slow -k wheel", checkout.calls[-1])
+    checkout.run("make", "test-slow", "ARGS=-k wheel")
+    assert re.fullmatch(rf"{options} -m slow -k wheel", checkout.calls[-1])
 
 
 @pytest.mark.parametrize(
@@ -110,7 +111,7 @@ def test_the_packages_of_a_sourced_ros_do_not_come_in(checkout: Checkout) -> Non
 
 def test_make_alone_lists_every_target_with_what_it_does(checkout: Checkout) -> None:
     listed = checkout.run("make").stdout
-    targets = ("demo", "test", "lint", "types", "check", "interop", "bench", "clean", "help")
+    targets = ("demo", "test", "test-slow", "lint", "types", "check", "interop", "bench", "clean", "help")
     for target in (*targets, *(f"bench-{name}" for name in ("clipseg", "link", "stopping", "vision"))):
         assert f"make {target} " in listed
 
@@ -124,7 +125,7 @@ def test_clean_leaves_what_a_demo_wrote(checkout: Checkout) -> None:
     assert (checkout.root / "demo-out").exists()
 
 
-GATE = ("ready-dev", "ready-export", "lint", "types", "test", "interop")
+GATE = ("ready-dev", "ready-export", "lint", "types", "test", "test-slow", "interop")
 
 
 @pytest.mark.parametrize("failing", GATE)

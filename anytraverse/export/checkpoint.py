@@ -11,7 +11,8 @@ from typing import Any
 from anytraverse.errors import BundleError
 from anytraverse.export.architecture import architecture, vision_architecture
 from anytraverse.export.hub import CARD, CONFIGS, find_checkpoint
-from anytraverse.export.making import ClipSegCheckpoint, SceneCheckpoint, Vocabulary
+from anytraverse.export.making import ClipSegCheckpoint, SceneCheckpoint
+from anytraverse.export.tokens import clip_tokenizer, quietly
 from anytraverse.perception.resizing import Fit
 
 _FILTERS = {2: "bilinear", 3: "bicubic"}
@@ -34,15 +35,14 @@ def load_clipseg(checkpoint: str) -> ClipSegCheckpoint:
 
     folder, revision = find_checkpoint(checkpoint, words=True)
     config, preprocessor = read_configs(folder, CLIPSegConfig, "CIDAS/clipseg-rd64-refined")
-    vocabulary = _load_vocabulary(folder)
     with stated_in(folder):
         arch = architecture(config, preprocessor)
-        _check_end(config["text_config"]["eos_token_id"], vocabulary)
+        tokenizer = clip_tokenizer(folder, arch.text.context, config["text_config"]["eos_token_id"])
     return ClipSegCheckpoint(
         arch,
         load_weights(CLIPSegForImageSegmentation, folder),
         resize_filter(preprocessor, folder),
-        vocabulary,
+        tokenizer,
         describe(checkpoint, folder, revision),
     )
 
@@ -103,54 +103,6 @@ def load_weights(kind: Any, folder: Path) -> Mapping[str, Any]:
     }
 
 
-def _load_vocabulary(folder: Path) -> Vocabulary:
-    from transformers import CLIPTokenizerFast
-
-    try:
-        with quietly():
-            tokenizer = CLIPTokenizerFast.from_pretrained(folder, local_files_only=True)
-        model = json.loads(tokenizer.backend_tokenizer.to_str())["model"]
-        merges = [pair_of(merge) for merge in model["merges"]]
-        words = Vocabulary(model["vocab"], merges, tokenizer.bos_token_id, tokenizer.eos_token_id)
-    except Exception as error:  # tokenizers and transformers raise many classes
-        why = " ".join(str(error).split())[:300]
-        raise BundleError(f"the tokenizer in {folder} cannot be loaded ({why}): copy it again") from error
-    if orphans := _orphans(words):
-        raise BundleError(
-            f"the tokenizer in {folder} has tokens that no merge makes ({orphans[0]!r}): "
-            "merges.txt is torn, copy it again"
-        )
-    return words
-
-
-def _orphans(words: Vocabulary) -> list[str]:
-    """Return tokens that no merge makes. Only these reveal a merges.txt that was cut off at a line's end."""
-    made = {left + right for left, right in words.merges}
-    longer = (token for token in words.ids if len(token.removesuffix("</w>")) > 1)
-    return [
-        token for token in longer if token not in made and words.ids[token] not in (words.start, words.end)
-    ]
-
-
-def pair_of(merge: str | list[str]) -> tuple[str, str]:
-    """Return the two parts of a merge, which older tokenizers write as one string."""
-    left, right = merge.split(" ") if isinstance(merge, str) else merge
-    return left, right
-
-
-def _check_end(stated: int, vocabulary: Vocabulary) -> None:
-    """Raise BundleError when the checkpoint and its tokenizer differ in the token that ends a text.
-
-    Old checkpoints state 2 and mean the highest id, as transformers knows.
-    """
-    expected = max(vocabulary.ids.values()) if stated == 2 else stated
-    if vocabulary.end != expected:
-        raise BundleError(
-            f"the checkpoint ends a text with token {expected}, its tokenizer with {vocabulary.end}: "
-            "they do not belong together, copy the checkpoint again"
-        )
-
-
 def resize_filter(
     preprocessor: Mapping[str, Any], folder: Path, default: int = 2, *, normalised: bool = True
 ) -> str:
@@ -185,21 +137,6 @@ def stated_in(folder: Path) -> Iterator[None]:
         raise BundleError(
             f"{' or '.join(CONFIGS)} in {folder} is not as it must be ({why}): copy the checkpoint again"
         ) from error
-
-
-@contextmanager
-def quietly() -> Iterator[None]:
-    """Suppress the progress bars and tables of transformers, and with them those of downloads."""
-    from transformers.utils import logging
-
-    before = logging.get_verbosity()
-    logging.set_verbosity_error()
-    logging.disable_progress_bar()
-    try:
-        yield
-    finally:
-        logging.enable_progress_bar()
-        logging.set_verbosity(before)
 
 
 def describe(checkpoint: str, folder: Path, revision: str) -> dict[str, str]:

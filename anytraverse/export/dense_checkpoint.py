@@ -20,8 +20,8 @@ from anytraverse.export.checkpoint import (
     stated_in,
 )
 from anytraverse.export.dense_making import DenseCheckpoint
-from anytraverse.export.dense_tokens import load_vocabulary
 from anytraverse.export.hub import CONFIGS, find_checkpoint
+from anytraverse.export.tokens import dense_tokenizer
 
 Arrays = dict[str, np.ndarray]
 
@@ -72,7 +72,7 @@ def load_dense(checkpoint: str, family: str, texts: Sequence[str]) -> DenseCheck
         arch,
         named,
         tokens,
-        load_vocabulary(folder, family, arch.context, texts),
+        dense_tokenizer(folder, family, arch.context, texts),
         vision["image_size"],
         pixels,
         describe(checkpoint, folder, revision),

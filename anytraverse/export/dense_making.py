@@ -17,11 +17,10 @@ from anytraverse.export.architecture import DenseArchitecture, Weights
 from anytraverse.export.dense_graphs import VISION, image_graph, scores_graph, text_graphs
 from anytraverse.export.graph import Graph
 from anytraverse.export.linear import LINEAR
-from anytraverse.export.making import TOKEN_TABLE, TOKENIZER, check_precisions, check_weights
+from anytraverse.export.making import TOKEN_TABLE, TOKENIZER, check_precisions, check_weights, save_tokenizer
 from anytraverse.export.smoothing import smoothed
 from anytraverse.perception import DefaultThresholds
 from anytraverse.perception.dense.details import Details, as_json
-from anytraverse.perception.dense.tokenizer import Rules, save_tokenizer
 from anytraverse.perception.dense.words import Words
 from anytraverse.perception.resizing import Fit
 from anytraverse.perception.runtime import Runtime
@@ -56,26 +55,18 @@ THRESHOLDS = DefaultThresholds(roi=0.3, scene=0.9, tile=0.5)
 
 
 @dataclass(frozen=True)
-class DenseVocabulary:
-    """Holds a tokenizer's token -> id, its merges in order, and its rules."""
-
-    ids: Mapping[str, int]
-    merges: Sequence[tuple[str, str]]
-    rules: Rules
-
-
-@dataclass(frozen=True)
 class DenseCheckpoint:
     """Holds all of a dense model that a bundle needs.
 
-    tokens: the vectors of all tokens, (n, width). size: pixels of the square input it was trained with.
-    filter: of its resize. source: where the weights come from, for the manifest.
+    tokens: the vectors of all tokens, (n, width). tokenizer: its tokenizer.json, which cuts and fills texts.
+    size: pixels of the square input it was trained with. filter: of its resize.
+    source: where the weights come from, for the manifest.
     """
 
     architecture: DenseArchitecture
     weights: Weights
     tokens: NDArray[np.float32]
-    vocabulary: DenseVocabulary
+    tokenizer: str
     size: int
     filter: str
     source: Mapping[str, str]
@@ -115,7 +106,7 @@ def make_dense_bundle(
                 variants[precision][part] = file
         pieces = [file for part, file in variants["fp32"].items() if part.startswith("text-")]
         np.save(writer.folder / TOKEN_TABLE, np.ascontiguousarray(checkpoint.tokens))
-        _save_tokenizer(writer.folder / TOKENIZER, checkpoint)
+        save_tokenizer(writer.folder / TOKENIZER, checkpoint.tokenizer, len(checkpoint.tokens))
         say(f"embedding {len(WORDS) + len(absent)} words")
         tower = TextTower([writer.folder / file for file in pieces], writer.folder / TOKEN_TABLE, Runtime())
         words = Words(tower, writer.folder / TOKENIZER, templates)
@@ -152,19 +143,6 @@ def _check_size(arch: DenseArchitecture, size: int) -> None:
     patch = arch.vision.patch
     if size % patch or not 2 * patch <= size <= 1024:
         raise BundleError(f"size {size} does not fit: give a multiple of {patch} from {2 * patch} to 1024")
-
-
-def _save_tokenizer(path: Path, checkpoint: DenseCheckpoint) -> None:
-    words = checkpoint.vocabulary
-    if max(words.ids.values(), default=0) >= len(checkpoint.tokens):
-        raise BundleError(
-            f"the tokenizer has ids up to {max(words.ids.values())}, the network {len(checkpoint.tokens)} "
-            "tokens: they do not belong together, copy the checkpoint again"
-        )
-    try:
-        save_tokenizer(path, words.ids, words.merges, words.rules)
-    except ValueError as error:
-        raise BundleError(f"the checkpoint's tokenizer cannot be used: {error}") from error
 
 
 def _digest(checkpoint: DenseCheckpoint) -> str:

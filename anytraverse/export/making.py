@@ -19,8 +19,8 @@ from anytraverse.export.graph import Graph
 from anytraverse.export.linear import LINEAR, stored_int8
 from anytraverse.export.smoothing import smoothed
 from anytraverse.perception import DefaultThresholds
-from anytraverse.perception.clipseg.tokenizer import save_tokenizer
 from anytraverse.perception.resizing import Fit
+from anytraverse.perception.tokenizer import Tokenizer
 
 TOKEN_TABLE = "tokens.npy"
 TOKENIZER = "tokenizer.json"
@@ -29,26 +29,17 @@ SCENE_THRESHOLDS = {"shared": 0.9, "clip-b32": 0.925}
 
 
 @dataclass(frozen=True)
-class Vocabulary:
-    """Holds a tokenizer's token -> id, its merges in order, and the ids that begin and end a text."""
-
-    ids: Mapping[str, int]
-    merges: Sequence[tuple[str, str]]
-    start: int
-    end: int
-
-
-@dataclass(frozen=True)
 class ClipSegCheckpoint:
     """Holds all of a CLIPSeg that a bundle needs.
 
-    filter: of the resize that it was trained with. source: where the weights come from, for the manifest.
+    filter: of the resize that it was trained with. tokenizer: its tokenizer.json, which cuts texts.
+    source: where the weights come from, for the manifest.
     """
 
     architecture: Architecture
     weights: Weights
     filter: str
-    vocabulary: Vocabulary
+    tokenizer: str
     source: Mapping[str, str]
 
 
@@ -95,7 +86,7 @@ def make_bundle(
         variants["fp32"] |= {"tokens": TOKEN_TABLE, "tokenizer": TOKENIZER}
         table = weights["clip.text_model.embeddings.token_embedding.weight"]
         np.save(writer.folder / TOKEN_TABLE, np.ascontiguousarray(table, dtype=np.float32))
-        _save_tokenizer(writer.folder / TOKENIZER, checkpoint.vocabulary, arch.text.context, len(table))
+        save_tokenizer(writer.folder / TOKENIZER, checkpoint.tokenizer, len(table))
         return writer.finish(
             kind="clipseg",
             name=name,
@@ -161,16 +152,18 @@ def check_weights(weights: Weights) -> None:
             raise BundleError(f"the checkpoint's {name} is not finite: download it again")
 
 
-def _save_tokenizer(path: Path, words: Vocabulary, context: int, embedded: int) -> None:
-    if len(words.ids) > embedded:
-        raise BundleError(
-            f"the tokenizer knows {len(words.ids)} tokens, the network {embedded}: "
-            "they do not belong together, copy the checkpoint again"
-        )
+def save_tokenizer(path: Path, content: str, embedded: int) -> None:
+    """Write a tokenizer.json. embedded: the tokens that the network knows. Raises BundleError."""
     try:
-        save_tokenizer(path, words.ids, words.merges, context, words.start, words.end)
+        size = Tokenizer(content.encode()).size()
     except ValueError as error:
         raise BundleError(f"the checkpoint's tokenizer cannot be used: {error}") from error
+    if size > embedded:
+        raise BundleError(
+            f"the tokenizer knows {size} tokens, the network {embedded}: "
+            "they do not belong together, copy the checkpoint again"
+        )
+    path.write_text(content, encoding="utf-8")
 
 
 def _digest(checkpoint: ClipSegCheckpoint, scene: SceneCheckpoint | None) -> str:

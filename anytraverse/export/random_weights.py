@@ -8,11 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from anytraverse.export.architecture import Architecture, Decoder, DenseArchitecture, Text, Tower, Vision
-from anytraverse.export.dense_making import DenseCheckpoint, DenseVocabulary
-from anytraverse.export.making import ClipSegCheckpoint, SceneCheckpoint, Vocabulary
-from anytraverse.perception.clipseg.tokenizer import byte_alphabet
-from anytraverse.perception.dense.tokenizer import SPACE, Rules
+from anytraverse.export.dense_making import DenseCheckpoint
+from anytraverse.export.making import ClipSegCheckpoint, SceneCheckpoint
 from anytraverse.perception.resizing import Fit
+from anytraverse.perception.tokenizer import CLIP_WORDS, SPACE, load_tokenizers
 
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
@@ -112,22 +111,10 @@ def random_dense(
             weights |= draw.linear(f"head.attention.{part}", width, width)
         weights |= draw.linear("head.mlp.fc1", vision.tower.inner, width)
         weights |= draw.linear("head.mlp.fc2", width, vision.tower.inner)
-    ids = {token: index for index, token in enumerate(("<pad>", "<eos>", "<bos>", "<unk>", SPACE))}
-    ids |= {f"<0x{octet:02X}>": len(ids) + octet for octet in range(256)}
-    siglip = family == "siglip"
-    rules = Rules(
-        context=arch.context,
-        lower=True,
-        compose=False,
-        split=not siglip,
-        before=(),
-        after=(1,) if siglip else (),
-        pad=0 if siglip else -1,
-        pad_left=False,
-    )
     source = {"weights": f"random, seed {seed}", "licence": "none needed"}
-    tokens = draw.normal(len(ids), text.width)
-    return DenseCheckpoint(arch, weights, tokens, DenseVocabulary(ids, (), rules), side, "bilinear", source)
+    tokenizer, tokens = _byte_fallback(arch.context, siglip=family == "siglip")
+    table = draw.normal(tokens, text.width)
+    return DenseCheckpoint(arch, weights, table, tokenizer, side, "bilinear", source)
 
 
 class _Draw:
@@ -192,10 +179,44 @@ def _mask(draw: _Draw, arch: Architecture) -> dict[str, np.ndarray]:
     }
 
 
-def _bytes(text: Text) -> Vocabulary:
-    """Make a vocabulary without merges: every byte is a token, and another one at the end of a word."""
-    symbols = byte_alphabet()
+def _bytes(text: Text) -> str:
+    """Make a tokenizer without merges: every byte is a token, and another one at the end of a word."""
+    library = load_tokenizers()
+    split, start, end = library.pre_tokenizers, ("<|startoftext|>", text.start), ("<|endoftext|>", text.end)
+    symbols = sorted(split.ByteLevel.alphabet())
     ids = {symbol: index for index, symbol in enumerate((*symbols, *(f"{one}</w>" for one in symbols)))}
-    ids |= {f"unused {index}": index for index in range(len(ids), text.start)}
-    ids |= {"<|startoftext|>": text.start, "<|endoftext|>": text.end}
-    return Vocabulary(ids, (), text.start, text.end)
+    ids |= {f"unused {index}": index for index in range(len(ids), text.start)} | dict((start, end))
+    model = library.models.BPE(vocab=ids, merges=[], unk_token=end[0], end_of_word_suffix="</w>")
+    made = library.Tokenizer(model)
+    made.normalizer = library.normalizers.Sequence(
+        [library.normalizers.NFC(), library.normalizers.Lowercase()]
+    )
+    pieces = split.Split(library.Regex(CLIP_WORDS), "removed", invert=True)
+    made.pre_tokenizer = split.Sequence([pieces, split.ByteLevel(add_prefix_space=False)])
+    made.post_processor = library.processors.RobertaProcessing(
+        end, start, trim_offsets=False, add_prefix_space=False
+    )
+    made.add_special_tokens([start[0], end[0]])
+    made.enable_truncation(text.context)
+    return str(made.to_str())
+
+
+def _byte_fallback(context: int, *, siglip: bool) -> tuple[str, int]:
+    """Make a tokenizer of SentencePiece's kind without merges, and say how many tokens it has."""
+    library = load_tokenizers()
+    ids = {token: index for index, token in enumerate(("<pad>", "<eos>", "<bos>", "<unk>", SPACE))}
+    ids |= {f"<0x{octet:02X}>": len(ids) + octet for octet in range(256)}
+    made = library.Tokenizer(library.models.BPE(vocab=ids, merges=[], byte_fallback=True))
+    lower, split = library.normalizers.Lowercase(), library.pre_tokenizers
+    template = library.processors.TemplateProcessing
+    if siglip:
+        made.normalizer = library.normalizers.Sequence([lower, library.normalizers.Replace(" ", SPACE)])
+        made.pre_tokenizer = split.Split(" ", "merged_with_previous")
+        made.post_processor = template(single="$A <eos>", special_tokens=[("<eos>", ids["<eos>"])])
+        made.enable_padding(length=context, pad_id=ids["<pad>"], pad_token="<pad>")
+    else:
+        made.normalizer = lower
+        made.pre_tokenizer = split.Sequence([split.WhitespaceSplit(), split.Metaspace()])
+        made.post_processor = template(single="$A")
+    made.enable_truncation(context)
+    return str(made.to_str()), len(ids)

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.perception.clipseg.tokenizer import Tokenizer
 from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.text_tower import TextTower
+from anytraverse.perception.tokenizer import Tokenizer
 
 Array = NDArray[np.float32]
 
@@ -24,7 +24,8 @@ class Prompts:
     def __init__(self, text: Sequence[Path], tokenizer: Path, table: Path, runtime: Runtime) -> None:
         """text: the pieces of the tower, in order. tokenizer, table: the bundle's other files.
 
-        Raises BundleError for an unusable table, PerceiverError for an unusable tokenizer.
+        Raises BundleError for an unusable table, PerceiverError for an unusable tokenizer, and without the
+        package `tokenizers`.
         """
         self._tokenizer = Tokenizer.load(tokenizer)
         self._tower = TextTower(text, table, runtime)
@@ -45,4 +46,4 @@ class Prompts:
     def _ids(self, word: str) -> list[int]:
         """Return the token ids up to the first end of text: the text tower is read at that token."""
         ids = self._tokenizer.encode(word)
-        return ids[: ids.index(self._tokenizer.end) + 1]
+        return ids[: ids.index(ids[-1]) + 1] if ids else ids

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from anytraverse.errors import PerceiverError
 from anytraverse.perception.dense.details import filled
-from anytraverse.perception.dense.tokenizer import Tokenizer
 from anytraverse.perception.runtime import give_back_memory
 from anytraverse.perception.text_tower import TextTower
+from anytraverse.perception.tokenizer import Tokenizer
 
 Array = NDArray[np.float32]
 
@@ -33,10 +33,13 @@ class Words:
         templates: Sequence[str],
         known: Mapping[str, Array] | None = None,
     ) -> None:
-        """tokenizer: its file; 256,000 tokens take 140 MB, so it is read for new words and released.
+        """tokenizer: its file; 256,000 tokens take 300 MB, so it is read for new words and released.
 
         known: embeddings of words that need not be computed.
+        Raises PerceiverError for an unusable tokenizer, and without the package `tokenizers`.
         """
+        Tokenizer.load(tokenizer)  # else what is wrong would show at the first new word, on the way
+        give_back_memory()
         self._known = dict(known or {})
         self._tower = tower
         self._tokenizer = tokenizer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,6 @@ import pytest
 from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.export.random_weights import TINY, random_clipseg
 from anytraverse.perception.clipseg.prompts import Prompts
-from anytraverse.perception.clipseg.tokenizer import save_tokenizer
 from anytraverse.perception.runtime import Runtime
 
 ONE = Runtime(threads=1)
@@ -105,11 +105,26 @@ def test_a_table_that_would_run_code_is_not_read(tiny: Path, tmp_path: Path) -> 
 
 
 def test_a_tokenizer_with_more_tokens_than_the_table_is_refused(tiny: Path, tmp_path: Path) -> None:
-    words = random_clipseg(TINY).vocabulary
-    ids = {**words.ids, "<end>": len(words.ids)}
-    save_tokenizer(tmp_path / "tokenizer.json", ids, words.merges, 77, words.start, ids["<end>"])
+    content = random_clipseg(TINY).tokenizer.replace("513", "514")
+    (tmp_path / "tokenizer.json").write_text(content)
     with pytest.raises(BundleError, match="knows more tokens than the network"):
         prompts_of(tiny, tokenizer=tmp_path / "tokenizer.json").conditions(["grass"])
+
+
+def test_a_tokenizer_that_makes_nothing_of_a_text_fails_as_a_perceiver_does(
+    tiny: Path, tmp_path: Path
+) -> None:
+    content = json.loads(random_clipseg(TINY).tokenizer)
+    bare = [{"Sequence": {"id": "A", "type_id": 0}}]
+    content["post_processor"] = {
+        "type": "TemplateProcessing",
+        "single": bare,
+        "pair": [],
+        "special_tokens": {},
+    }
+    (tmp_path / "tokenizer.json").write_text(json.dumps(content))
+    with pytest.raises(PerceiverError, match="the network failed"):
+        prompts_of(tiny, tokenizer=tmp_path / "tokenizer.json").conditions([""])
 
 
 def test_a_text_network_of_another_size_fails_as_a_perceiver_does(tiny: Path, tmp_path: Path) -> None:

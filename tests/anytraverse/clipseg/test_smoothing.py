@@ -29,14 +29,14 @@ def lopsided() -> ClipSegCheckpoint:
             weights[name] = value.copy()
             weights[name][[7, 30]] *= 20
     return ClipSegCheckpoint(
-        checkpoint.architecture, weights, checkpoint.filter, checkpoint.vocabulary, checkpoint.source
+        checkpoint.architecture, weights, checkpoint.filter, checkpoint.tokenizer, checkpoint.source
     )
 
 
 def test_smoothing_changes_nothing_in_full_precision(lopsided: ClipSegCheckpoint, tmp_path: Path) -> None:
     """Only rounding tells the two apart."""
     moved = smoothed(lopsided.weights, "clip.vision_model.encoder", TINY.vision.tower.layers)
-    changed = ClipSegCheckpoint(TINY, moved, lopsided.filter, lopsided.vocabulary, lopsided.source)
+    changed = ClipSegCheckpoint(TINY, moved, lopsided.filter, lopsided.tokenizer, lopsided.source)
     before, after = (_maps(one, tmp_path / name, "fp32") for one, name in ((lopsided, "a"), (changed, "b")))
     assert np.abs(before - after).max() < 1e-4
     assert not np.array_equal(

@@ -16,7 +16,7 @@ from anytraverse.frame import Image
 from anytraverse.perception import Prompt
 from anytraverse.perception.dense.details import GROUP, Calibration
 from anytraverse.perception.dense.perceiver import Dense
-from anytraverse.perception.dense.tokenizer import Tokenizer
+from anytraverse.perception.tokenizer import Tokenizer
 from tests.anytraverse.clipseg.pictures import picture
 
 Array = NDArray[np.float32]

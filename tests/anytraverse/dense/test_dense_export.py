@@ -120,17 +120,18 @@ def test_the_tokenizer_of_the_first_siglip_is_refused(tmp_path: Path, capsys: Ou
     folder = write_siglip(tmp_path / "checkpoint")
     words = Tokenizer(models.Unigram([("<unk>", 0.0), ("▁", -1.0), ("a", -2.0)], 0, byte_fallback=False))
     words.save(str(folder / "tokenizer.json"))
-    write_json(folder / "tokenizer_config.json", {"tokenizer_class": "PreTrainedTokenizerFast"})
+    named = {"tokenizer_class": "PreTrainedTokenizerFast", "pad_token": "<unk>"}
+    write_json(folder / "tokenizer_config.json", named)
     assert main(["export", str(folder), str(tmp_path / "bundle")]) == 2
-    assert "its tokenizer is Unigram" in capsys.readouterr().err.splitlines()[-1]
+    assert "its model is Unigram, and only BPE" in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.needs_export
-def test_a_tokenizer_that_ours_does_not_follow_is_refused(tmp_path: Path, capsys: Out) -> None:
+def test_a_tokenizer_that_the_bundle_would_not_follow_is_refused(tmp_path: Path, capsys: Out) -> None:
     folder = write_siglip(tmp_path / "checkpoint", tokenizer="GemmaTokenizer")
     path = folder / "tokenizer.json"
     backend = json.loads(path.read_text())
-    backend["added_tokens"].append({**backend["added_tokens"][0], "id": 300, "content": "photo"})
+    backend["added_tokens"].append({**backend["added_tokens"][0], "id": 300, "content": "Mud"})
     path.write_text(json.dumps(backend))
     write_json(
         folder / "tokenizer_config.json", {"tokenizer_class": "PreTrainedTokenizerFast", "pad_token": "<pad>"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +167,18 @@ def replaced(bundle: Path, name: str, content: bytes) -> None:
     manifest = json.loads(path.read_text())
     manifest["files"][name] = {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
     path.write_text(json.dumps(manifest))
+
+
+def test_a_tokenizer_that_cannot_be_used_is_refused_at_the_start_and_not_at_a_new_word(
+    bundle: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as lacking:
+        lacking.setitem(sys.modules, "tokenizers", None)
+        with pytest.raises(PerceiverError, match=r"pip install .*\[words\]"):
+            Dense(str(bundle), CHECKING)
+    replaced(bundle, "tokenizer.json", b'{"format":1,"rules":{},"vocabulary":[],"merges":[]}')
+    with pytest.raises(PerceiverError, match=r"an earlier version wrote it.*`anytraverse export`"):
+        Dense(str(bundle), CHECKING)
 
 
 def npy(header: str) -> bytes:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from anytraverse.perception import Example, Prompt
-from anytraverse.perception.clipseg.tokenizer import Tokenizer
+from anytraverse.perception.tokenizer import Tokenizer
 from anytraverse.regions import Box
 from tests.anytraverse.clipseg.pictures import picture
 from tests.anytraverse.export.checkpoints import write_clip, write_clipseg

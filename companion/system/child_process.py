@@ -18,6 +18,8 @@ from companion.system.socket_units import SocketUnit, arguments
 
 log = logging.getLogger(__name__)
 
+# Python before 3.11.4 keeps its lock after vfork() until the program is read, which a disk may delay.
+subprocess._USE_VFORK = False  # type: ignore[misc]
 _SET_DEATH_SIGNAL, _SET_DUMPABLE = 1, 4
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import IntEnum, IntFlag
+from enum import Flag, IntEnum, IntFlag
 from typing import NamedTuple
 
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Reasons, Result, Stage, State
@@ -24,7 +24,9 @@ def numbers_markdown() -> str:
     """Format a table with one row for each kind of number."""
     rows = ["| number | values |", "|---|---|"]
     for name, numbers in NUMBERS.items():
-        values = (f"{one.value} {str(one.name).lower().replace('_', ' ')}" for one in numbers)
+        # Python 3.10 lists the flag 0, too.
+        listed = (one for one in numbers if one.value or not isinstance(one, Flag))
+        values = (f"{one.value} {str(one.name).lower().replace('_', ' ')}" for one in listed)
         rows.append(f"| {name} | {', '.join(values)} |")
     return "\n".join(rows) + "\n"
 

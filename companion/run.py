@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 from anytraverse.memory import Memory
 from companion.answers.store import AnswerStore
-from companion.cameras.network_limit import needs_of
 from companion.config import Config
 from companion.daemon.composition import (
     Resources,
@@ -28,6 +27,7 @@ from companion.daemon.startup import load
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.live.live import Live
+from companion.preflight.network_limit import needs_of
 from companion.preflight.report import EVERY, CheckReport
 from companion.recording.packer import IncidentPacker
 from companion.recording.recorder import Recorder

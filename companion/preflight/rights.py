@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from companion.cameras import CameraError, split_source
-from companion.cameras.network_limit import is_limited, needs_of
 from companion.config.link_settings import LinkError
 from companion.config.reading import SERVICE
+from companion.preflight.network_limit import is_limited, needs_of
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.system.computer import is_folder
@@ -45,8 +45,8 @@ def check_rights(rover: Rover) -> list[Finding]:
     used = [(user, *one) for one in _used(rover)] + [(sees, *one) for one in _used_by_vision(rover)]
     bad = [_refused(*one) for one in used if not _is_absent(one[1]) and not _may(*one)]
     if rover.folder != SERVICE:
-        all_one = "so whoever breaks into the vision process by a picture has all: see docs/security.md"
-        return bad or [passed(RIGHTS, f"user {user.name} may use its files and devices, {all_one}")]
+        apart = "its processes are not kept apart: docs/security.md"
+        return bad or [passed(RIGHTS, f"user {user.name} may use its files and devices; {apart}")]
     bad += [
         failed(RIGHTS, f"the service does not see {path}: move it out of the home folder, e.g. to /opt")
         for _, path, _ in used
@@ -60,7 +60,7 @@ def check_rights(rover: Rover) -> list[Finding]:
 def check_reach(rover: Rover) -> list[Finding]:
     """Check how much of the network whoever breaks into the vision process by a picture would reach."""
     if rover.folder != SERVICE:
-        return [skipped(REACH, "not limited: systemd does not run the companion")]
+        return [skipped(REACH, "not limited: it is no service")]
     try:
         needs = needs_of(rover.config.camera.source)
     except CameraError:  # told by the row of the configuration

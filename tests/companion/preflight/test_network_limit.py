@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from companion.cameras import SourceError, network_limit
-from companion.cameras.network_limit import NetworkNeeds, is_limited, main, needs_of
+from companion.cameras import SourceError
+from companion.preflight import network_limit
+from companion.preflight.network_limit import NetworkNeeds, is_limited, main, needs_of
 
 GSTREAMER = "pipe:gst-launch-1.0 -q"
 HERE = "127.0.0.0/8", "::1/128"

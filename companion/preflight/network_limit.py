@@ -1,6 +1,6 @@
 """Says what of the network a camera needs, and has systemd limit the vision process to it.
 
-Root runs `python -m companion.cameras.network_limit FILE` before the companion starts. FILE: companion.toml.
+Root runs `python -m companion.preflight.network_limit FILE` before the companion starts, FILE: the settings.
 """
 
 from __future__ import annotations

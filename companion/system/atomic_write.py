@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -39,14 +40,16 @@ def sync_folder(folder: Path) -> None:
 
 def _replace(path: Path, content: bytes, *, sync: bool) -> None:
     # In the same folder, since os.replace is atomic only within one file system.
-    partial = path.with_name(f".{path.name}.part")
+    # Named by text, since a Path interns the name, each second anew: as of `Computer`.
+    partial = os.path.join(path.parent, f".{path.name}.part")
     try:
-        with partial.open("wb") as file:
+        with open(partial, "wb") as file:
             file.write(content)
             file.flush()
             if sync:
                 os.fsync(file.fileno())
         os.replace(partial, path)
     except OSError:
-        partial.unlink(missing_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(partial)
         raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from glob import glob
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,8 @@ def is_synchronised() -> bool:
 class Computer:
     """Measures the computer on which this runs. `newest` may be read by any thread; one thread measures.
 
-    What the computer does not tell is None.
+    What the computer does not tell is None. Its files are named by text: pathlib interns each part of a path,
+    and Python's table of interned texts doubles to 2 MB when some come and go each second for an hour.
     """
 
     def __init__(self, folder: Path, root: Path = Path("/")) -> None:
@@ -62,21 +64,21 @@ class Computer:
         return self.newest
 
     def _temperature(self) -> float | None:
-        found = (self._number(zone / "temp") for zone in self._some("sys/class/thermal", "thermal_zone*"))
+        found = (self._number(f"{zone}/temp") for zone in self._some("thermal_zone*"))
         degrees = [value / 1000.0 for value in found if value is not None]
         return max((round(one, 1) for one in degrees if _COLDEST <= one <= _HOTTEST), default=None)
 
     def _limits(self) -> tuple[bool | None, bool | None]:
         """Whether the CPU is slowed down now, and whether the supply's voltage is too low now."""
-        told = self._text(self._root / _THROTTLED)
+        told = self._text(_THROTTLED)
         try:
             bits = None if told is None else int(told, 16)
         except ValueError:
             bits = None
         states = [
-            self._number(device / "cur_state")
-            for device in self._some("sys/class/thermal", "cooling_device*")
-            if any(part in (self._text(device / "type") or "").lower() for part in _COOLING)
+            self._number(f"{device}/cur_state")
+            for device in self._some("cooling_device*")
+            if any(part in (self._text(f"{device}/type") or "").lower() for part in _COOLING)
         ]
         known = [state > 0 for state in states if state is not None]
         if bits is not None:
@@ -85,9 +87,7 @@ class Computer:
 
     def _cpu(self) -> float | None:
         try:
-            fields = [
-                int(one) for one in (self._text(self._root / "proc/stat") or "").split("\n")[0].split()[1:9]
-            ]
+            fields = [int(one) for one in (self._text("proc/stat") or "").split("\n")[0].split()[1:9]]
             before, self._ticks = self._ticks, (sum(fields), fields[3] + fields[4])
         except (ValueError, IndexError):
             return None
@@ -97,7 +97,7 @@ class Computer:
         return round(min(1.0, max(0.0, 1.0 - idle)), 3)
 
     def _memory(self) -> tuple[int | None, int | None]:
-        lines = (self._text(self._root / "proc/meminfo") or "").splitlines()
+        lines = (self._text("proc/meminfo") or "").splitlines()
         kib = {}
         for line in lines:
             name, _, rest = line.partition(":")
@@ -115,22 +115,18 @@ class Computer:
             "disk_free": room.f_bavail * room.f_frsize >> 20,
         }
 
-    def _some(self, folder: str, pattern: str) -> list[Path]:
-        try:
-            return sorted((self._root / folder).glob(pattern))[:_MOST]
-        except OSError:
-            return []
+    def _some(self, pattern: str) -> list[str]:
+        return sorted(glob(f"sys/class/thermal/{pattern}", root_dir=self._root))[:_MOST]
 
-    def _number(self, path: Path) -> int | None:
+    def _number(self, name: str) -> int | None:
         try:
-            return int(self._text(path) or "")
+            return int(self._text(name) or "")
         except ValueError:
             return None
 
-    @staticmethod
-    def _text(path: Path) -> str | None:
+    def _text(self, name: str) -> str | None:
         try:
-            with path.open("rb") as file:
+            with open(f"{self._root}/{name}", "rb") as file:
                 return file.read(_LONGEST).decode("ascii", "replace").strip()
         except OSError:  # absent, or a sensor that does not answer now
             return None

@@ -34,6 +34,16 @@ def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path, write: Writ
 
 
 @WAYS
+def test_writing_adds_nothing_to_the_interned_texts(
+    tmp_path: Path, write: Write, interned: list[str]
+) -> None:
+    path = tmp_path / "file"
+    interned.clear()
+    write(path, b"new")
+    assert interned == []
+
+
+@WAYS
 @pytest.mark.usefixtures("_little_room")
 def test_a_file_that_finds_no_room_leaves_the_old_one_and_gives_its_room_back(
     tmp_path: Path, write: Write

@@ -103,6 +103,15 @@ def test_whatever_the_files_hold_the_figures_are_numbers_in_their_ranges(
     assert told["throttled"] in (None, True, False)
 
 
+def test_measuring_again_adds_nothing_to_the_interned_texts(tmp_path: Path, interned: list[str]) -> None:
+    write(tmp_path, stat=STAT.format(user=1000, idle=5000), memory=MEMORY, hot="61250", firmware="0")
+    computer = Computer(tmp_path, tmp_path)
+    computer.measure()
+    interned.clear()
+    assert computer.measure()["temperature"] == 61.2
+    assert interned == []
+
+
 def test_this_computer_is_measured_in_milliseconds(tmp_path: Path) -> None:
     told = Computer(tmp_path).measure()
     assert told["memory_free"] > 0

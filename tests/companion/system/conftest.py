@@ -1,0 +1,20 @@
+"""What the tests of this folder share."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+
+@pytest.fixture
+def interned(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The texts that Python code interns from now on, as pathlib does with each part of a path."""
+    found, intern = list[str](), sys.intern
+
+    def record(text: str) -> str:
+        found.append(text)
+        return intern(text)
+
+    monkeypatch.setattr(sys, "intern", record)
+    return found

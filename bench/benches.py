@@ -101,8 +101,8 @@ def _ratio(key: str, what: str) -> Quoted:
     return Quoted(key, what, "times as fast as the authors'", MORE, f"{key}_quartiles")
 
 
-def _rise(name: str, what: str, unit: str) -> Quoted:
-    return Quoted(f"rise/{name}/value", what, f"{unit} per 100,000 frames", LESS, f"rise/{name}/interval")
+def _rise(name: str, what: str, unit: str, over: str = "per 100,000 frames") -> Quoted:
+    return Quoted(f"rise/{name}/value", what, f"{unit} {over}", LESS, f"rise/{name}/interval")
 
 
 _LINK = (
@@ -145,6 +145,13 @@ BENCHES = {
         _rise("journal, log, calls, pictures", "files rise", "MB"),
         _rise("judged", "a judged frame rises", "times the yardstick"),
         _rise("turns of the daemon", "the daemon's turns rise", "times the yardstick"),
+    ),
+    "growth-daemon": Bench(
+        "bench.growth",
+        "a whole daemon in real time, with calls, a page and a recording: whether its main process grows",
+        (61, 0),
+        ("daemon",),
+        figures=(_rise("main process, own memory", "its own memory rises", "MB", "an hour"),),
     ),
     "cost": Bench(
         "bench.perception.cost",

@@ -30,6 +30,8 @@ from companion.storage.log_file import log_to_file
 
 FRAMES = 36_000
 QUICK = 600
+PER = 1e5
+"""Frames over which a rise is told."""
 _SAMPLES = 50
 _BLOCKS = 8
 _SETTLING = 0.2
@@ -39,7 +41,7 @@ _T_975 = {2: 4.303, 3: 3.182, 4: 2.776, 5: 2.571, 6: 2.447, 7: 2.365, 8: 2.306}
 
 
 class Slope(NamedTuple):
-    """A rise per 100,000 frames, with its 95 % interval."""
+    """A rise with its 95 % interval."""
 
     value: float
     low: float
@@ -107,21 +109,21 @@ def _yardstick() -> Callable[[], float]:
     return measure_it
 
 
-def slope(points: Sequence[Sequence[float]]) -> Slope:
-    """Returns the rise of the points' medians by blocks, after the first fifth of the frames.
+def slope(points: Sequence[Sequence[float]], over: float = PER) -> Slope:
+    """Returns the rise of the points' medians by blocks over so much of x, after the first fifth of it.
 
     Neighbouring samples resemble each other, medians of blocks hardly: so the interval is not too narrow.
     """
-    frames = np.array([point[0] for point in points])
+    places = np.array([point[0] for point in points])
     values = np.array([point[1] for point in points])
-    settled = frames > _SETTLING * frames[-1]
+    settled = places > _SETTLING * places[-1]
     blocks = min(_BLOCKS, int(settled.sum()))
-    x = np.array([part.mean() for part in np.array_split(frames[settled], blocks)])
+    x = np.array([part.mean() for part in np.array_split(places[settled], blocks)])
     y = np.array([np.median(part) for part in np.array_split(values[settled], blocks)])
     away = x - x.mean()
     rise = float(away @ y / (away @ away))
     rest = y - y.mean() - rise * away
     error = math.sqrt(float(rest @ rest) / (blocks - 2) / float(away @ away))
     half = _T_975[blocks - 2] * error
-    low, value, high = (round(1e5 * one, 3) for one in (rise - half, rise, rise + half))
+    low, value, high = (round(over * one, 3) for one in (rise - half, rise, rise + half))
     return Slope(value, low, high)

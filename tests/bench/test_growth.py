@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.growth import history, hours, sizes, words
+from bench.growth import daemon, history, hours, sizes, words
 from bench.growth.hours import drive, slope
 from bench.series import Series
 
@@ -58,6 +58,19 @@ def test_a_drive_is_measured_over_its_frames(tmp_path: Path, monkeypatch: pytest
     _has(times, list(range(3, 31, 3)), 5)
     _has(against, list(range(3, 31, 3)), 2)
     assert slope(memory.lines["own memory"]).low <= slope(memory.lines["own memory"]).value
+
+
+def test_the_main_process_of_a_whole_daemon_is_measured_while_it_is_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(daemon, "_SAMPLES", 10)
+    memory, held = daemon.drive(6.0, tmp_path)
+    assert "1 calls, 1 answered" in capsys.readouterr().out
+    for name in ("main process, own memory", "main process, PSS"):
+        assert all(10 < low <= value <= high < 200 for _, value, low, high in memory.lines[name])
+    assert all(value >= 2 for line in held.lines.values() for _, value, _, _ in line)
+    found = daemon.slope(memory.lines["main process, own memory"], daemon.PER)
+    assert found.low <= found.value <= found.high
 
 
 def _has(series: Series, places: list[float], lines: int) -> None:

@@ -127,7 +127,7 @@ def test_several_rounds_give_the_median_and_the_spread(bench_of: MakeBench, tmp_
 
 def test_a_name_means_a_benchmark_or_all_that_begin_with_it() -> None:
     assert list(chosen(["growth", "cost"])) == [
-        "growth-words", "growth-history", "growth-sizes", "growth-hours", "cost",
+        "growth-words", "growth-history", "growth-sizes", "growth-hours", "growth-daemon", "cost",
     ]  # fmt: skip
     assert chosen([]) == BENCHES
     with pytest.raises(ValueError, match="no benchmark is called speed: give some of growth-words"):

@@ -144,7 +144,7 @@ class Database:
         SQLite would do so within a commit, whose caller would wait for it.
         """
         try:
-            if Path(f"{self.path}-wal").stat().st_size >= _LONGEST_LOG:
+            if os.stat(f"{self.path}-wal").st_size >= _LONGEST_LOG:
                 self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         except OSError as error:
             raise JournalError(f"{self.path}-wal cannot be read: {error}") from error

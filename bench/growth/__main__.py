@@ -20,8 +20,8 @@ from typing import Any
 
 PARTS = ("hours", "words", "history", "sizes", "daemon")
 """Modules here, each with `measure`. The hours are first: memory is theirs alone then."""
-RISING = ("hours", "daemon")
-"""Those with `slope`, and `PER`: over so much of x a rise is told."""
+OVER = {"hours": 1e5, "daemon": 1.0}
+"""Part -> the frames, or hours, over which its rises are told."""
 
 
 def main() -> int:
@@ -36,15 +36,17 @@ def main() -> int:
     if unknown:
         parser.error(f"no part is called {unknown[0]}: give {', '.join(PARTS)}")
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the vision process runs; read when numpy is imported
+    from bench.series import slope
+
     told: dict[str, Any] = {"series": []}
     for part in [part for part in PARTS if part in (given.parts or PARTS)]:
         module = importlib.import_module(f"bench.growth.{part}")
         only = {"minutes": given.minutes} if part == "daemon" else {"bundle": given.bundle}
         measured = module.measure(quick=given.quick, **only)
         told["series"] += [series.as_json() for series in measured]
-        if part in RISING:
+        if part in OVER:
             for name, points in (line for series in measured for line in series.lines.items()):
-                rise = module.slope(points, module.PER)
+                rise = slope(points, OVER[part])
                 found = {"value": rise.value, "interval": [rise.low, rise.high]}
                 told.setdefault("rise", {})[name] = found
     print(json.dumps(told))

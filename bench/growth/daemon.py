@@ -20,18 +20,13 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from bench.faults.standing import NotSeen, Standing
 from bench.faults.standing_calls import drive_on, held_call
-from bench.growth.hours import slope
 from bench.series import Series
 from companion.sim.demo.rehearsal import free_port
 from companion.wire.answers import SetWord
 from companion.wire.ids import COMPONENT_ID, Motion
 from companion.wire.parameters import SUMMARY_RATE
 
-__all__ = ["PER", "drive", "measure", "slope"]
-
 MINUTES, QUICK = 60.0, 0.2
-PER = 1.0
-"""Hours over which a rise is told."""
 SCENES = 16
 _SAMPLES = 150
 _CALL_EVERY, _SET_EVERY, _SILENT_EVERY, _SILENT_FOR = 20.0, 10.0, 300.0, 6.0
@@ -60,10 +55,10 @@ def drive(seconds: float, folder: Path) -> list[Series]:
         threading.Thread(target=_browse, args=(port, over), daemon=True).start()
         assert rover.daemon is not None
         process = Path(f"/proc/{rover.daemon.process.pid}")
-        begun = measured_at = time.monotonic()
+        begun = now = measured_at = time.monotonic()
         called_at = set_at = float("-inf")
         calls = answered = 0
-        while (now := time.monotonic()) < begun + seconds:
+        while now < begun + seconds:
             rover.wire.reboots = (now - begun) % _SILENT_EVERY >= _SILENT_EVERY - _SILENT_FOR
             if now - called_at >= _CALL_EVERY and not rover.wire.reboots:
                 called_at, calls = now, calls + 1
@@ -71,6 +66,8 @@ def drive(seconds: float, folder: Path) -> list[Series]:
             if now - set_at >= _SET_EVERY:
                 set_at = now
                 _set_parameter(rover, calls)
+            rover.run(0.05)
+            now = time.monotonic()
             if now - measured_at >= seconds / _SAMPLES:
                 measured_at, hours = now, round((now - begun) / 3600, 5)
                 own, pss = _memory(process)
@@ -78,7 +75,6 @@ def drive(seconds: float, folder: Path) -> list[Series]:
                 memory.add("main process, PSS", hours, [pss])
                 held.add("threads", hours, [len(list((process / "task").iterdir()))])
                 held.add("open files", hours, [len(list((process / "fd").iterdir()))])
-            rover.run(0.05)
         over.set()
         print(f"{rover.judged()} frames, {calls} calls, {answered} answered", flush=True)
     return [memory, held]

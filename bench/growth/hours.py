@@ -9,14 +9,12 @@ slow down a computer for minutes; so times are compared with those of a yardstic
 from __future__ import annotations
 
 import logging
-import math
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
 from statistics import median
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,22 +28,7 @@ from companion.storage.log_file import log_to_file
 
 FRAMES = 36_000
 QUICK = 600
-PER = 1e5
-"""Frames over which a rise is told."""
 _SAMPLES = 50
-_BLOCKS = 8
-_SETTLING = 0.2
-"""Share of the frames that do not count for the slope: the memory of scenes and pictures fills meanwhile."""
-_T_975 = {2: 4.303, 3: 3.182, 4: 2.776, 5: 2.571, 6: 2.447, 7: 2.365, 8: 2.306}
-"""Degrees of freedom -> Student's t of a 95 % interval."""
-
-
-class Slope(NamedTuple):
-    """A rise with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
@@ -107,23 +90,3 @@ def _yardstick() -> Callable[[], float]:
         return (time.process_time() - begun) * 1e3
 
     return measure_it
-
-
-def slope(points: Sequence[Sequence[float]], over: float = PER) -> Slope:
-    """Returns the rise of the points' medians by blocks over so much of x, after the first fifth of it.
-
-    Neighbouring samples resemble each other, medians of blocks hardly: so the interval is not too narrow.
-    """
-    places = np.array([point[0] for point in points])
-    values = np.array([point[1] for point in points])
-    settled = places > _SETTLING * places[-1]
-    blocks = min(_BLOCKS, int(settled.sum()))
-    x = np.array([part.mean() for part in np.array_split(places[settled], blocks)])
-    y = np.array([np.median(part) for part in np.array_split(values[settled], blocks)])
-    away = x - x.mean()
-    rise = float(away @ y / (away @ away))
-    rest = y - y.mean() - rise * away
-    error = math.sqrt(float(rest @ rest) / (blocks - 2) / float(away @ away))
-    half = _T_975[blocks - 2] * error
-    low, value, high = (round(over * one, 3) for one in (rise - half, rise, rise + half))
-    return Slope(value, low, high)

@@ -289,6 +289,16 @@ def test_a_long_write_ahead_log_is_taken_in_when_it_is_tidied_and_not_before(tmp
     again.close()
 
 
+def test_a_commit_adds_nothing_to_the_interned_texts(tmp_path: Path, interned: list[str]) -> None:
+    journal = Journal(tmp_path)
+    journal.tidy()  # makes the day's copy
+    interned.clear()
+    journal.commit(Batch(frame=(1, b"small")))
+    journal.tidy()
+    assert interned == []
+    journal.close()
+
+
 def test_a_journal_of_a_newer_companion_is_refused_and_left_alone(tmp_path: Path) -> None:
     _begin(tmp_path)
     _edit(tmp_path, f"PRAGMA user_version = {VERSION + 1}")

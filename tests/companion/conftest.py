@@ -1,4 +1,4 @@
-"""What the tests of this folder share."""
+"""What the tests of the companion share."""
 
 from __future__ import annotations
 

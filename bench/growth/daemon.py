@@ -42,8 +42,8 @@ def measure(*, quick: bool, minutes: float | None) -> list[Series]:
 def drive(seconds: float, folder: Path) -> list[Series]:
     """Lets a daemon run for so long, and returns the memory of its main process, its threads and open files.
 
-    Its own memory is what it shares with nobody. PSS counts what is shared in shares, and rises when another
-    program that uses the same libraries ends.
+    Its own memory is without the files of libraries. PSS counts them in shares, and rises when another
+    program that uses them ends.
     """
     memory = Series("Memory of a whole daemon's main process", "hours", "MB")
     held = Series("Threads and open files of a whole daemon's main process", "hours", "")
@@ -104,7 +104,7 @@ def _memory(process: Path) -> tuple[float, float]:
     """Returns the MB of its own, and its PSS."""
     text = (process / "smaps_rollup").read_text()
     kb = {name: int(value) for name, value in re.findall(r"^(\w+): +(\d+) kB$", text, re.M)}
-    return (kb["Private_Clean"] + kb["Private_Dirty"]) / 1024, kb["Pss"] / 1024
+    return kb["Anonymous"] / 1024, kb["Pss"] / 1024
 
 
 def _browse(port: int, over: threading.Event) -> None:

@@ -299,11 +299,12 @@ def test_a_process_that_works_is_waited_for_until_the_longest_time_and_can_be_en
         assert one.packer.told.packing == 7, looked
     one.packer.poll(101.0)
     assert one.packer.told.failed == (7, "it took longer than 100 s: use `companion incident`")
-    assert child.ended()
+    assert child.ends_within(PATIENCE)
     one.packer.ask(7, 101.0 + PAUSE)
     child = one.packer._child
     assert child is not None
     one.packer.close()
+    assert child.ends_within(PATIENCE)
     assert child.ended() == "SIGKILL"
 
 

@@ -62,8 +62,6 @@ def connected(seed: Mask, within: Mask, steps: int) -> Mask:
 
     The result lies in `within` where `steps` is at least 1.
     """
-    if steps < 1:
-        return seed
     row = seed.shape[1] + 1
     cells, allowed = _bits(seed), _bits(within)
     for _ in range(steps):

@@ -70,7 +70,7 @@ bench-perception: ready-dev ## how far the perceiver may be trusted, at home and
 bench-power: ready-dev ## kill the companion at 500 points of its writes, and cut its power at 200; ARGS="--kills 20 --cuts 20"
 	@$(PYTHON_IN_VENV) -m bench.faults.power_loss $(ARGS)
 
-bench-mutants: ready-dev ## put faults into the safety path, 203 one at a time: do the tests notice? (hours)
+bench-mutants: ready-dev ## put faults into the safety path, 263 one at a time: do the tests notice? (hours)
 	@$(PYTHON_IN_VENV) -m bench.mutants $(ARGS)
 
 house: ready-dev ## how simple the code is: lines, files, floors of imports, and how many files an event passes

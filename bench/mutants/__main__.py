@@ -1,7 +1,8 @@
 """Runs the tests against each mutant of the safety path; the last line is one JSON object.
 
-The mutants are in mutants.json and were chosen once by seed; `--choose 200` chooses new ones. `--before`
-compares with an earlier result file: the exit code is 1 if a mutant that was caught then is not caught now.
+The mutants are in mutants.json and were chosen once by seed; `--choose 200` chooses new ones, and
+`--choose 60 --files companion/storage/writer.py` adds some of these files at the end. `--before` compares
+with an earlier result file: the exit code is 1 if a mutant that was caught then is not caught now.
 Run: python -m bench.mutants [--jobs 2] [--only 3 17] [--out results.json] [--before results.json]
 """
 
@@ -37,12 +38,14 @@ _REAL_TIME = (
 
 def main() -> int:
     given = _arguments()
+    mutants = [Mutant(**one) for one in json.loads(CHOSEN.read_text())]
     if given.choose:
-        found = [mutant.figures() for mutant in chosen(given.choose, given.seed)]
-        CHOSEN.write_text("[\n" + ",\n".join(json.dumps(one) for one in found) + "\n]\n")
+        kept = mutants if given.files else []
+        found = kept + chosen(given.choose, given.seed, given.files or SAFETY_PATH, kept)
+        lines = ",\n".join(json.dumps(mutant.figures()) for mutant in found)
+        CHOSEN.write_text(f"[\n{lines}\n]\n")
         print(f"{len(found)} mutants written to {CHOSEN}")
         return 0
-    mutants = [Mutant(**one) for one in json.loads(CHOSEN.read_text())]
     numbers = given.only or range(len(mutants))
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         houses = [_house(Path(folder) / str(job)) for job in range(given.jobs)]
@@ -125,6 +128,13 @@ def _try(mutant: Mutant, house: Path) -> str:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m bench.mutants", description=__doc__)
     parser.add_argument("--choose", type=int, metavar="COUNT", help="choose so many anew, and end")
+    parser.add_argument(
+        "--files",
+        nargs="+",
+        metavar="FILE",
+        choices=SAFETY_PATH,
+        help="with --choose: add some of these alone",
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the choice (default 1)")
     parser.add_argument("--jobs", type=int, default=2, help="side by side (default 2)")
     parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="these alone")

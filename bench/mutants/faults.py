@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,21 @@ _DAEMON = ("tests/companion/daemon",)
 _HOLD_GIVEN = ("tests/companion/daemon/test_hold_that_cannot_be_given.py", *_DAEMON)
 _VISION = ("tests/companion/vision",)
 _LINK = ("tests/companion/link",)
-_STREAMS = tuple(f"tests/companion/link/test_{name}.py" for name in ("streams", "stuck_devices"))
-_MODES = tuple(f"tests/companion/link/test_{name}.py" for name in ("mode_commands", "vehicle"))
+
+
+def _tests(folder: str, *names: str) -> tuple[str, ...]:
+    return tuple(f"tests/companion/{folder}/test_{name}.py" for name in names)
+
+
+_ANSWERS = _tests("link", "answers", "answers_by_parameter", "words_by_text")
+_ROUTES = _tests(
+    "link", "message_intervals", "several_connections", "one_sender", "vehicle", "commands", "camera"
+)
+_SIGNED = (*_tests("wire", "signing"), *_tests("link", "signed_link"))
+_JOURNAL = (
+    *_tests("storage", "journal_calls", "journal_of_version_1", "journal_trouble", "journal_memory"),
+    *_tests("storage", "journal_salvaged", "journal_copy"),
+)
 SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "anytraverse/findings.py": _ALGORITHM,
     "anytraverse/judging.py": _ALGORITHM,
@@ -60,9 +73,29 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/link/vehicle.py": _LINK,
     "companion/link/vehicle_commands.py": _LINK,
     "companion/link/access_control.py": _LINK,
-    "companion/link/mode_commands.py": _MODES,
-    "companion/link/dead_man.py": ("tests/companion/link/test_dead_man.py",),
-    "companion/link/streams.py": _STREAMS,
+    "companion/link/mode_commands.py": _tests("link", "mode_commands", "vehicle"),
+    "companion/link/dead_man.py": _tests("link", "dead_man"),
+    "companion/link/streams.py": _tests("link", "streams", "stuck_devices"),
+    "companion/storage/writer.py": _tests("daemon", "the_writer"),
+    "companion/storage/journal.py": _JOURNAL,
+    "companion/answers/store.py": ("tests/companion/answers", *_ANSWERS),
+    "companion/link/answers.py": (*_ANSWERS, *_tests("link", "camera")),
+    "companion/link/router.py": (*_ANSWERS, *_ROUTES),
+    "companion/link/reassembly.py": _ANSWERS,
+    "companion/link/limits.py": _tests("link", "bucket", "floods_of_requests", "floods_under_many_names"),
+    "companion/link/signing.py": _SIGNED,
+    "companion/wire/answers.py": (*_tests("wire", "payloads"), *_ANSWERS),
+    "companion/wire/signing.py": _SIGNED,
+    "companion/wire/signing_store.py": (*_tests("wire", "signing_store"), *_SIGNED),
+    "companion/calls/decisions.py": _tests("calls", "when_a_call_opens", "answers_to_a_call", "the_way_back"),
+    "companion/calls/masks.py": _tests("calls", "masks_grow"),
+    "companion/vision/answer_queue.py": _tests("vision", "answer_queue"),
+    "companion/vision/codec.py": _tests("vision", "codec"),
+    "companion/vision/evidence.py": _tests("vision", "evidence_of_ok"),
+    "companion/vision/exposure.py": _tests("vision", "exposure"),
+    "companion/vision/judging_rate.py": _tests("vision", "judging_rate"),
+    "companion/system/child_process.py": _tests("system", "child_process", "socket_units"),
+    "companion/system/socket_units.py": _tests("system", "socket_units"),
 }
 """File -> the tests that must notice a fault in it, the likeliest first."""
 
@@ -129,10 +162,12 @@ class Mutant:
         return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 
 
-def chosen(count: int, seed: int) -> list[Mutant]:
-    """So many of all that can be made, by turns from each file, without repetition."""
+def chosen(
+    count: int, seed: int, files: Iterable[str] = SAFETY_PATH, without: Collection[Mutant] = ()
+) -> list[Mutant]:
+    """So many of all that can be made, by turns from each file, without repetition and those in `without`."""
     chance = random.Random(seed)
-    left = {file: list(_mutants(file)) for file in SAFETY_PATH}
+    left = {file: [one for one in _mutants(file) if one not in without] for file in files}
     for found in left.values():
         chance.shuffle(found)
     picked: list[Mutant] = []

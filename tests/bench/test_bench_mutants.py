@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import ast
 import json
+import sys
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import pytest
 
+from bench.mutants import __main__
 from bench.mutants.__main__ import CHOSEN, figures
 from bench.mutants.faults import KINDS, ROOT, SAFETY_PATH, Mutant, chosen
 
-COUNT = 60
+COUNT = 80
 
 
 @cache
@@ -57,15 +60,31 @@ def test_a_fault_whose_line_was_changed_is_gone_and_is_put_into_no_other_line() 
         replace(known, line="< WITHIN_LONG_AGO").source()
 
 
-def test_two_hundred_and_three_of_a_review_are_fixed_in_a_file() -> None:
+def test_more_of_some_files_are_added_at_the_end_and_none_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = "companion/vision/answer_queue.py"
+    first, all_of_it = chosen(5, 1, [file]), chosen(99, 1, [file])
+    written = tmp_path / "mutants.json"
+    written.write_text(json.dumps([one.figures() for one in first]))
+    monkeypatch.setattr(__main__, "CHOSEN", written)
+    monkeypatch.setattr(sys, "argv", ["mutants", "--choose", "99", "--files", file])
+    assert __main__.main() == 0
+    found = [Mutant(**one) for one in json.loads(written.read_text())]
+    assert found[:5] == first
+    assert len(found) == len(set(found)) == len(all_of_it)
+    assert set(found) == set(all_of_it)
+
+
+def test_two_hundred_and_sixty_three_are_fixed_in_a_file() -> None:
     found = [Mutant(**one) for one in json.loads(CHOSEN.read_text())]
-    assert len(set(found)) == 203
+    assert len(set(found)) == 263
     assert {one.file for one in found} == set(SAFETY_PATH)
     assert all(one.source() for one in found), "they are there"
 
 
 def test_a_boundary_moves_an_operand_goes_and_an_assignment_is_false() -> None:
-    *_, boundary, operand, assignment = (Mutant(**one) for one in json.loads(CHOSEN.read_text()))
+    boundary, operand, assignment = (Mutant(**one) for one in json.loads(CHOSEN.read_text())[200:203])
     assert "report.reported_at < self._unknown_until" in boundary.source()
     assert "at < self._first_go_at" not in operand.source()
     assert "late = False" in assignment.source()

@@ -8,8 +8,8 @@ from anytraverse.regions import Region
 from companion.vision.freeze_detector import Luma
 
 BLACK, DARK, WHITE = 5.0, 12.0, 250.0
-"""Brightness, of 255: nothing is brighter in a black picture, nor in an underexposed region; an overexposed
-region is at least so bright."""
+"""Brightness, of 255: a black picture and an underexposed region are darker, an overexposed region is at
+least so bright."""
 _SHARE = 0.95
 _WHITE_SHARE = 0.9
 

@@ -1,14 +1,15 @@
-"""Masks grow cell by cell, as a slow and plain rule says."""
+"""Masks become coarse and grow, cell by cell, as a slow and plain rule says."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
-from companion.calls.masks import below, connected, wider
+from companion.calls.masks import below, coarse, connected, resized, wider
 
 Mask = NDArray[np.bool_]
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 9))
@@ -54,3 +55,15 @@ def test_below_a_mask_is_each_cell_that_has_one_of_it_above_and_near_its_column(
     for row, column in np.ndindex(*mask.shape):
         left = max(0, column - aside)
         assert found[row, column] == mask[: row + 1, left : column + aside + 1].any()
+
+
+@pytest.mark.parametrize("shape", [(9, 7), (96, 97), (200, 300)])
+def test_a_large_mask_becomes_96_cells_a_side_and_each_of_its_pixels_sets_its_cell(
+    shape: tuple[int, int],
+) -> None:
+    mask = np.random.default_rng(0).random(shape) < 0.1
+    cells = np.zeros((min(shape[0], 96), min(shape[1], 96)), np.bool_)
+    for row, column in np.argwhere(mask):
+        cells[row * cells.shape[0] // shape[0], column * cells.shape[1] // shape[1]] = True
+    assert np.array_equal(coarse(mask), cells)
+    assert resized(cells, *shape)[mask].all()

@@ -116,6 +116,7 @@ def test_any_error_is_told_once_counted_and_tried_again(
         assert (writer.failed, writer.committed, writer.failing) == (ticket, 0, True)
         assert writer.errors["journal"] == 5
         assert caplog.text.count("journal cannot be written") == 1
+        assert ("Traceback" in caplog.text) == (not isinstance(error, JournalError))
     with caplog.at_level(logging.INFO):
         writer.drain()
     assert (writer.committed, writer.failing) == (ticket, False)

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
 from companion.link.inbound import RcChannels, VehicleUpdate
-from companion.link.signing import open_signing
+from companion.link.signing import RECENT, open_signing
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Motion, Outcome, Reasons, Result
@@ -209,6 +209,17 @@ def test_an_unsigned_autopilot_is_said_with_what_to_do(tmp_path: Path) -> None:
     assert stage.frames == []
     stage.arrive(stage.beat())
     assert stage.link.trouble is None
+
+
+def test_what_is_refused_of_the_autopilot_is_trouble_for_ten_seconds(tmp_path: Path) -> None:
+    stage = Stage(tmp_path)
+    signing = open_signing(tmp_path / "key", tmp_path, wall=lambda: WALL)
+    message = mavlink.MAVLink(None).decode(bytearray(stage.beat(signed=False)))
+    assert signing.refusal(message, 5.0) == "unsigned"
+    signing.tick(5.0 + RECENT)
+    assert "is not signed" in str(signing.trouble)
+    signing.tick(5.1 + RECENT)
+    assert signing.trouble is None
 
 
 def test_what_others_say_in_a_verified_autopilots_name_is_no_trouble_until_it_is_silent(stage: Stage) -> None:

@@ -160,11 +160,14 @@ def test_what_is_in_the_write_ahead_log_is_recovered_too(tmp_path: Path) -> None
     assert {name: (folder / name).read_bytes() for name in content} == content, "they stay as they were"
 
 
-def test_calls_answers_and_the_open_calls_frame_are_recovered(tmp_path: Path) -> None:
+def test_calls_answers_and_the_open_calls_frame_are_recovered(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     written = Journal(tmp_path)
     row = Row("answers", "call_id, answered_at, record", (7, 1.0, as_json({"motion": "go"})))
     closed = Row("calls", "id, closed_at, outcome, record", (7, 1.0, "answered", as_json({"frame_id": 3})))
-    written.commit(Batch(memory=memory_of(1), frame=(3, b"png"), rows=(row, closed)))
+    state = as_json({**STATE, "call": {"frame_id": 3}})
+    written.commit(Batch(memory_of(1), state, frame=(3, b"png"), rows=(row, closed)))
     written.close()
     with sqlite3.connect(tmp_path / "journal.db") as connection:
         connection.execute("UPDATE entries SET matched = 'never'")
@@ -172,7 +175,9 @@ def test_calls_answers_and_the_open_calls_frame_are_recovered(tmp_path: Path) ->
     connection.close()
     found = Journal(tmp_path)
     assert found.recovered == "0 scenes recovered"
+    assert (found.load_supervision() or {})["call"] == {"frame_id": 3}
     assert found.load_frame(3) == b"png"
+    assert "frame of the open call is lost" not in caplog.text
     assert [one.id for one in found.calls()] == [7]
     assert found.answers(7) == ({"motion": "go"},)
     found.close()

@@ -149,6 +149,19 @@ def test_one_that_is_closed_while_it_is_being_started_is_killed_once_it_is(
     assert child.ends_within(PATIENCE)
 
 
+@pytest.mark.parametrize(("parent", "said"), [(0, b"goes on"), (-1, b"")])
+def test_one_whose_parent_is_gone_already_ends_and_one_that_systemd_started_goes_on(
+    parent: int, said: bytes
+) -> None:
+    child = start(
+        f"from companion.system.child_process import end_with; end_with({parent})\n"
+        "import socket, sys; socket.socket(fileno=int(sys.argv[1])).send(b'goes on')"
+    )
+    child.channel.settimeout(PATIENCE)
+    assert child.channel.recv(64) == said
+    child.close()
+
+
 def test_it_lives_longer_than_the_thread_that_asked_for_it() -> None:
     made: list[SideChild] = []
     program = (

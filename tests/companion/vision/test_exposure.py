@@ -10,7 +10,7 @@ import pytest
 
 from anytraverse.frame import Image
 from anytraverse.regions import Box
-from companion.vision.exposure import ADVICE, ExposureDetector, exposure_name
+from companion.vision.exposure import ADVICE, BLACK, DARK, WHITE, ExposureDetector, exposure_name
 from companion.vision.freeze_detector import luma
 
 _ROI = Box(0.333, 0.6, 0.667, 0.95)
@@ -42,6 +42,21 @@ def _scene(gain: float = 1.0, seed: int = 0) -> Image:
 def test_a_picture_is_named_by_what_can_be_seen_of_the_ground(picture: Image, name: str) -> None:
     assert exposure_name(luma(picture), _ROI) == name
     assert name in ADVICE
+
+
+@pytest.mark.parametrize(
+    ("level", "name"),
+    [
+        (BLACK - 0.5, "picture black"),
+        (BLACK, "picture underexposed"),
+        (DARK - 0.5, "picture underexposed"),
+        (DARK, ""),
+        (WHITE - 0.5, ""),
+        (WHITE, "picture overexposed"),
+    ],
+)
+def test_a_picture_at_a_limit_is_no_longer_dark_and_already_overexposed(level: float, name: str) -> None:
+    assert exposure_name(np.full((12, 16), level, np.float32), _ROI) == name
 
 
 def test_a_bright_sky_does_not_hide_that_the_ground_is_dark() -> None:

@@ -141,6 +141,23 @@ def test_what_is_packed_comes_back_and_fits_a_tunnel(
     assert type(message).unpack(payload) == message
 
 
+@pytest.mark.parametrize(
+    "operation",
+    [
+        SetWord("grass", -0.5),
+        TapBox(9, (0.1, 0.2, 0.3, 0.4), "grass", 1.0),
+        ForgetWord("grass"),
+        ForgetCall(4),
+        NewEpisode(),
+        OtherPlace(5),
+        PackIncident(6),
+    ],
+)
+def test_each_operation_comes_back_as_itself(operation: Operation) -> None:
+    answer = AnswerMessage(1, 2, Motion.NONE, (operation, SetWord("moss", 0.5)))
+    assert AnswerMessage.unpack(answer.pack()) == answer
+
+
 @settings(max_examples=200)
 @given(st.sampled_from(KINDS), st.binary(max_size=140))
 def test_any_bytes_are_read_or_refused(

@@ -180,6 +180,21 @@ def test_a_jump_beyond_the_reserve_is_put_on_disk_at_once(
     assert len(synced) == 2
 
 
+def test_the_mark_of_a_clean_end_reaches_the_disk_and_only_after_the_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, done, real = TimestampFile(tmp_path, BOOT), list[str](), os.pwrite
+
+    def write(descriptor: int, content: bytes, at: int) -> int:
+        done.append("mark" if content[4:20] == bytes(16) else "rows")
+        return real(descriptor, content, at)
+
+    monkeypatch.setattr(os, "pwrite", write)
+    monkeypatch.setattr(os, "fdatasync", lambda _: done.append("sync"))
+    file.close()
+    assert done == ["rows", "sync", "mark", "sync"]
+
+
 @contextmanager
 def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[set[str]]:
     """A disk on which no write ends before the block does. Yields the threads that wait for it."""

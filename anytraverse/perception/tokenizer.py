@@ -23,6 +23,9 @@ LONGEST = 4096
 """The most tokens that a text may be cut to, or filled up to."""
 _LONGEST_STATE = 4096
 """The most characters of JSON for what is put around a text's ids."""
+_LONGEST_STEPS = 16384
+"""The most characters of JSON for all but the vocabulary. The library compiles each pattern as it reads it,
+and a character of a pattern may take a kilobyte of memory."""
 _REMEDY = "Copy the bundle here again, or make it with `anytraverse export` of this version."
 
 SPACE = "▁"
@@ -60,10 +63,12 @@ class Tokenizer:
         if content.startswith(b'{"format"'):
             raise ValueError("an earlier version wrote it")
         library = load_tokenizers()
+        _check_length(content)
         with _panics_caught():
             self._tokenizer = library.Tokenizer.from_buffer(content)
             _check(self._tokenizer)
-            self._tokenizer.encode("a")
+            if max(self._tokenizer.encode("a").ids, default=0) >= self.size():
+                raise ValueError("it puts tokens around a text that it does not have")
 
     @classmethod
     def load(cls, path: Path) -> Tokenizer:
@@ -103,6 +108,19 @@ def load_tokenizers() -> Any:
             'words of any kind need tokenizers: pip install "anytraverse-companion[words]"'
         ) from None
     return tokenizers
+
+
+def _check_length(content: bytes) -> None:
+    """Raise ValueError for what is no JSON object, or has more than a vocabulary and some short steps."""
+    try:
+        told = json.loads(content)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+    if not isinstance(told, dict):
+        raise ValueError("it is no JSON object")
+    steps = {name: value for name, value in told.items() if name not in ("model", "added_tokens")}
+    if len(json.dumps(steps)) > _LONGEST_STEPS:
+        raise ValueError(f"its steps have more than {_LONGEST_STEPS} characters")
 
 
 def _check(made: Any) -> None:

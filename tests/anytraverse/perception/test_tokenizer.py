@@ -139,6 +139,16 @@ HARMFUL: dict[str, dict[str, Any]] = {
     "a table that leads astray": {
         "normalizer": {"type": "Precompiled", "precompiled_charsmap": "BAAAAP////8BAgME"}
     },
+    "a padding of no token": {
+        "padding": {
+            "strategy": {"Fixed": 77},
+            "direction": "Right",
+            "pad_to_multiple_of": None,
+            "pad_id": 10**6,
+            "pad_type_id": 0,
+            "pad_token": "a",
+        }
+    },
     "a terabyte of padding": {
         "padding": {
             "strategy": {"Fixed": 10**12},
@@ -170,6 +180,18 @@ HARMFUL: dict[str, dict[str, Any]] = {
         "post_processor": {**TWICE, "single": [{"Sequence": {"id": "A", "type_id": 0}}] * 1000}
     },
 }
+
+
+@pytest.mark.parametrize("part", ["pre_tokenizer", "decoder"])
+def test_patterns_that_would_fill_the_memory_are_refused_before_they_are_compiled(
+    tmp_path: Path, part: str
+) -> None:
+    content = json.loads(CLIP)
+    long = {"Regex": "[\\p{L}\\p{N}]" * 2000}
+    split = {"type": "Split", "pattern": long, "behavior": "Removed", "invert": True}
+    content[part] = split if part == "pre_tokenizer" else {"type": "Replace", "pattern": long, "content": ""}
+    said = refusal(tmp_path / "tokenizer.json", json.dumps(content).encode())
+    assert "its steps have more than 16384 characters" in said
 
 
 @pytest.mark.parametrize("changes", HARMFUL.values(), ids=HARMFUL)

@@ -106,7 +106,8 @@ class RoverIncidents:
                 del self._downloads[name]
                 if download.problem:
                     self._problems[name] = download.problem
-        followed = now < self._followed_until and any(one.applied for one in self._asked.values())
+        asked = any(one.applied for one in self._asked.values())
+        followed = now < self._followed_until and (asked or self._told.packing is not None)
         due = followed and now - self._read_at >= AGAIN_S
         first = self._read_at < 0 and (self._files.rate or 0.0) >= QUICK_FOR_LARGE
         if (due or first) and not self._files.waits(_DOCUMENT_PATH):

@@ -143,6 +143,16 @@ def test_a_request_is_followed_for_as_long_as_the_rover_packs(rover: Rover) -> N
     rover.desk.until(lambda: bool(rover.shown()["files"]))
 
 
+def test_packing_that_somebody_else_asked_for_is_followed_to_its_end(
+    rover: Rover, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(incidents, "QUICK_FOR_LARGE", 0.0)
+    rover.told = Incidents(7)
+    rover.desk.until(lambda: rover.shown()["text"] == "It is being packed.")
+    rover.told = Incidents(packed=(PACKED,))
+    rover.desk.until(lambda: bool(rover.shown()["files"]))
+
+
 def test_packing_is_cancelled_by_an_answer_that_belongs_to_no_call(rover: Rover) -> None:
     rover.desk.post("incident", call=7)
     rover.desk.run(1.0)

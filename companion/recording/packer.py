@@ -78,6 +78,8 @@ class IncidentPacker:
         """
         last = self.told.packed[0] if self.told.packed else None
         if self.told.packing is not None:
+            if self._cancelled_at is not None:
+                return Result.REFUSED, f"{_named(self.told.packing)} is being cancelled: ask again in 10 s"
             if self.told.packing == call:
                 return Result.APPLIED, f"{_named(call)} is being packed"
             return Result.REFUSED, f"{_named(self.told.packing)} is being packed: ask again when it is done"
@@ -98,7 +100,7 @@ class IncidentPacker:
         if self._cancelled_at is None:
             self._cancelled_at = now
             self._child.terminate()
-        return Result.APPLIED, f"{_named(call)} is packed no more"
+        return Result.APPLIED, f"{_named(call)} is being cancelled"
 
     def poll(self, now: float) -> None:
         """Take what the process says, and end one that takes too long."""

@@ -12,8 +12,10 @@ from companion.wire.answers import (
     MAX_WORD_BYTES,
     Acknowledgement,
     AnswerMessage,
+    CancelIncident,
     IncidentRequest,
     Operation,
+    PackIncident,
 )
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.packing import PayloadError, clean
@@ -156,7 +158,7 @@ class Pending:
         if self.settled or self._closed_at is not None:
             return False
         if self.operations and all(isinstance(one, IncidentRequest) for one in self.operations):
-            return False  # it changes nothing, so that no order is to be kept
+            return False  # it changes nothing of a call, so that no answer has to wait for it
         return self.first_sent is None or now - self.first_sent < BLOCKS_S
 
     def due(self, now: float) -> bytes | None:
@@ -181,11 +183,15 @@ class Pending:
             self.status = Status.ACKNOWLEDGED
 
     def overrule(self, others: Iterable[Pending], now: float) -> None:
-        """If this is a stay, send no go to its call any more: it would come after the stay, and undo it."""
-        if self.motion is Motion.STAY:
-            for other in others:
-                if (other.system, other.target, other.motion) == (self.system, self.target, Motion.GO):
-                    other.close(now)
+        """Send no more what would come after this and undo it.
+
+        That is a go to the call of a stay, and a request to pack the incident that this cancels.
+        """
+        packed = [PackIncident(one.id) for one in self.operations if isinstance(one, CancelIncident)]
+        for other in others:
+            undone = self.motion is Motion.STAY and (other.target, other.motion) == (self.target, Motion.GO)
+            if other.system == self.system and (undone or list(other.operations) == packed != []):
+                other.close(now)
 
     def close(self, now: float) -> None:
         """Send no more, since the call is closed, or a stay was said.

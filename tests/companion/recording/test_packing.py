@@ -353,8 +353,9 @@ def test_an_incident_that_is_cancelled_leaves_nothing_behind_and_the_older_ones_
     os.kill(child.pid, signal.SIGSTOP)
     now = time.monotonic()
     assert one.packer.cancel(8, now) == (Result.REFUSED, "C7 is being packed, not C8")
-    assert one.packer.cancel(7, now) == (Result.APPLIED, "C7 is packed no more")
+    assert one.packer.cancel(7, now) == (Result.APPLIED, "C7 is being cancelled")
     assert one.packer.cancel(7, now)[0] is Result.APPLIED, "said twice"
+    assert one.packer.ask(7, now) == (Result.REFUSED, "C7 is being cancelled: ask again in 10 s")
     assert one.packer.told.packing == 7, "until the process has ended"
     os.kill(child.pid, signal.SIGCONT)
     one.until_done()
@@ -395,6 +396,7 @@ def test_a_process_that_does_not_end_when_it_is_cancelled_is_killed(tmp_path: Pa
     assert one.packer.told.packing == 7
     one.packer.poll(12.0)
     assert one.packer.told.failed == (7, "it was cancelled")
+    assert child.ends_within(PATIENCE)
     assert child.ended() == "SIGKILL"
 
 

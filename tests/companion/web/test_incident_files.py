@@ -92,14 +92,14 @@ def test_packing_is_cancelled_while_a_call_is_open_too(page: Page) -> None:
     (request, *_) = page.given
     assert (request.target, request.motion, request.operations) == (0, Motion.NONE, (CancelIncident(7),))
     page.stage.page.acknowledge(
-        Acknowledgement.without_figures(request.transaction, 0, Result.APPLIED, "C7 is packed no more")
+        Acknowledgement.without_figures(request.transaction, 0, Result.APPLIED, "C7 is being cancelled")
     )
 
     def told() -> tuple[str, str]:
         (newest,) = json.loads(page.get("/shown-calls.json")[2])["alone"]
         return newest["said"], newest["text"]
 
-    page.stage.until(lambda: told() == ("cancel incident 7", "done: C7 is packed no more"))
+    page.stage.until(lambda: told() == ("cancel incident 7", "done: C7 is being cancelled"))
     page.stage.news["state"]["open"] = None
     assert page.stage.post("/answer", cancel | {"changes": [{"cancel_incident": -1}]}).status == 409
 

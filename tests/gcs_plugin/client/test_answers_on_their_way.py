@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement, SetWord
+from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident, SetWord
 from companion.wire.delivery import Status
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
@@ -130,6 +130,17 @@ def test_a_stay_waits_for_no_go_and_no_go_is_sent_after_it(sky: Sky) -> None:
     sky.run(20.0)
     assert sky.rover.applied == [(7, ids.Motion.STAY, ())]
     assert go.status is Status.CLOSED
+
+
+def test_what_is_cancelled_is_not_asked_for_any_more(sky: Sky) -> None:
+    sky.run(2.0)
+    sky.lose_up = lambda _: True
+    cancelled, other = (sky.answer(PackIncident(one), motion=ids.Motion.NONE, target=0) for one in (7, 8))
+    sky.run(1.0)
+    sky.answer(CancelIncident(7), motion=ids.Motion.NONE, target=0)
+    sky.run(20.0)
+    assert cancelled.status is Status.CLOSED
+    assert not other.settled
 
 
 def test_a_rover_that_is_busy_too_late_is_not_said_to_be_asked_again(sky: Sky) -> None:

@@ -19,7 +19,7 @@ stage=$(mktemp -d "$(pwd -P)/dist/deb.XXXXXX")
 trap 'rm -rf "$stage"' EXIT
 chmod 755 "$stage"
 
-DESTDIR=$stage PYTHON=$python sh systemd/install.sh
+DESTDIR=$stage PYTHON=$python sh systemd/install.sh "anytraverse-companion[words] @ file://$PWD"
 echo "deb: pack it"
 "$stage/opt/anytraverse/bin/python" -m compileall -q -f -s "$stage" "$stage/opt/anytraverse/lib"
 mkdir -p "$stage/usr/lib/systemd/system" "$stage/usr/lib/udev/rules.d" "$stage/DEBIAN"

@@ -17,8 +17,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SUITE = "bookworm"
 PACKAGES = ("systemd", "systemd-sysv", "dbus", "udev", "procps", "python3", "python3-venv")
 TOOLS = {"debootstrap": "debootstrap", "systemd-nspawn": "systemd-container", "nsenter": "util-linux"}
-_EXTRA = "oak"
-"""What is downloaded holds all that a rover with an OAK needs."""
+_EXTRA = "oak,words"
+"""What is downloaded holds all that a rover with an OAK needs, and a Debian package."""
 _PLATFORMS = ("manylinux_2_17", "manylinux_2_28", "manylinux2014")
 _BUILDING = 1800.0
 _BOOTS_WITHIN = 60.0

@@ -28,7 +28,7 @@ _LARGEST_HEADER = 16 << 10
 _POSTED_WITHIN = 5.0
 _LAST_ANSWERS = 0.1
 _LEAVES_WITHIN = 2
-"""Seconds after which what still runs is cancelled, as an answer that waits for a disk."""
+"""Seconds after which the answers that still wait are cancelled."""
 
 
 def static_routes(folder: Path) -> list[Route]:

@@ -99,7 +99,12 @@ def flush_stderr() -> None:
 def say_last(line: str, code: int) -> None:
     """Print a line to stderr after all that was logged. Ends the process with `code` if nobody reads it."""
     flush_stderr()
-    printing = threading.Thread(target=print, args=(line,), kwargs={"file": sys.stderr}, daemon=True)
+
+    def say() -> None:
+        sys.stdout.flush()  # what ends the process below would lose it
+        print(line, file=sys.stderr)
+
+    printing = threading.Thread(target=say, daemon=True)
     printing.start()
     printing.join(LAST_LINES)
     if printing.is_alive():

@@ -65,7 +65,9 @@ def stand_in(service: Service) -> Figures:
             path.write_text(re.sub(r"(?m)^source = .*$", 'source = "folder:/var/lib"', path.read_text()))
         service.sh(f"{_OPEN_CONFIG}; systemctl restart --no-block companion")
         service.until("the stand-in speaks", partial(_said, service, unit), 30.0)
+        first = service.sh("pgrep -f '[s]tand_in.py'", check=False).split()
         service.until("it is killed", partial(_is_killed, service, killed), 10.0)
+        service.until("the first one is gone", partial(_is_gone, service, first), 10.0)
         found[unit.strip("@")] = _reached(_said(service, unit), unit)
         service.sh("systemctl stop companion")
         left = service.sh("pgrep -f '[s]tand_in.py'", check=False).split()
@@ -77,6 +79,10 @@ def stand_in(service: Service) -> Figures:
     service.sh(f"chmod 644 /{CONFIG}; systemctl start companion")
     service.until("it judges again", service.judges, 20.0)
     return {"tried": len(found[_UNITS[0].strip("@")]), "reached": 0, "refused_by": found}
+
+
+def _is_gone(service: Service, pids: list[str]) -> bool:
+    return bool(pids) and not {*pids} & {*service.sh("pgrep -f '[s]tand_in.py'", check=False).split()}
 
 
 def _is_killed(service: Service, before: int) -> bool:

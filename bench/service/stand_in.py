@@ -61,7 +61,9 @@ def main() -> None:
         for number in set(signal.Signals) - {signal.SIGKILL, signal.SIGSTOP}:
             signal.signal(number, signal.SIG_IGN)
         time.sleep(3600)
-    os.close(_CONNECTION)  # as if it had ended
+    time.sleep(2.0)  # so that it is seen running
+    with socket.socket(fileno=_CONNECTION) as connection:  # as if it had ended
+        connection.shutdown(socket.SHUT_RDWR)
     os.write(channel, b"\xff" * 64)
     time.sleep(3600)
 

@@ -155,7 +155,7 @@ class ChildProcess:
         """Kill the process in whatever state it is, and close the channel. May be called repeatedly."""
         with self._changing:
             self._killed = True
-            if self._started and not self._ended:
+            if self._started:  # also one that seems to have ended: it may say so itself
                 self._kill()
         self._thread.join(self._reaped_within)  # a camera driver, or a disk, may delay its end
         self.channel.close()

@@ -32,6 +32,8 @@ channel.send(" ".join([*given, parent]).encode())
 while said := channel.recv(64):
     if said == b"close":
         os.close(3)
+    if said == b"shutdown":
+        socket.socket(fileno=os.dup(3)).shutdown(socket.SHUT_RDWR)
     channel.send(b"heard " + said)
 """
 
@@ -160,6 +162,16 @@ def test_one_that_closes_systemds_socket_is_not_taken_for_one_that_has_ended(man
     assert child.ended() == ""
     assert manager.running
     child.close()
+
+
+def test_one_that_feigns_its_end_is_killed_all_the_same(manager: ServiceManager) -> None:
+    child = start()
+    heard(child)
+    child.send(b"shutdown")
+    assert wait(child) == "its unit ended"
+    assert manager.running
+    child.close()
+    until(lambda: not manager.running)
 
 
 def test_nothing_is_started_beside_one_that_systemd_does_not_end(

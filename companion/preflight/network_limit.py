@@ -47,8 +47,8 @@ def needs_of(source: str) -> NetworkNeeds:
         return NetworkNeeds(any=not own, networks=() if own else None)
     if kind == "field":
         return NetworkNeeds(any=True, networks=_networks("localhost"))
-    if kind == "oak":  # on USB, unless its address is named
-        return NetworkNeeds(any=True, networks=_networks(place))
+    if kind == "oak":  # on USB; one that is named may be on a network, where it is looked for by broadcast
+        return NetworkNeeds(any=True, networks=None if place else ())
     return NetworkNeeds(any=True, networks=_networks(urlsplit(address(source)).hostname or "") or None)
 
 
@@ -69,7 +69,7 @@ def _networks(host: str) -> tuple[str, ...]:
     if host == "localhost":
         return ("127.0.0.0/8", "::1/128")
     try:
-        return (str(ipaddress.ip_network(host)),)
+        return () if "%" in host else (str(ipaddress.ip_network(host)),)
     except ValueError:
         return ()
 

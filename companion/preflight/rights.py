@@ -39,12 +39,12 @@ def check_rights(rover: Rover) -> list[Finding]:
     """Check that the user that runs the companion may use its files and devices, as far as they exist."""
     try:
         user = _user_of(rover.folder)
-        sees = _vision_user() if rover.folder == SERVICE else user
+        sees = _vision_user() if _is_service(rover) else user
     except OSError as error:
         return [skipped(RIGHTS, f"not known: {error}")]
     used = [(user, *one) for one in _used(rover)] + [(sees, *one) for one in _used_by_vision(rover)]
     bad = [_refused(*one) for one in used if not _is_absent(one[1]) and not _may(*one)]
-    if rover.folder != SERVICE:
+    if not _is_service(rover):
         apart = "its processes are not kept apart: docs/security.md"
         return bad or [passed(RIGHTS, f"user {user.name} may use its files and devices; {apart}")]
     bad += [
@@ -59,7 +59,7 @@ def check_rights(rover: Rover) -> list[Finding]:
 
 def check_reach(rover: Rover) -> list[Finding]:
     """Check how much of the network whoever breaks into the vision process by a picture would reach."""
-    if rover.folder != SERVICE:
+    if not _is_service(rover):
         return [skipped(REACH, "not limited: it is no service")]
     try:
         needs = needs_of(rover.config.camera.source)
@@ -73,7 +73,12 @@ def check_reach(rover: Rover) -> list[Finding]:
     if not (_UNIFIED.exists() and is_limited(needs)):
         return [warned(REACH, f"{all_of_it}: this system does not limit it; see docs/security.md")]
     reached = ", ".join(needs.networks) or "nothing"
-    return [passed(REACH, f"of the network the vision process reaches {reached}")]
+    return [passed(REACH, f"of the network systemd lets the vision process reach {reached}")]
+
+
+def _is_service(rover: Rover) -> bool:
+    """Whether systemd starts the companion's processes, each as a user of its own."""
+    return rover.folder == SERVICE or bool((rover.running or {}).get("service"))
 
 
 def _is_absent(path: Path) -> bool:

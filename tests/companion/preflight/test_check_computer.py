@@ -185,10 +185,15 @@ def test_the_service_s_vision_process_has_a_user_of_its_own(
     ("source", "limited", "verdict", "text"),
     [
         ("v4l2:/dev/video0", False, "pass", "the vision process has no network"),
-        ("rtsp://10.0.0.7/", True, "pass", "of the network the vision process reaches 10.0.0.7/32"),
+        (
+            "rtsp://10.0.0.7/",
+            True,
+            "pass",
+            "of the network systemd lets the vision process reach 10.0.0.7/32",
+        ),
         ("rtsp://10.0.0.7/", False, "warn", "this system does not limit it"),
         ("rtsp://camera.local/", True, "warn", "write the camera's numeric address"),
-        ("oak:", True, "pass", "of the network the vision process reaches nothing"),
+        ("oak:", True, "pass", "of the network systemd lets the vision process reach nothing"),
     ],
 )
 def test_how_much_of_the_network_the_vision_process_reaches_is_told(

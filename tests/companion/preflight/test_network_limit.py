@@ -41,8 +41,9 @@ NONE, UNKNOWN = NetworkNeeds(any=False), NetworkNeeds(any=True, networks=None)
         ("rtsp://localhost:8554/", NetworkNeeds(any=True, networks=HERE)),
         ("field:127.0.0.1:7000", NetworkNeeds(any=True, networks=HERE)),
         ("oak:", NetworkNeeds(any=True)),
-        ("oak:14442C10D13EABCE00", NetworkNeeds(any=True)),
-        ("oak:192.168.1.222", NetworkNeeds(any=True, networks=("192.168.1.222/32",))),
+        ("http://[fe80::1%eth0]/video", UNKNOWN),
+        ("oak:14442C10D13EABCE00", UNKNOWN),
+        ("oak:192.168.1.222", UNKNOWN),
     ],
 )
 def test_a_camera_reaches_what_its_source_names(source: str, needs: NetworkNeeds) -> None:

@@ -75,7 +75,7 @@ if [ "$1" = remove ] || [ "$1" = purge ]; then
     [ ! -d /run/systemd/system ] || systemctl daemon-reload
 fi
 if [ "$1" = purge ]; then
-    rm -rf /etc/anytraverse /var/lib/anytraverse /var/cache/anytraverse-video /var/cache/private/anytraverse-video
+    rm -rf /etc/anytraverse /var/lib/anytraverse /var/cache/anytraverse-* /var/cache/private/anytraverse-*
     ! id anytraverse >/dev/null 2>&1 || userdel anytraverse
 fi
 X

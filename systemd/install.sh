@@ -18,6 +18,7 @@ state=/var/lib/anytraverse
 units=$destination/etc/systemd/system
 rules=$destination/etc/udev/rules.d
 package=/var/lib/dpkg/info/anytraverse-companion.list
+unit_files=$(cd -- "$here" && echo *.service *.socket *.path *.slice)
 room_needed=700 # MB: the old program stays until the new one is complete
 
 say() {
@@ -65,10 +66,12 @@ configure() {
 uninstall() {
     [ ! -e "$package" ] || fail "a Debian package installed it: type: sudo apt remove anytraverse-companion"
     ! booted || systemctl disable --now companion 2>/dev/null || true
-    find "$units" -maxdepth 1 -type f \( -name 'companion.*' -o -name 'companion-*' -o -name 'anytraverse-kill@.*' \) -delete
+    for file in $unit_files; do
+        rm -f "$units/$file" "$units/$file.d/10-hardening.conf"
+        rmdir "$units/$file.d" 2>/dev/null || true # your own drop-ins stay
+    done
     rm -f "$rules/70-anytraverse.rules"
-    rm -f "$units/companion.service.d/10-hardening.conf" "$units/companion-.service.d/10-hardening.conf"
-    rmdir "$units/companion.service.d" "$units/companion-.service.d" 2>/dev/null || true # there may be your own
+    rm -rf /run/systemd/system.control/companion-camera.slice.d
     rm -rf "$opt/anytraverse" "$opt/anytraverse-a" "$opt/anytraverse-b"
     reload
     if [ "$1" != --purge ]; then
@@ -76,7 +79,7 @@ uninstall() {
         say "to remove them, too, type: sudo sh $0 --uninstall --purge"
         return
     fi
-    rm -rf "$config" "${state:?}" /var/cache/anytraverse-video /var/cache/private/anytraverse-video
+    rm -rf "$config" "${state:?}" /var/cache/anytraverse-* /var/cache/private/anytraverse-*
     ! id anytraverse >/dev/null 2>&1 || userdel anytraverse
     say "removed, with settings, memory and user"
 }
@@ -145,10 +148,14 @@ say "3/4 write settings, unit and device rules; what is in $config stays as it i
         cp -- "$here/../config/$file" "$config/$file"
     }
 done
-cp -- "$here"/*.service "$here"/*.socket "$here"/*.path "$here"/*.slice "$units"
-for name in companion companion-; do # its own unit, and all whose name begins so
-    mkdir -p "$units/$name.service.d"
-    cp -- "$here/hardening.conf" "$units/$name.service.d/10-hardening.conf"
+for file in $unit_files; do
+    cp -- "$here/$file" "$units/$file"
+    case $file in
+    companion*.service)
+        mkdir -p "$units/$file.d"
+        cp -- "$here/hardening.conf" "$units/$file.d/10-hardening.conf"
+        ;;
+    esac
 done
 cp -- "$here/70-anytraverse.rules" "$rules/70-anytraverse.rules"
 if [ -n "$destination" ]; then

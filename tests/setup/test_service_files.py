@@ -36,10 +36,11 @@ def laid_out(folder: Path) -> None:
         if unit.suffix in (".service", ".socket", ".path", ".slice"):
             text = re.sub(r"/opt/anytraverse/bin/\w+", sys.executable, unit.read_text())
             (folder / unit.name).write_text(text)
-    for name in ("companion", "companion-"):
-        drop_ins = folder / f"{name}.service.d"
-        drop_ins.mkdir()
-        shutil.copy(ROOT / "systemd/hardening.conf", drop_ins / "10-hardening.conf")
+    for unit in services():
+        if unit.name.startswith("companion"):
+            drop_ins = folder / f"{unit.name}.d"
+            drop_ins.mkdir()
+            shutil.copy(ROOT / "systemd/hardening.conf", drop_ins / "10-hardening.conf")
 
 
 def test_systemd_finds_nothing_to_say_about_the_units(tmp_path: Path) -> None:
@@ -133,6 +134,7 @@ def test_each_process_has_a_user_of_its_own_and_its_socket_is_the_supervisor_s_a
         assert unit.name.replace("@.service", ".socket") in wanted
         kind = unit.name.removeprefix("companion-").removesuffix("@.service")
         assert f"anytraverse-kill@{kind}.path" in wanted
+        assert f" companion-{kind}@*.service" in settings(wanted)["ExecStopPost"]
     assert users == {f"anytraverse-{name}" for name in ("vision", "page", "live", "video", "recorder")}
 
 
@@ -157,9 +159,10 @@ def test_an_update_leaves_what_a_person_edited(checkout: Checkout, tmp_path: Pat
     assert edited.read_text() == "mine"
     assert (stage / "etc/systemd/system/companion.service").read_text() == UNIT.read_text()
     hardening = (ROOT / "systemd/hardening.conf").read_text()
-    for name in ("companion", "companion-"):
-        drop_in = stage / f"etc/systemd/system/{name}.service.d/10-hardening.conf"
-        assert drop_in.read_text() == hardening
+    for unit in services():
+        drop_in = stage / f"etc/systemd/system/{unit.name}.d/10-hardening.conf"
+        assert drop_in.exists() == unit.name.startswith("companion")
+        assert not drop_in.exists() or drop_in.read_text() == hardening
 
 
 def test_the_service_is_installed_with_what_a_rover_needs(checkout: Checkout, tmp_path: Path) -> None:

@@ -187,10 +187,12 @@ class Pending:
 
         That is a go to the call of a stay, and a request to pack the incident that this cancels.
         """
-        packed = [PackIncident(one.id) for one in self.operations if isinstance(one, CancelIncident)]
+        cancelled = tuple(PackIncident(one.id) for one in self.operations if isinstance(one, CancelIncident))
         for other in others:
-            undone = self.motion is Motion.STAY and (other.target, other.motion) == (self.target, Motion.GO)
-            if other.system == self.system and (undone or list(other.operations) == packed != []):
+            if other.system != self.system:
+                continue
+            go = (other.target, other.motion) == (self.target, Motion.GO)
+            if (self.motion is Motion.STAY and go) or (cancelled and other.operations == cancelled):
                 other.close(now)
 
     def close(self, now: float) -> None:

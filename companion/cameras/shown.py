@@ -13,7 +13,7 @@ import shlex
 from collections.abc import Collection
 from urllib.parse import unquote
 
-__all__ = ["LEFT_OUT", "address", "is_like_a_url", "plain_words", "program", "shown"]
+__all__ = ["CAMERA_ELEMENTS", "LEFT_OUT", "address", "is_like_a_url", "plain_words", "program", "shown"]
 
 LEFT_OUT = "..."
 
@@ -23,8 +23,12 @@ _OF_HOSTS = frozenset(
     | {"field", "oak", "tcp", "udpin", "udpout"}
 )
 _GSTREAMER = frozenset({"gst-launch", "gst-launch-1.0"})
-_ELEMENTS = frozenset(
+CAMERA_ELEMENTS = frozenset(
     {"libcamerasrc", "nvarguscamerasrc", "nvv4l2camerasrc", "rpicamsrc", "v4l2src", "uvch264src"}
+)
+"""Source elements of GStreamer that read a camera of this computer."""
+_ELEMENTS = frozenset(
+    CAMERA_ELEMENTS
     | {"rtspsrc", "rtmpsrc", "rtmp2src", "souphttpsrc", "srtsrc", "tcpclientsrc", "udpsrc", "ndisrc"}
     | {"uridecodebin", "urisourcebin", "playbin", "filesrc", "multifilesrc", "videotestsrc", "zedsrc"}
 )

@@ -14,16 +14,14 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from companion.cameras import CameraError, split_source
-from companion.cameras.shown import address, program
+from companion.cameras.shown import CAMERA_ELEMENTS, address, program
 
 _SLICE = "companion-camera.slice"
 _TOLD = Path("/run/systemd/system.control", f"{_SLICE}.d")
 _WITHIN = 10.0
-_OF_THIS_COMPUTER = frozenset({"video", "folder", "v4l2"})
+OF_PATHS = frozenset({"video", "folder", "v4l2"})
+"""Kinds of camera whose place is a path here. Others may hold a password, which must not be shown."""
 _CAMERA_PROGRAMS = frozenset({"rpicam-vid", "rpicam-raw", "libcamera-vid", "libcamera-raw"})
-_CAMERA_ELEMENTS = frozenset(
-    {"libcamerasrc", "nvarguscamerasrc", "nvv4l2camerasrc", "rpicamsrc", "v4l2src", "uvch264src"}
-)
 
 
 class NetworkNeeds(NamedTuple):
@@ -40,7 +38,7 @@ class NetworkNeeds(NamedTuple):
 def needs_of(source: str) -> NetworkNeeds:
     """Return what a camera needs. source: `[camera] source`. Raises CameraError for one that is none."""
     kind, place = split_source(source)
-    if kind in _OF_THIS_COMPUTER:
+    if kind in OF_PATHS:
         return NetworkNeeds(any=False)
     if kind == "pipe":
         own = _is_of_this_computer(place)
@@ -61,7 +59,7 @@ def _is_of_this_computer(command: str) -> bool:
     except ValueError:
         return False
     sources = [word for word in words if word.endswith("src")]
-    return len(sources) == 1 and sources[0] in _CAMERA_ELEMENTS and "://" not in command
+    return len(sources) == 1 and sources[0] in CAMERA_ELEMENTS and "://" not in command
 
 
 def _networks(host: str) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from companion.cameras import CameraError, split_source
 from companion.config.link_settings import LinkError
 from companion.config.reading import SERVICE
-from companion.preflight.network_limit import is_limited, needs_of
+from companion.preflight.network_limit import OF_PATHS, is_limited, needs_of
 from companion.preflight.rover import Rover
 from companion.preflight.rules import Finding, failed, passed, skipped, warned
 from companion.system.computer import is_folder
@@ -31,8 +31,6 @@ class _User(NamedTuple):
 _READ, _WRITE, _ENTER = 4, 2, 1
 _HOMES = ("/home/", "/root/", "/run/user/")
 """What ProtectHome=yes of the unit hides."""
-_PATHS = ("v4l2", "video", "folder")
-"""Kinds of camera whose place is a path. Others may hold a password, which must not be shown."""
 
 
 def check_rights(rover: Rover) -> list[Finding]:
@@ -113,7 +111,7 @@ def _used_by_vision(rover: Rover) -> Iterator[tuple[Path, int]]:
     try:
         kind, where = split_source(config.camera.source)
         place = Path(where)
-        if kind in _PATHS and place.is_absolute():
+        if kind in OF_PATHS and place.is_absolute():
             yield place, _READ | (_ENTER if is_folder(place) else 0)
     except CameraError:  # told by the row of the configuration
         return

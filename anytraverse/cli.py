@@ -29,7 +29,7 @@ COMMANDS: Commands = {
     ),
     "calls": (
         "count the calls that a drive raises, by many thresholds",
-        "companion.tuning.calls_command",  # the rules of calls are the companion's
+        "companion.desk.tuning.calls_command",  # the rules of calls are the companion's
     ),
     "fit": ("fit the built-in network to labelled frames of your own", "anytraverse.training.command"),
     "export": ("make a bundle of a CLIPSeg checkpoint, for a rover to run", "anytraverse.export.command"),

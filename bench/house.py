@@ -2,8 +2,8 @@
 
 Lines are counted without blanks, comments and docstrings. Floors are the depth of imports: each module stands
 on a floor above all modules that it imports. The floors of rooms count packages of companion/ instead. A walk
-runs the daemon as `companion run` composes it, with a simulated camera and radio, and counts the files in
-which a function was called: all of them, and those that an idle turn does not call.
+runs the daemon as `companion run` composes it, with a simulated camera and radio and in virtual time, and
+counts the files in which a function was called: all of them, and those that an idle turn does not call.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import io
 import json
 import sys
 import tempfile
-import time
 import tokenize
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.frame import Frame
+from bench.link.lossy import STEP, Clock, virtual_time
 from bench.link.rover import Companion, make_engine, make_ready
 from bench.link.synthetic_frames import picture, thing
 from companion.cameras.newest import CameraState, CameraStatus
@@ -60,7 +60,7 @@ def main() -> int:
     figures |= {"floors": _floors(modules), "floors_of_rooms": _floors(rooms), "circles": circles(rooms)}
     print(f"floors of imports: {figures['floors']} of modules, {figures['floors_of_rooms']} of rooms")
     print(f"rooms that import each other: {figures['circles'] or 'none'}")
-    for name, (files, own, moves) in _walks().items():
+    for name, (files, own, moves) in walks().items():
         figures[name] = {"files": files, "not_idle": own, "moves": moves}
         print(f"{name:32} {files:4} files, {own:3} of them not in an idle turn, {moves} moves between files")
     print(json.dumps(figures))
@@ -185,7 +185,8 @@ class _Walk:
 class _Stage(Companion):
     """A daemon that drives over grass in AUTO, with policy hold."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self._clock = clock
         self.radio = Wire()
         self.child = LoopbackVision(make_engine)
         vision = VisionClient(lambda: self.child, Config(), None, VISION)
@@ -197,7 +198,8 @@ class _Stage(Companion):
 
     def turn(self) -> None:
         """One of the daemon's, and what it sent."""
-        now = time.monotonic()
+        self._clock.now += STEP
+        now = self._clock.now
         if now >= self._beat_at:
             self._beat_at = now + 1.0
             self.radio.heartbeat(1)
@@ -206,7 +208,7 @@ class _Stage(Companion):
 
     def see(self, shows: int = 0) -> None:
         """The vision process judges a frame of this."""
-        now = time.monotonic()
+        now = self._clock.now
         self._frame_id += 1
         self.child.live(CameraStatus(CameraState.DELIVERING), now)
         self.child.work()
@@ -224,25 +226,25 @@ class _Stage(Companion):
         return sum(one.command == _DO_SET_MODE and one.param2 == _HOLD for one in commands)
 
 
-def _walks() -> dict[str, tuple[int, int, int]]:
-    """Files, those that an idle turn does not call, and moves from one file to another."""
-    with tempfile.TemporaryDirectory() as folder:
-        stage = _Stage(Path(folder))
+def walks() -> dict[str, tuple[int, int, int]]:
+    """Files, those that an idle turn does not call, and moves from one file to another.
+
+    Raises RuntimeError where a walk has no file of its own: then something else was counted.
+    """
+    idle, frame, fault, answer = _Walk(), _Walk(), _Walk(), _Walk()
+    with tempfile.TemporaryDirectory() as folder, virtual_time() as clock:
+        stage = _Stage(Path(folder), clock)
         _until(stage, lambda: stage.sent(TUNNEL_SUMMARY) > 2, seeing=0)
-        idle = _Walk()
         with idle:
             for _ in range(_IDLE_TURNS):
                 stage.turn()
-        frame = _Walk()
         told = stage.sent(TUNNEL_SUMMARY)
         with frame:
             _until(stage, lambda: stage.sent(TUNNEL_SUMMARY) > told, seeing=0)
-        fault = _Walk()
         with fault:
             _until(stage, lambda: stage.holds() > 0, seeing=None)
         stage.radio.mode = _HOLD
         _until(stage, lambda: stage.calls.call is not None, seeing=1)
-        answer = _Walk()
         payload = AnswerMessage(1, 0, Motion.GO, (SetWord(thing(1), 1.0),)).pack()
         padded = list(payload.ljust(128, b"\0"))
         stage.radio.send(mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded))
@@ -250,6 +252,9 @@ def _walks() -> dict[str, tuple[int, int, int]]:
             _until(stage, lambda: stage.sent(TUNNEL_ACKNOWLEDGEMENT) > 0, seeing=None)
         stage.close()
     walks = {"frame to summary": frame, "answer to acknowledgement": answer, "fault to hold": fault}
+    for name, walk in walks.items():
+        if not walk.files - idle.files:
+            raise RuntimeError(f"the walk from {name} has no file of its own: it was not counted")
     return {name: (len(walk.files), len(walk.files - idle.files), walk.moves) for name, walk in walks.items()}
 
 

@@ -31,7 +31,7 @@ from typing import Any
 from bench.commit import commit_of
 from bench.link.drive import at
 from bench.processes import children
-from companion.recording.packing import kept
+from companion.observers.recording.packing import kept
 from companion.wire.answers import PackIncident, SetWord
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
@@ -67,7 +67,11 @@ grass = 1.0
 trail = 1.0
 bush = -1.0
 """
-_NAMES = {"companion.vision": "vision", "companion.recording": "recorder", "companion.live": "live"}
+_NAMES = {
+    "companion.vision": "vision",
+    "companion.observers.recording": "recorder",
+    "companion.observers.live": "live",
+}
 
 
 class Processes:

@@ -205,7 +205,7 @@ def _init(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError, UnknownWordError
     from companion.config import ConfigError, format_config, load_config, word_problem
-    from companion.policy.hold_gate import require_checkable
+    from companion.daemon.policy.hold_gate import require_checkable
     from companion.wire.signing_key import SigningKeyError, read_key
 
     try:
@@ -236,33 +236,33 @@ def _schema(_options: argparse.Namespace) -> int:
 def _check_rover(options: argparse.Namespace) -> int:
     log_to_stderr(logging.ERROR)
     if options.dry_run:
-        from companion.preflight.running import dry_run
+        from companion.desk.check.running import dry_run
 
         return dry_run(options.file, as_json=options.json)
     if options.measure:
-        from companion.preflight.measure import measure
+        from companion.desk.check.measure import measure
 
         return measure(options.file, link=options.link)
-    from companion.preflight.main import check
+    from companion.desk.check.main import check
 
     return check(options.file, link=options.link, as_json=options.json)
 
 
 def _cameras(options: argparse.Namespace) -> int:
-    from companion.preflight.cameras import list_cameras
+    from companion.desk.check.cameras import list_cameras
 
     return list_cameras(options.file, options.out)
 
 
 def _status(options: argparse.Namespace) -> int:
-    from companion.preflight.running import print_status
+    from companion.desk.check.running import print_status
 
     return print_status(options.file, as_json=options.json)
 
 
 def _memory(options: argparse.Namespace) -> int:
     log_to_stderr(logging.ERROR)
-    from companion.memory import command
+    from companion.desk.memory import command
     from companion.storage import JournalError
 
     with told(JournalError, command.MemoryCommandError):

@@ -93,7 +93,7 @@ def _add_recordings(commands: Commands) -> None:
 
 
 def _rehearse(options: argparse.Namespace) -> int:
-    from companion.drives import rehearsing
+    from companion.desk.drives import rehearsing
 
     return _of_drives(
         lambda: rehearsing.run(
@@ -109,7 +109,7 @@ def _rehearse(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from companion.drives import replaying
+    from companion.desk.drives import replaying
 
     return _of_drives(
         lambda: replaying.run(
@@ -122,7 +122,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _tune(options: argparse.Namespace) -> int:
-    from companion.tuning import tune_command
+    from companion.desk.tuning import tune_command
 
     return _of_drives(
         lambda: tune_command.run(
@@ -141,16 +141,16 @@ def _tune(options: argparse.Namespace) -> int:
 def _of_drives(act: Callable[[], int]) -> int:
     log_to_stderr(logging.ERROR)
     from anytraverse.errors import AnyTraverseError
-    from companion.drives.drive import DriveError
-    from companion.memory.command import MemoryCommandError
-    from companion.memory.scene_file import SceneFileError
+    from companion.desk.drives.drive import DriveError
+    from companion.desk.memory.command import MemoryCommandError
+    from companion.desk.memory.scene_file import SceneFileError
 
     with told(AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError):
         return act()
 
 
 def _record(options: argparse.Namespace) -> int:
-    from companion.recording import command
+    from companion.observers.recording import command
 
     if options.action == "list":
         return _of_recordings(lambda: command.show_list(options.config, as_json=options.json))
@@ -158,13 +158,13 @@ def _record(options: argparse.Namespace) -> int:
 
 
 def _incident(options: argparse.Namespace) -> int:
-    from companion.recording import command
+    from companion.observers.recording import command
 
     return _of_recordings(lambda: command.pack(options.config, options.call, options.last, options.out))
 
 
 def _of_recordings(act: Callable[[], int]) -> int:
-    from companion.recording.command import RecordError
+    from companion.observers.recording.command import RecordError
 
     try:
         with told(RecordError):

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from anytraverse.memory import Memory
-from companion.answers.store import AnswerStore
 from companion.config import Config
 from companion.daemon.composition import (
     Resources,
@@ -23,15 +22,17 @@ from companion.daemon.composition import (
 )
 from companion.daemon.daemon import Daemon
 from companion.daemon.death import report_death
+from companion.daemon.settings.mapping import first_words, restored_policy
 from companion.daemon.startup import load
+from companion.desk.check.report import EVERY, CheckReport
+from companion.link.answer_store import AnswerStore
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
-from companion.live.live import Live
-from companion.preflight.network_limit import needs_of
-from companion.preflight.report import EVERY, CheckReport
-from companion.recording.packer import IncidentPacker
-from companion.recording.recorder import Recorder
-from companion.settings.mapping import first_words, restored_policy
+from companion.observers.live.live import Live
+from companion.observers.page.page import Page
+from companion.observers.recording.packer import IncidentPacker
+from companion.observers.recording.recorder import Recorder
+from companion.observers.video.video import Video
 from companion.storage import Journal
 from companion.storage.file_reader import Reader
 from companion.storage.log_file import log_to_file
@@ -40,10 +41,9 @@ from companion.storage.writer import Writer
 from companion.system.background import BackgroundJob
 from companion.system.service_manager import ServiceManager, stop_on_signals
 from companion.tasks import VISION
-from companion.video.video import Video
 from companion.vision.child import COMMAND, VisionChild
 from companion.vision.client import VisionClient
-from companion.web.page import Page
+from companion.vision.network_limit import needs_of
 from companion.wire import notices, texts
 from companion.wire.ids import WARNING, State
 

@@ -14,8 +14,8 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from bench.attack.outcome import Outcome, peak_memory
-from companion.recording.contents import as_json, image
-from companion.recording.topics import TOPICS, Topic
+from companion.observers.recording.contents import as_json, image
+from companion.observers.recording.topics import TOPICS, Topic
 
 CANARY = "a-canary-that-nobody-may-sing"
 ESCAPE = "\x1b]0;gotcha\a\x1b[2J"

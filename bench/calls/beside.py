@@ -14,8 +14,8 @@ from bench.calls.field import DRIVABLE, FilmedField
 from bench.calls.operators import operator
 from bench.perception.figures import share
 from companion.calls.decisions import Call
-from companion.drives.drive import DriveFrame
-from companion.drives.judge import DriveJudge
+from companion.desk.drives.drive import DriveFrame
+from companion.desk.drives.judge import DriveJudge
 from companion.sim.field.things import Thing, World
 from companion.wire.ids import Motion
 

@@ -12,8 +12,8 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.perception.stored import PerceptionStore, StoredPerceiver
 from anytraverse.resources import resource
 from companion.config import Config, load_config
+from companion.desk.tuning.trial import TrialEngine
 from companion.sim.demo.config import write_config
-from companion.tuning.trial import TrialEngine
 from companion.vision.warm_up import load_engine
 
 

@@ -12,11 +12,11 @@ from anytraverse.evaluation.labels import Classes, Labels
 from anytraverse.history import Place
 from bench.calls.operators import About
 from companion.calls.decisions import Call
-from companion.drives.drive import DriveFrame
+from companion.desk.drives.drive import DriveFrame
+from companion.desk.tuning.operators import LabelOperator
 from companion.sim.field.render import LABELS, Camera
 from companion.sim.field.things import KINDS, Thing, World
 from companion.sim.field.trail import Pose, half_width
-from companion.tuning.operators import LabelOperator
 
 DRIVABLE = ("grass", "dirt path", "gravel")
 """Labels of the simulation that are drivable."""

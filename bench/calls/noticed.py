@@ -20,10 +20,10 @@ from bench.perception.frames import DRIVABLE, Frames, read_frames
 from bench.perception.judged import Judge
 from bench.perception.pasting import Cutout
 from bench.perception.things import gather
-from companion.drives.judge import DriveJudge
-from companion.tuning.episode import LabelledDrive
-from companion.tuning.operators import LabelOperator
-from companion.tuning.trial import Combination, Trial
+from companion.desk.drives.judge import DriveJudge
+from companion.desk.tuning.episode import LabelledDrive
+from companion.desk.tuning.operators import LabelOperator
+from companion.desk.tuning.trial import Combination, Trial
 
 BLOCKS = (2, 4)
 """Drives of home that the network was not trained on."""

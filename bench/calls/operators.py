@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from anytraverse.assessment import Reason
 from anytraverse.evaluation.labels import fold
 from companion.calls.decisions import Call
-from companion.drives.drive import DriveFrame
-from companion.drives.judge import DriveJudge
+from companion.calls.summary import fractions
+from companion.desk.drives.drive import DriveFrame
+from companion.desk.drives.judge import DriveJudge
+from companion.desk.tuning.operators import LabelOperator, Operator, Reply, go
 from companion.sim.repeats import AskedBefore, ThingId
-from companion.telemetry.summary import fractions
-from companion.tuning.operators import LabelOperator, Operator, Reply, go
 from companion.wire.answers import Operation, SetWord, TapBox
 from companion.wire.ids import Motion
 

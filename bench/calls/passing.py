@@ -19,7 +19,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.masks import resized
 from companion.calls.mode_monitor import ModeReport
 from companion.calls.policy import PolicyState
-from companion.settings.mapping import call_numbers
+from companion.daemon.settings.mapping import call_numbers
 from companion.sim.field.render import LABELS
 from companion.sim.field.things import World
 from companion.vehicle import ardupilot

@@ -18,13 +18,13 @@ from bench.calls.engines import engines, shipped
 from bench.calls.operators import OPERATORS, Asked, Listed, nothing_known, operator
 from bench.perception.figures import share
 from bench.perception.frames import DRIVABLE
-from companion.drives.judge import DriveJudge
-from companion.tuning.episode import LabelledDrive
-from companion.tuning.operators import LabelOperator
-from companion.tuning.trial import Combination, Trial, run_trials
+from companion.desk.drives.judge import DriveJudge
+from companion.desk.tuning.episode import LabelledDrive
+from companion.desk.tuning.operators import LabelOperator
+from companion.desk.tuning.trial import Combination, Trial, run_trials
 
 RATE = 2.0
-"""Frames/s. No time passes between frames but by the next frame: see `companion.drives.judge`."""
+"""Frames/s. No time passes between frames but by the next frame: see `companion.desk.drives.judge`."""
 AWAY_S = 3600.0
 """Seconds from the first pass to the second."""
 TRAINED = "the shipped network was trained on these frames, but for blocks 2 and 4 (200-299 and 400-499)"

@@ -21,13 +21,13 @@ from bench.calls.engines import alone, of_the_field
 from bench.calls.field import DRIVABLE, FilmedField
 from bench.calls.operators import Asked, Listed, operator
 from companion.calls.decisions import Call
-from companion.drives.drive import DriveFrame
-from companion.drives.judge import DriveJudge
-from companion.memory.command import merged
-from companion.memory.scene_file import Scene
+from companion.desk.drives.drive import DriveFrame
+from companion.desk.drives.judge import DriveJudge
+from companion.desk.memory.command import merged
+from companion.desk.memory.scene_file import Scene
+from companion.desk.tuning.trial import Combination, Trial, run_trials
 from companion.sim.field.rover import STANDSTILL, Drive, Rover
 from companion.sim.field.things import DEFAULT_SURPRISES, World
-from companion.tuning.trial import Combination, Trial, run_trials
 from companion.wire.ids import Motion
 from companion.wire.typed_answers import CommandError
 

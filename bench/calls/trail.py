@@ -9,9 +9,9 @@ from typing import Any
 from bench.calls.engines import engines, of_the_field
 from bench.calls.field import DRIVABLE, FilmedField, lap
 from bench.calls.operators import OPERATORS, Asked, Listed, operator
-from companion.drives.judge import DriveJudge
+from companion.desk.drives.judge import DriveJudge
+from companion.desk.tuning.trial import Combination, Trial, run_trials
 from companion.sim.field.things import World
-from companion.tuning.trial import Combination, Trial, run_trials
 
 RATE, SPEED = 5.0, 2.0
 """Frames/s, and m/s."""

@@ -14,9 +14,9 @@ from bench.faults.row import Outcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
 from bench.processes import children
-from companion.recording.reading import messages, whole
-from companion.recording.recorder import missing
-from companion.recording.ring import FOLDER
+from companion.observers.recording.reading import messages, whole
+from companion.observers.recording.recorder import missing
+from companion.observers.recording.ring import FOLDER
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result, State
 
@@ -32,7 +32,7 @@ def _recorder(rover: Standing) -> int:
     """The process id of the recorder. Raises LookupError without one."""
     assert rover.daemon is not None
     for child, command in children(rover.daemon.process.pid).items():
-        if "companion.recording" in command:
+        if "companion.observers.recording" in command:
             return child
     raise LookupError("no recorder runs")
 

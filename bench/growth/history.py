@@ -23,7 +23,7 @@ from bench.link.synthetic_frames import NumberPerceiver
 from bench.series import Series, cpu_ms
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.memory.scene_file import Scene, write_scenes
+from companion.desk.memory.scene_file import Scene, write_scenes
 from companion.sim.loopback_link import pair
 from companion.sim.loopback_vision import LoopbackVision
 from companion.storage import Journal

@@ -24,8 +24,8 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.link.frame import framed
-from companion.answers.answer import Answer
 from companion.config.link_settings import MAIN, Address, LinkSettings
+from companion.link.answer import Answer
 from companion.link.inbound import VehicleUpdate
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing

@@ -14,10 +14,10 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.regions import Box
 from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
-from companion.answers.answer import Answer, Via
 from companion.calls.mode_monitor import ModeAnswer
 from companion.config.link_settings import MAIN, LinkSettings
 from companion.config.video import CameraSettings
+from companion.link.answer import Answer, Via
 from companion.link.camera import Tap
 from companion.link.inbound import (
     InboundEvent,

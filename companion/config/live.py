@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.browser.listen import Listen, read_listen
 from companion.config.checks import Section, checked, harmless, setting
+from companion.pages.listen import Listen, read_listen
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.browser.listen import Listen, read_listen
 from companion.config.checks import Conflict, Section, checked, harmless, number, path, setting, whole
+from companion.pages.listen import Listen, read_listen
 
 PATH = "/anytraverse"
 WIDTH = 640

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from companion.browser.listen import Listen, check_token, read_listen
 from companion.config.checks import Conflict, Section, checked, harmless, setting
+from companion.pages.listen import Listen, check_token, read_listen
 
 
 @dataclass(frozen=True)

@@ -9,28 +9,28 @@ from typing import Any, NamedTuple
 
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
-from companion.answers.handler import AnswerHandler
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.config import Config, format_config
 from companion.config.stopping import Stopping, describe_tile
+from companion.daemon.answers.handler import AnswerHandler
 from companion.daemon.daemon import Daemon
 from companion.daemon.persistence import Persistence
+from companion.daemon.policy.hold_gate import HoldGate
+from companion.daemon.policy.service import PolicyService
+from companion.daemon.policy.shadow_statistics import ShadowStatistics
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
-from companion.link.link import Link
-from companion.policy.hold_gate import HoldGate
-from companion.policy.service import PolicyService
-from companion.policy.shadow_statistics import ShadowStatistics
-from companion.settings.mapping import (
+from companion.daemon.settings.mapping import (
     call_numbers,
     first_values,
     first_words,
     restored_policy,
     storable_defaults,
 )
-from companion.settings.runtime import RuntimeSettings
-from companion.settings.service import SettingsService
+from companion.daemon.settings.runtime import RuntimeSettings
+from companion.daemon.settings.service import SettingsService
+from companion.link.link import Link
 from companion.storage import Journal
 from companion.storage.call_files import CallFiles, PictureArchive
 from companion.storage.served_files import ServedFiles

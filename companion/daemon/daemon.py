@@ -11,22 +11,26 @@ from typing import Any
 
 from anytraverse.assessment import Assessment
 from anytraverse.memory import Adoption
-from companion.answers.answer import Answer, Via
-from companion.answers.handler import AnswerHandler, Handled, Reply
+from companion.calls.active_alert import ActiveAlert
 from companion.calls.faults import Fault
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeAnswer, ModeReport
+from companion.calls.summary import summary
 from companion.config.video import video_size
+from companion.daemon.answers.handler import AnswerHandler, Handled, Reply
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector, WeakWords
 from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
 from companion.daemon.pointing import Pointing
+from companion.daemon.policy.shadow_reporter import ShadowReporter
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
+from companion.daemon.settings.service import SettingsService
 from companion.daemon.startup import wait
 from companion.daemon.status import Status
 from companion.daemon.trial_call import TrialCall
+from companion.link.answer import Answer, Via
 from companion.link.inbound import (
     InboundEvent,
     ParameterRequest,
@@ -36,13 +40,9 @@ from companion.link.inbound import (
     VehicleUpdate,
 )
 from companion.link.link import Link
-from companion.policy.shadow_reporter import ShadowReporter
-from companion.settings.service import SettingsService
 from companion.system.computer import Computer
 from companion.system.error_guard import ErrorGuard
 from companion.tasks import Liveness, tasks
-from companion.telemetry.active_alert import ActiveAlert
-from companion.telemetry.summary import summary
 from companion.vehicle import known_autopilot
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.course import CourseJudge

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable
 
+from companion.calls.active_alert import ActiveAlert
 from companion.calls.decisions import (
     CallClosed,
     CallOpened,
@@ -26,12 +27,11 @@ from companion.calls.decisions import (
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.daemon.health import STALLED_AFTER
+from companion.daemon.policy.shadow_reporter import ShadowReporter
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
 from companion.link.link import Link
-from companion.policy.shadow_reporter import ShadowReporter
 from companion.system.error_guard import ErrorGuard
-from companion.telemetry.active_alert import ActiveAlert
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.wire import texts

@@ -7,11 +7,11 @@ from collections.abc import Iterable
 
 from companion.calls.faults import Fault
 from companion.calls.machine import OperatorCalls
+from companion.calls.summary import fault_name
 from companion.cameras.newest import CameraState
 from companion.daemon.persistence import Persistence
 from companion.link.link import Link
 from companion.tasks import Liveness
-from companion.telemetry.summary import fault_name
 from companion.vehicle import known_autopilot
 from companion.vision.client import VisionClient
 from companion.vision.infrared import REMEDY

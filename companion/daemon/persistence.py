@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from anytraverse.memory import Memory
-from companion.answers.handler import Reply
-from companion.answers.store import AnswerStore
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import snapshot
+from companion.daemon.answers.handler import Reply
+from companion.link.answer_store import AnswerStore
 from companion.storage import Batch, JournalError, Row
 from companion.storage.batch import as_json
 from companion.storage.writer import SLOW, Writer

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 from anytraverse.assessment import Assessment
 from anytraverse.regions import Box
-from companion.answers.answer import COMMANDS, Answer, Via
-from companion.answers.outcome import stale_text
 from companion.calls.machine import OperatorCalls
+from companion.calls.summary import place_of
+from companion.daemon.answers.outcome import stale_text
+from companion.link.answer import COMMANDS, Answer, Via
 from companion.link.camera import Tap
 from companion.link.link import Link
-from companion.telemetry.summary import place_of
 from companion.vision.messages import VideoMarks
 from companion.wire import texts
 from companion.wire.answers import Acknowledgement, TapBox

@@ -14,16 +14,16 @@ from typing import Any, Concatenate, ParamSpec
 from anytraverse.assessment import Assessment
 from anytraverse.memory import Memory
 from anytraverse.release import own_version
-from companion.answers.answer import Answer
 from companion.calls.decisions import CallOpened, Decision, HoldShown
 from companion.calls.machine import OperatorCalls
+from companion.daemon.settings.service import SettingsService
+from companion.link.answer import Answer
 from companion.link.inbound import InboundEvent, ParameterRequest, PolicyRequest, ResetRequest
 from companion.link.link import Link
-from companion.recording import contents
-from companion.recording.foxglove import NS
-from companion.recording.messages import Message
-from companion.recording.topics import Topic
-from companion.settings.service import SettingsService
+from companion.observers.recording import contents
+from companion.observers.recording.foxglove import NS
+from companion.observers.recording.messages import Message
+from companion.observers.recording.topics import Topic
 from companion.system.error_guard import ErrorGuard
 from companion.system.log_lines import brief
 from companion.vehicle.state import VehiclePosition

@@ -13,16 +13,16 @@ from typing import Any
 
 from anytraverse.assessment import Assessment
 from anytraverse.history import Entry
-from companion.answers.handler import Reply
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
+from companion.calls.summary import why
+from companion.daemon.answers.handler import Reply
 from companion.daemon.persistence import Persistence
 from companion.storage import Journal, JournalError
 from companion.storage.batch import record_of
 from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name, scene_picture
 from companion.storage.writer import Writer
 from companion.system.atomic_write import write_atomically
-from companion.telemetry.summary import why
 from companion.vision.client import Applied, Judged, VisionClient
 from companion.vision.messages import Drawn
 from companion.wire.ids import State

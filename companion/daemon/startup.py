@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import AnyTraverseError
-from companion.answers.answer import Answer, Via
+from companion.link.answer import Answer, Via
 from companion.link.inbound import (
     InboundEvent,
     ParameterRequest,

@@ -11,13 +11,13 @@ from typing import Any
 
 from anytraverse.release import own_version
 from companion.calls.machine import OperatorCalls
+from companion.calls.summary import current_data
 from companion.daemon.records import Records
+from companion.daemon.settings.service import SettingsService
 from companion.daemon.trial_call import TrialCall
 from companion.link.link import Link
-from companion.settings.service import SettingsService
 from companion.storage.call_files import scene_picture
 from companion.system.computer import Computer
-from companion.telemetry.summary import current_data
 from companion.vehicle.course import unknown
 from companion.vehicle.position import place_figures
 from companion.vehicle.state import VehiclePosition

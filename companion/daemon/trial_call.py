@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from companion.answers.answer import Answer
 from companion.calls.machine import OperatorCalls
+from companion.calls.summary import call_data
+from companion.link.answer import Answer
 from companion.link.link import Link
-from companion.telemetry.summary import call_data
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.wire import notices, texts

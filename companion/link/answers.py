@@ -10,11 +10,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import COMMANDS, Answer, Via
-from companion.answers.store import AnswerStore
 from companion.link import encode
 from companion.link.access_control import REQUESTS_AT_ONCE, REQUESTS_PER_SECOND, AccessControl
 from companion.link.alerts import TextSender
+from companion.link.answer import COMMANDS, Answer, Via
+from companion.link.answer_store import AnswerStore
 from companion.link.inbound import ParameterRequest, PolicyRequest
 from companion.link.limits import TokenBucket
 from companion.link.outbox import Outbox

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.regions import Box
-from companion.answers.answer import Answer, Via
-from companion.answers.store import SenderCache
 from companion.config.video import CameraSettings
 from companion.link import camera_messages, encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
+from companion.link.answer import Answer, Via
+from companion.link.answer_store import SenderCache
 from companion.link.answers import TRACKING, AnswerService
 from companion.link.outbox import Outbox
 from companion.wire import notices

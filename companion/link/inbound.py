@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.answers.answer import Answer
 from companion.calls.mode_monitor import ModeAnswer
+from companion.link.answer import Answer
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.state import Vehicle
 from companion.wire.ids import Policy, SenderId

@@ -7,13 +7,13 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from companion.answers.answer import Answer
-from companion.answers.store import AnswerStore
 from companion.config.link_settings import LinkSettings
 from companion.config.video import CameraSettings
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import AlertRepeater, TextSender
+from companion.link.answer import Answer
+from companion.link.answer_store import AnswerStore
 from companion.link.answers import AnswerService
 from companion.link.camera import CameraService
 from companion.link.channel import Channel, channels_of

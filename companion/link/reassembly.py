@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from companion.answers.store import SenderCache
+from companion.link.answer_store import SenderCache
 from companion.wire.answers import AnswerMessage
 from companion.wire.delivery import MAX_PARTS
 from companion.wire.ids import SenderId

@@ -8,10 +8,10 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import PreferencesError
-from companion.answers.answer import Answer, Via
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
+from companion.link.answer import Answer, Via
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ListSender, ParameterServer
 from companion.wire import notices

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.store import AnswerStore
 from companion.config.link_settings import MAIN, LinkSettings
 from companion.config.video import CameraSettings
 from companion.link import encode
+from companion.link.answer_store import AnswerStore
 from companion.link.inbound import InboundEvent
 from companion.link.link import Link
 from companion.link.parser import Parser

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from anytraverse.picture_size import jpeg_size
-from companion.browser import wording as browser_wording
-from companion.browser.given import Answered, undoing, undone_words
+from companion.pages import wording as browser_wording
+from companion.pages.given import Answered, undoing, undone_words
 from companion.wire.answers import Operation
 from companion.wire.call_figures import asked
 from companion.wire.delivery import Pending

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from companion.browser.requests import AnswerRequest, RequestError
+from companion.pages.requests import AnswerRequest, RequestError
 from companion.wire.answers import SetWord, TapBox
 from companion.wire.ids import Motion
 from companion.wire.packing import PayloadError

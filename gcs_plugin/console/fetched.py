@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from anytraverse.picture_size import jpeg_size
-from companion.browser.wording import named
+from companion.pages.wording import named
 from companion.wire.documents import (
     Check,
     KnownPlace,

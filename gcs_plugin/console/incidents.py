@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from companion.browser.incidents import shown
+from companion.pages.incidents import shown
 from companion.wire.answers import PackIncident
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion

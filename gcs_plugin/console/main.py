@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.release import own_version
-from companion.browser.listen import Listen, check_token, hashed, read_listen
+from companion.pages.listen import Listen, check_token, hashed, read_listen
 from companion.wire.signing_key import SigningKeyError, read_key
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
@@ -108,9 +108,9 @@ async def _run(
     ready: Callable[[], None],
 ) -> None:
     """Serve the page until a signal. ready: tells where it is, once a signal ends it in order."""
-    from companion.browser.access import Gate
-    from companion.browser.requests import MOST_POSTED
-    from companion.browser.site import Server
+    from companion.pages.access import Gate
+    from companion.pages.requests import MOST_POSTED
+    from companion.pages.site import Server
     from gcs_plugin.console.server import CYCLE, Site
 
     problems = _Problems(links, console)

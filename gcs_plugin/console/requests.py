@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from companion.browser.requests import (
+from companion.pages.requests import (
     AnswerRequest,
     RequestError,
     read_answer,

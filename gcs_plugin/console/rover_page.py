@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from companion.browser.listen import check_token
+from companion.pages.listen import check_token
 
 LARGEST = 64 << 20
 """Bytes of a file."""

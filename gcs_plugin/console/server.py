@@ -16,7 +16,7 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from anytraverse.release import own_version
-from companion.browser.site import EventStreams, event, posted, static_routes
+from companion.pages.site import EventStreams, event, posted, static_routes
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.export import MOST_CALLS
 from gcs_plugin.console.requests import read_request

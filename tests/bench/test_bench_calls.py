@@ -12,7 +12,7 @@ from bench.calls.__main__ import _seeds
 from bench.calls.engines import alone, of_the_field
 from bench.calls.jobs import Done, Job, told
 from bench.calls.operators import OPERATORS, Asked
-from companion.drives.judge import DriveJudge
+from companion.desk.drives.judge import DriveJudge
 
 SCENE = Asked(1.0, 2.0, ("unknown_scene",), (None, "forest"), repeat=False, words=True)
 THING = Asked(2.0, 4.0, ("unknown_object",), ("drum-1", None), repeat=False, words=True)

@@ -53,12 +53,12 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
     imported = set(done.stdout.split())
     allowed = {
         "companion",
-        "companion.browser",
-        "companion.browser.given",
-        "companion.browser.incidents",
-        "companion.browser.listen",
-        "companion.browser.requests",
-        "companion.browser.wording",
+        "companion.pages",
+        "companion.pages.given",
+        "companion.pages.incidents",
+        "companion.pages.listen",
+        "companion.pages.requests",
+        "companion.pages.wording",
         "companion.system",
         "companion.system.atomic_write",
         "anytraverse",

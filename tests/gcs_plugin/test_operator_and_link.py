@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from companion.answers.answer import Answer
+from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Operation, SetWord

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from companion.config.video import Video
-from companion.preflight.video import missing_of
+from companion.desk.check.video import missing_of
 
 HERE = Path(__file__).parent
 LONG_ENOUGH = 5.0

@@ -77,7 +77,7 @@ def test_the_operators_side_knows_of_the_rest_only_the_wire_the_words_and_what_i
         "anytraverse.picture_size",
         "anytraverse.preferences",
         "anytraverse.release",
-        "companion.browser.*",
+        "companion.pages.*",
     ]
     shared = imported(["companion.wire.*", *light], VISION)["modules"]
     loaded = imported(["gcs_plugin.*"], VISION)["modules"]

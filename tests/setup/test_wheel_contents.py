@@ -36,9 +36,11 @@ def test_what_a_person_edits_and_what_boots_it_ship_as_data_files(wheel: zipfile
 
 
 def test_the_page_ships_with_all_its_files(wheel: zipfile.ZipFile) -> None:
-    folders = ("companion/web/static", "companion/browser/static", "companion/drives/static")
+    folders = ("companion/observers/page/static", "companion/pages/static", "companion/desk/drives/static")
     files = {path.relative_to(ROOT).as_posix() for name in folders for path in (ROOT / name).iterdir()}
-    assert {f"companion/web/static/{name}" for name in ("index.html", "main.js", "style.css")} <= files
+    assert {
+        f"companion/observers/page/static/{name}" for name in ("index.html", "main.js", "style.css")
+    } <= files
     assert files <= set(wheel.namelist())
 
 

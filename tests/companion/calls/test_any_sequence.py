@@ -22,7 +22,7 @@ from companion.calls.decisions import (
 )
 from companion.calls.mode_monitor import ModeReport
 from companion.calls.snapshot import restore, snapshot
-from companion.telemetry.summary import current_text
+from companion.calls.summary import current_text
 from companion.vehicle import ardupilot, px4
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 from tests.companion.calls.scenes import (

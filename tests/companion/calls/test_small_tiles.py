@@ -13,8 +13,8 @@ from anytraverse.judged_picture import draw_state, figures
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import Tile
+from companion.calls.summary import current_data
 from companion.storage.batch import record_of
-from companion.telemetry.summary import current_data
 from companion.vision.pictures import thumbnail
 from companion.wire import texts
 from companion.wire.ids import Policy

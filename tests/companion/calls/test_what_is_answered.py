@@ -11,9 +11,9 @@ from anytraverse.errors import UnknownWordError
 from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.preferences import Preferences
-from companion.answers.answer import Answer, Via
-from companion.answers.handler import AnswerHandler, Handled
-from companion.answers.store import AnswerStore
+from companion.daemon.answers.handler import AnswerHandler, Handled
+from companion.link.answer import Answer, Via
+from companion.link.answer_store import AnswerStore
 from companion.vision.client import Applied, VisionClient
 from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, Outcome, Result, Stage

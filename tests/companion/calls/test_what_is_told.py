@@ -12,7 +12,7 @@ from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.calls.decisions import HoldShown
 from companion.calls.faults import Fault
-from companion.telemetry.summary import (
+from companion.calls.summary import (
     call_data,
     current_data,
     current_text,

@@ -24,8 +24,8 @@ from companion.config.stopping import (
     with_settings,
 )
 from companion.config.stopping import Stopping as Judged
-from companion.policy.hold_gate import HoldGate
-from companion.settings.runtime import tuned
+from companion.daemon.policy.hold_gate import HoldGate
+from companion.daemon.settings.runtime import tuned
 from companion.vision.warm_up import judging_settings
 from companion.wire.parameters import ROI
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.browser.listen import Listen, read_listen
 from companion.config import Config, ConfigError, format_config, load_config
+from companion.pages.listen import Listen, read_listen
 
 TOKEN = "a-token-of-23-characters"
 

@@ -16,12 +16,12 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.memory import Memory, first_memory
 from anytraverse.preferences import Preferences
-from companion.answers.store import AnswerStore
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.schema import Stopping
 from companion.config.video import CameraSettings
 from companion.daemon.composition import Resources, compose
+from companion.link.answer_store import AnswerStore
 from companion.sim.loopback_link import LoopbackLink
 from companion.sim.loopback_vision import LoopbackVision
 from companion.storage import Journal

@@ -17,8 +17,8 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.assessment import Assessment
 from anytraverse.picture_size import jpeg_size
-from companion.preflight.report import CheckReport
-from companion.preflight.table import CHECKS
+from companion.desk.check.report import CheckReport
+from companion.desk.check.table import CHECKS
 from companion.storage import Journal
 from companion.storage.call_files import ANSWERS, MAX_CALLS, CallFiles
 from companion.storage.log_file import log_to_file

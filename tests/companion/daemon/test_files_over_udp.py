@@ -18,7 +18,7 @@ from pymavlink import mavftp, mavutil
 
 from companion import run
 from companion.config import load_config
-from companion.preflight.table import CHECKS
+from companion.desk.check.table import CHECKS
 from companion.vision.pictures import LIMIT
 from companion.wire.answers import AnswerMessage, PackIncident
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, TUNNEL_CALL, Motion

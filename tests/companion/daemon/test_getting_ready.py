@@ -29,13 +29,13 @@ from anytraverse.perception import Perceiver, Prompt
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from companion import run
-from companion.answers.answer import Answer
 from companion.cameras.newest import CameraStatus
 from companion.cli import main as cli
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkSettings
 from companion.config.schema import Mount, Stopping
 from companion.daemon.startup import load
+from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.system.service_manager import ServiceManager
 from companion.vision import process

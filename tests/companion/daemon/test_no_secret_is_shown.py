@@ -24,10 +24,10 @@ from companion.cameras import open_camera
 from companion.cameras.newest import CameraState, CameraStatus, CameraThread, Patience
 from companion.cli import main
 from companion.config import Config, load_config
-from companion.preflight import cameras
-from companion.recording.ring import FOLDER
-from companion.recording.ring_writer import RingWriter
-from companion.recording.topics import Topic
+from companion.desk.check import cameras
+from companion.observers.recording.ring import FOLDER
+from companion.observers.recording.ring_writer import RingWriter
+from companion.observers.recording.topics import Topic
 from companion.storage.log_file import NAME as LOG
 from companion.wire.ids import Policy
 from tests.companion.cameras.sources import ADDRESS, FORMS, PIPES, SECRETS, Form

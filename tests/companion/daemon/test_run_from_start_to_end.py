@@ -22,11 +22,11 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion import run
-from companion.answers.store import AnswerStore
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkError
+from companion.daemon.settings.mapping import restored_policy
 from companion.daemon.startup import load
-from companion.settings.mapping import restored_policy
+from companion.link.answer_store import AnswerStore
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage import Batch, Journal
 from companion.storage.batch import as_json

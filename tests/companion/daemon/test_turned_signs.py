@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.answers.answer import Answer, Via
+from companion.link.answer import Answer, Via
 from companion.wire.answers import ForgetCall, ForgetWord, SetWord, TapBox
 from companion.wire.ids import PAGE_SENDER, Motion
 from tests.anytraverse.conftest import AHEAD

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from companion.recording import contents
-from companion.recording.messages import Message
-from companion.recording.topics import Topic
+from companion.observers.recording import contents
+from companion.observers.recording.messages import Message
+from companion.observers.recording.topics import Topic
 from companion.vision import pictures
 from companion.vision.messages import Encode, Encoded
 from companion.wire.ids import Motion

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer, Via
 from companion.config.link_settings import LinkSettings
+from companion.link.answer import Answer, Via
 from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import (

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.regions import Box
-from companion.answers.answer import Answer, Via
 from companion.config.video import CameraSettings
+from companion.link.answer import Answer, Via
 from companion.link.camera import SMALLEST, Tap, read_tap
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import Acknowledgement, TapBox

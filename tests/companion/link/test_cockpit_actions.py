@@ -11,8 +11,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from anytraverse.resources import resource
-from companion.answers.answer import Answer
 from companion.cli import main
+from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.ids import Motion

@@ -11,9 +11,9 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.mavftp import MAVFTP
 
-from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link import encode
+from companion.link.answer import Answer
 from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
 from companion.sim.loopback_link import FileClient, LoopbackLink
 from companion.storage.file_reader import Reader

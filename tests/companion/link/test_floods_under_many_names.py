@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer
 from companion.config.link_settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.access_control import (
     COMMON_SHARES,
@@ -23,6 +22,7 @@ from companion.link.access_control import (
     REQUESTS_PER_SECOND,
     AccessControl,
 )
+from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest
 from companion.link.limits import LeaseTable
 from companion.link.link import READING_FOR, Link

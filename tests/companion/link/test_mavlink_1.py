@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkSettings
+from companion.link.answer import Answer
 from companion.link.encode import MavlinkVersion
 from companion.sim.loopback_link import Frame, LoopbackLink, Wire
 from tests.companion.link.payloads import LONG_CALL, SUMMARY

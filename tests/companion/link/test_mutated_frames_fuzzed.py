@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from bench.link.fuzz import Broken, Fuzz, well_formed
-from companion.answers.answer import Answer, Via
+from companion.link.answer import Answer, Via
 from companion.link.inbound import ParameterRequest
 from companion.link.link import Link
 from companion.link.parser import Parser

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer, Via
 from companion.config.link_settings import ConnectionSettings, LinkSettings
+from companion.link.answer import Answer, Via
 from companion.link.inbound import InboundEvent
 from companion.link.parser import Parser
 from companion.link.streams import Tcp

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer
 from companion.config.link_settings import LinkSettings
+from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.messages import MESSAGES

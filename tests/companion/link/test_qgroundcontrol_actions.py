@@ -9,8 +9,8 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.resources import resource
-from companion.answers.answer import Answer
 from companion.cli import main
+from companion.link.answer import Answer
 from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import OtherPlace

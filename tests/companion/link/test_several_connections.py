@@ -3,8 +3,8 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
+from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.outbox import MAX_ROUTES
 from companion.sim.loopback_link import LoopbackLink, Wire

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
+from companion.link.answer import Answer
 from companion.link.inbound import RcChannels, VehicleUpdate
 from companion.link.signing import RECENT, open_signing
 from companion.sim.loopback_link import LoopbackLink

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.answers.answer import Answer
+from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire.answers import Acknowledgement, ForgetWord, SetWord
 from companion.wire.ids import Result

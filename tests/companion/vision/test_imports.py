@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from companion.web.page import missing
+from companion.observers.page.page import missing
 from tests.companion.daemon.painted_drive import to_a_drum
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -58,5 +58,5 @@ def test_the_supervisor_never_imports_opencv_or_onnx_runtime(tmp_path: Path) -> 
     own = {"companion.vision.worker", "companion.vision.pictures", "companion.vision.process"}
     assert not own & set(told["modules"])
     assert list((tmp_path / "state" / "calls").glob("*-large.jpg")), "it saw, called and had it drawn"
-    assert "companion.web.page" in told["modules"]
+    assert "companion.observers.page.page" in told["modules"]
     assert missing() or told["page"]["url"], "it had a page"

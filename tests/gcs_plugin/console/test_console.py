@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.answers.answer import Answer
-from companion.browser.requests import RequestError
+from companion.link.answer import Answer
+from companion.pages.requests import RequestError
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_tree import Document, Documents, MissingError, ServedFolder, Tree
 from companion.wire import ids

@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from companion.answers.answer import Answer
-from companion.browser.requests import RequestError
+from companion.link.answer import Answer
+from companion.pages.requests import RequestError
 from companion.storage.served_tree import Document, Documents
 from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Policy, Result, Stage, State
@@ -28,8 +28,8 @@ from gcs_plugin.console import incidents
 from gcs_plugin.console.incidents import FOLLOWED_S, MOST_STORED
 from gcs_plugin.console.requests import IncidentFileRequest, IncidentRequest, read_request
 from gcs_plugin.console.rover_page import RoverPage, read_pages
-from tests.companion.web.played import TOKEN
-from tests.companion.web.played import Stage as PageStage
+from tests.companion.observers.page.played import TOKEN
+from tests.companion.observers.page.played import Stage as PageStage
 from tests.gcs_plugin.console.test_console import Desk
 
 NAME = "0003-C7-short.zip"

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.browser.requests import AnswerRequest, RequestError
+from companion.pages.requests import AnswerRequest, RequestError
 from companion.wire.answers import ForgetWord, SetWord, TapBox
 from companion.wire.delivery import split
 from companion.wire.ids import Motion, Policy

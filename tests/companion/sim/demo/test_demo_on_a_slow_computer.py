@@ -11,7 +11,7 @@ import pytest
 
 from anytraverse.perception import make_perceiver
 from companion.config import load_config
-from companion.policy.hold_gate import HoldGate
+from companion.daemon.policy.hold_gate import HoldGate
 from companion.sim.demo import director as director_module
 from companion.sim.demo import main as module
 from companion.sim.demo.child import ChildError

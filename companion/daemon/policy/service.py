@@ -1,0 +1,209 @@
+"""Changes the policy on request of a parameter, a command or the RC off switch."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from anytraverse.judging import Settings
+from companion.calls.decisions import Decision
+from companion.calls.faults import Fault
+from companion.calls.machine import OperatorCalls
+from companion.calls.policy import PolicyState
+from companion.daemon.policy.hold_gate import HoldGate, HoldRefusal
+from companion.link.inbound import PolicyRequest, RcChannels
+from companion.link.link import Link
+from companion.vehicle import ardupilot
+from companion.vision.client import VisionClient
+from companion.wire import notices
+from companion.wire.ids import ERROR, WARNING, Policy, SenderId
+from companion.wire.parameters import POLICY
+
+log = logging.getLogger(__name__)
+
+AfterWrite = Callable[[Callable[[bool, float], None]], None]
+"""Registers a callback for when this turn's changes are in the journal: see `Persistence.after_write`."""
+
+
+_ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
+
+
+class PolicyService:
+    """The only way to change the policy. Each change is logged and reported with its sender.
+
+    While hold is in force and cannot be given, that is a fault: the vehicle is held, and the policy stays.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        vision: VisionClient,
+        calls: OperatorCalls,
+        state: PolicyState,
+        after_write: AfterWrite,
+        gate: HoldGate,
+    ) -> None:
+        self._link = link
+        self._vision = vision
+        self._calls = calls
+        self.state = state
+        self._gate = gate
+        self._judged_for: tuple[Settings, float, float, bool] | None = None
+        self._refusal: HoldRefusal | None = None
+        self._fault: HoldRefusal | None = None
+        """The refusal that was reported as a fault, None where none stands."""
+        self._told_of_manual = False
+        self._wanted = False
+        """Whether an operator asked for hold last, and was refused."""
+        self._after_write = after_write
+        if state.switch is not None:
+            link.request_rc_channels()
+
+    @property
+    def reminder(self) -> str:
+        """The text to repeat while no call or hold is open, "" for none."""
+        switch = self.state.switch
+        if switch is not None and switch.lost:
+            return notices.switch_lost(switch.name, off=switch.off)
+        if misfit := self._calls.numbers.judging.misfit:
+            return notices.fault_region(misfit)
+        return self._fault.reminder if self._fault is not None else ""
+
+    @property
+    def hold_refused(self) -> str:
+        """Why a request for hold would be refused, as a STATUSTEXT; "" where it would not.
+
+        A request is judged by the newest frames, too: they need not have been slow for long.
+        """
+        judging, _, overrun, misled = self._known()
+        refusal = self._refusal or self._gate.refuses(judging, self._vision.pace.newest, overrun, misled)
+        return refusal.short if refusal is not None else ""
+
+    def figures(self) -> dict[str, object]:
+        """Return the policy's part of the status file."""
+        switch = self.state.switch
+        info: dict[str, object] = {
+            "in_force": self.state.in_force.name.lower(),
+            "off_by": self.state.off_by or None,
+        }
+        if switch is None:
+            return info
+        return {**info, "switch": switch.name, "switch_us": switch.width, "switch_heard": not switch.lost}
+
+    def set(self, policy: Policy, sender: SenderId, now: float) -> tuple[bool, list[Decision]]:
+        """Handle a ground station's request for a policy. Returns whether it is granted.
+
+        If not, a text says why.
+        """
+        who, before = f"{sender[0]}/{sender[1]}", self.state.in_force
+        refusal = self.hold_refused if policy is Policy.HOLD else ""
+        self._wanted = bool(refusal) and self.state.requested is not Policy.HOLD
+        if not refusal and not self.state.request(policy, who):
+            refusal = notices.switch_wins(self.state.off_by)
+        if refusal:
+            log.warning("policy %s requested by %s is refused: %s", policy.name.lower(), who, refusal)
+            self._link.send_text(refusal, WARNING, now)
+        return not refusal, self._put_in_force(before, who, now, announce=not refusal)
+
+    def command(self, request: PolicyRequest, now: float) -> list[Decision]:
+        """Handle a request by command; it is acknowledged once the policy is in the journal."""
+        accepted, decisions = self.set(request.policy, request.sender, now)
+        result = _ACCEPTED if accepted else _FAILED
+        self._after_write(lambda _, now: self._link.commands.acknowledge(request, result, now))
+        return decisions
+
+    def refuses_settings(self, judging: Settings) -> HoldRefusal | None:
+        """Return why these settings are refused, None where they are allowed.
+
+        Where hold is requested, settings that would take it away are refused, whether frames are judged as
+        now or at once. What takes it away already may change, so that it can be mended in steps.
+        """
+        if self.state.requested is not Policy.HOLD:
+            return None
+        known, _, overrun, _ = self._known()
+        for step in (self._vision.pace.step, 0.0):
+            refusal = self._gate.outruns(judging, step, overrun)
+            if refusal is not None and self._gate.outruns(known, step, overrun) is None:
+                return refusal
+        return None
+
+    def rc_channels_received(self, pulses: RcChannels, now: float) -> list[Decision]:
+        """Take in the RC channels."""
+        switch, before = self.state.switch, self.state.in_force
+        if switch is None or not switch.pulse_received(pulses.of(switch.channel), now):
+            return []
+        log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
+        # The switch is on now, but a request still keeps the companion off: the driver must know.
+        if not switch.off and self.state.requested is Policy.OFF:
+            self._link.send_text(notices.still_off(switch.name, self.state.off_by), WARNING, now)
+            return []
+        return self._put_in_force(before, switch.name, now, announce=True)
+
+    def tick(self, now: float) -> list[Decision]:
+        """Check again whether hold can be given, and report when that or the off switch has changed."""
+        decisions = self._check_hold(now)
+        switch = self.state.switch
+        if switch is not None and switch.check(now):
+            # The operator must not rely on a switch while it is lost.
+            told = (notices.switch_lost if switch.lost else notices.switch_heard)(switch.name, off=switch.off)
+            log.warning("%s", told)
+            self._link.send_text(told, ERROR if switch.lost else WARNING, now)
+        return decisions
+
+    def _known(self) -> tuple[Settings, float, float, bool]:
+        autopilot = self._calls.monitor.newest.autopilot
+        overrun = autopilot.overrun if autopilot is not None else 0.0
+        return self._calls.numbers.judging, self._vision.pace.step, overrun, self._vision.misled_by_infrared
+
+    def _check_hold(self, now: float) -> list[Decision]:
+        known = self._known()
+        if known != self._judged_for:
+            self._judged_for, self._refusal = known, self._gate.refuses(*known)
+        if self._wanted and not self.hold_refused:
+            self._wanted = False
+            self._link.send_text(notices.hold_fits(), WARNING, now)
+        return self._report_fault(now)
+
+    def _report_fault(self, now: float) -> list[Decision]:
+        """Report it as a fault that hold is in force and cannot be given, and when that is over."""
+        before, self._fault = self._fault, self._refusal if self.state.in_force is Policy.HOLD else None
+        self._tell_of_manual(now)
+        what, told = (one.fault if one is not None else "" for one in (self._fault, before))
+        if what == told:
+            return []
+        decisions = self._calls.fault_reported(Fault.POLICY, what, now)
+        if self._fault is not None:
+            log.error("%s", self._fault.why)
+            if self._calls.current_id:
+                # The hold is repeated instead of the reminder, and does not say what to do.
+                self._link.send_text(self._fault.reminder, ERROR, now)
+        elif self.state.in_force is Policy.HOLD:
+            log.warning("hold can be given again")
+        return decisions
+
+    def _tell_of_manual(self, now: float) -> None:
+        """Say once in a fault what arming may need: the autopilot's script may demand a companion without."""
+        if self._fault is None:
+            self._told_of_manual = False
+        elif not self._told_of_manual and self._calls.monitor.newest.autopilot is ardupilot.ROVER:
+            self._told_of_manual = True
+            self._link.send_text(notices.manual_may_need(), WARNING, now)
+
+    def _put_in_force(self, before: Policy, who: str, now: float, *, announce: bool) -> list[Decision]:
+        policy, decisions = self.state.in_force, self._calls.policy_changed(before, now)
+        if policy is not Policy.HOLD:
+            # A mode that still waits to be sent must not leave under the new policy.
+            self._link.modes.cancel()
+        if announce:
+            log.warning("policy %s, set by %s", policy.name.lower(), who)
+            self._link.send_text(notices.policy(policy, who), WARNING, now)
+
+        def written(stored: bool, now: float) -> None:
+            self._link.parameters.set_value(POLICY, float(policy), now)
+            if announce and not stored:
+                self._link.send_text(notices.not_remembered(f"policy {policy.name.lower()}"), WARNING, now)
+
+        self._after_write(written)
+        return decisions + self._report_fault(now)

@@ -1,0 +1,56 @@
+"""Checks whether the vehicle can stop before an obstacle that the camera shows, and how large a tile is."""
+
+from __future__ import annotations
+
+from companion.config.stopping import describe_tile, judge_stopping, with_settings
+from companion.daemon.policy.hold_gate import unchecked
+from companion.desk.check.rover import Rover
+from companion.desk.check.rules import Finding, failed, passed, skipped, warned
+
+CHECK = "stopping"
+TILE = "tile"
+
+
+def check_stopping(rover: Rover) -> list[Finding]:
+    """Check that the vehicle can stop before an obstacle that the camera shows."""
+    worst = failed if rover.holds else warned
+    if rover.leaves_link:
+        refused = (rover.running or {}).get("hold_refused")
+        if refused:
+            return [worst(CHECK, f"the companion that runs refuses policy hold: {refused}: see its log")]
+        return [passed(CHECK, "the companion that runs allows policy hold")]
+    config, asked = rover.config, rover.asked
+    name, fastest = asked.speed if asked.speed is not None else ("", None)
+    perceives, limit = rover.perceives, None
+    if (judging := perceives.judging) is not None:
+        config, limit = with_settings(config, judging), judging.thresholds.tile
+    judged = judge_stopping(config, perceives.step, limit, fastest, asked.overrun)
+    if isinstance(judged, str):
+        if rover.holds and not config.stopping.unchecked:
+            return [failed(CHECK, unchecked(judged))]
+        return [warned(CHECK, f"not checked: {judged}")]
+    configured = config.stopping.speed
+    by = ""
+    if fastest is not None and (configured is None or fastest > configured):
+        by = f"{name} says {fastest:g} m/s; "
+    if judged.enough:
+        return [passed(CHECK, by + judged.describe())]
+    refusal = "hold cannot be given: " if rover.holds else ""
+    return [worst(CHECK, f"{refusal}{by}{judged.describe()}")]
+
+
+def check_tile(rover: Rover) -> list[Finding]:
+    """Tell how large a tile is, and check that a rock fills it while the vehicle can still stop.
+
+    The check fails where the vehicle does not fit into the region of interest.
+    """
+    if rover.running is not None:
+        return [skipped(TILE, "the companion that runs has told it in its log, at its start")]
+    judging = rover.perceives.judging
+    if judging is None:
+        return [skipped(TILE, "not known without a perceiver that runs")]
+    if judging.misfit:
+        text = f"{judging.misfit}, or correct [roi] or [corridor]: till then the companion is in a fault"
+        return [failed(TILE, text)]
+    text, in_time = describe_tile(rover.config, judging)
+    return [(passed if in_time else warned)(TILE, text)]

@@ -1,0 +1,136 @@
+"""Answers the calls of a drive without a person: from labels, or as somebody answered before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from anytraverse.assessment import Reason
+from anytraverse.evaluation.datasets import Dataset
+from anytraverse.evaluation.labels import Classes, Labels, fold
+from anytraverse.regions import Region
+from anytraverse.synonyms import meaning_of
+from companion.calls.decisions import Call
+from companion.calls.summary import fractions
+from companion.desk.drives.drive import DriveFrame
+from companion.desk.drives.judge import DriveJudge
+from companion.wire.answers import Operation, SetWord, TapBox
+from companion.wire.ids import Motion
+from companion.wire.typed_answers import operation_of, read_typed
+
+Reply = tuple[Sequence[Operation], Motion]
+Operator = Callable[[DriveJudge, Call, DriveFrame], Reply]
+"""Answers a call that has opened at this frame. May raise CommandError."""
+
+LEAST_SHARE = 0.05
+"""A class is named in answer to an unknown scene where it covers this share of the region of interest."""
+NEAR_S = 3.0
+"""A given answer also serves a call that opens by so many seconds earlier or later than the answered one."""
+
+
+def go(_judge: DriveJudge, _call: Call, _frame: DriveFrame) -> Reply:
+    """Say that all is well."""
+    return (), Motion.GO
+
+
+class LabelOperator:
+    """Answers as somebody who sees the labels of the frame, and says go.
+
+    Of an unknown thing it names the class that covers most of the place meant, of an unknown scene all
+    classes in the region of interest, where no word in use means them: 1 for drivable ones, else -1. A thing
+    whose class the perceiver cannot ground is tapped, each time that it is asked about.
+    """
+
+    def __init__(self, classes: Classes, labels_of: Callable[[str], Labels], drivable: Sequence[str]) -> None:
+        """labels_of: returns the labels of the frame of a name, or raises DatasetError. drivable: classes."""
+        self._classes = classes
+        self._labels_of = labels_of
+        self._drivable = frozenset(drivable)
+        self._newest: tuple[str, Labels] | None = None
+
+    @classmethod
+    def of(cls, dataset: Dataset, drivable: Sequence[str]) -> LabelOperator:
+        """Return one who sees the labels of a data set."""
+        numbers = {dataset.name(number): number for number in dataset.numbers}
+        return cls(dataset.classes, lambda name: dataset.read(numbers[name]).labels, drivable)
+
+    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Reply:
+        """Answer a call. Raises DatasetError for labels that cannot be read."""
+        labels, seen, engine = self._labels(frame.name), call.seen, judge.engine
+        assert seen is not None
+        shares: dict[str, float] = {}
+        if Reason.UNKNOWN_SCENE in call.reasons:
+            shares = self._shares(labels, engine.settings.region)
+        thing = self.asked(call, frame)
+        named = [name for name, share in shares.items() if share >= LEAST_SHARE]
+        names = list(dict.fromkeys([*([thing] if thing else []), *named]))
+        meaning = engine.perceiver.meaning
+        meant = {meaning_of(word, meaning) or word for word in engine.memory.preferences}
+        operations: list[Operation] = []
+        for name in names:
+            word, weight = fold(name), 1.0 if name in self._drivable else -1.0
+            own = meaning_of(word, meaning)
+            if own is None and name == thing and seen.tile is not None:
+                operations.append(TapBox(call.frame_id, fractions(seen.tile.shown), word, weight))
+            elif own is not None and own not in meant:
+                operations.append(SetWord(word, weight))
+                meant.add(own)
+        return operations, Motion.GO
+
+    def asked(self, call: Call, frame: DriveFrame) -> str | None:
+        """Return the class of the unknown thing that is asked about; None without one, or without a label.
+
+        Raises DatasetError.
+        """
+        if Reason.UNKNOWN_OBJECT not in call.reasons or call.seen is None or call.seen.tile is None:
+            return None
+        within = self._shares(self._labels(frame.name), call.seen.tile.shown)
+        return max(within, key=lambda name: within[name], default=None)
+
+    def _labels(self, name: str) -> Labels:
+        """Read a frame's labels; those of the newest frame are kept for the other trials."""
+        if self._newest is None or self._newest[0] != name:
+            self._newest = name, self._labels_of(name)
+        return self._newest[1]
+
+    def _shares(self, labels: Labels, region: Region) -> dict[str, float]:
+        """Return the share of a region that each class covers, the largest first."""
+        counts = np.bincount(labels[region.mask(*labels.shape)], minlength=256)
+        classes, shares = self._classes, dict[str, float]()
+        for number in np.argsort(-counts, kind="stable"):
+            name = classes.known.get(fold(classes.names[number])) if number < len(classes.names) else None
+            if name is not None and number != classes.ignore and counts[number]:
+                shares[name] = shares.get(name, 0.0) + float(counts[number] / counts.sum())
+        return shares
+
+
+class GivenAnswer(NamedTuple):
+    """An answer that somebody gave. at: seconds of the drive at which its call opened. line: as typed."""
+
+    at: float
+    line: str
+
+    @property
+    def names(self) -> bool:
+        """Whether it names something: the call was worth it."""
+        return bool(read_typed(self.line)[1])
+
+
+class GivenAnswers:
+    """Answers as somebody did before: with what was said to the call that opened nearest in time."""
+
+    def __init__(self, answers: Sequence[GivenAnswer]) -> None:
+        self._answers = answers
+
+    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Reply:
+        """Answer a call; a go where nothing was said near it. Raises CommandError."""
+        nearest = min(self._answers, key=lambda one: abs(one.at - frame.at), default=None)
+        if nearest is None or abs(nearest.at - frame.at) > NEAR_S:
+            return go(judge, call, frame)
+        told, operations = judge.told(call), list[Operation]()
+        for one in self._answers:
+            if one.at == nearest.at:
+                operations += [operation_of(change, told) for change in read_typed(one.line)[1]]
+        return operations, Motion.GO

@@ -1,0 +1,156 @@
+"""Judges a drive by many combinations of settings at once: each frame is perceived once for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+from anytraverse.assessment import Assessment, Finding, Maps, Observation
+from anytraverse.engine import AnyTraverse
+from anytraverse.errors import AnyTraverseError
+from anytraverse.judging import Settings
+from anytraverse.perception import Example
+from anytraverse.preferences import Preferences
+from anytraverse.regions import Box
+from anytraverse.roi import RoiFigures
+from companion.calls.decisions import Call
+from companion.desk.drives.drive import DriveFrame
+from companion.desk.drives.judge import DriveJudge
+from companion.desk.tuning.operators import Operator
+from companion.wire.typed_answers import CommandError
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Holds thresholds and a region of interest, as in `Thresholds` and `Settings`.
+
+    tile: None: not judged. misfit_allowed: as in `Settings`, for an evaluation.
+    """
+
+    scene: float
+    roi: float
+    tile: float | None
+    region: Box
+    misfit_allowed: bool = False
+
+    @classmethod
+    def of(cls, settings: Settings) -> Combination:
+        """Return what these settings have."""
+        limits = settings.thresholds
+        return cls(limits.scene, limits.roi, limits.tile, settings.region.bounds)
+
+    def applied(self, base: Settings) -> Settings:
+        """Return `base` with these instead. Raises SettingsError for a number out of its range."""
+        limits = replace(base.thresholds, scene=self.scene, roi=self.roi, tile=self.tile)
+        return replace(base, thresholds=limits, region=self.region, misfit_allowed=self.misfit_allowed)
+
+
+class MadeCall(NamedTuple):
+    """A call. frame: its place in the drive, from 0. at: seconds of the drive. reasons: by name, sorted."""
+
+    frame: int
+    at: float
+    reasons: tuple[str, ...]
+
+
+@dataclass
+class Outcome:
+    """Holds what a drive led to by one combination.
+
+    matches: places in the drive at which a remembered scene was known again. refused: answers that changed
+    nothing, and why.
+    """
+
+    combination: Combination
+    calls: list[MadeCall] = field(default_factory=list)
+    matches: list[int] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+    not_ok: int = 0
+    would_hold: int = 0
+
+
+class Trial:
+    """Judges a drive by one combination, as `companion rehearse` does, and answers every call.
+
+    A call that the answer does not cover gets a go, so that each place is asked about once.
+    """
+
+    def __init__(self, combination: Combination, judge: DriveJudge, operator: Operator) -> None:
+        self.outcome = Outcome(combination)
+        self._judge = judge
+        self._operator = operator
+
+    def step(self, number: int, frame: DriveFrame) -> Assessment | None:
+        """Judge a frame; None for a torn one. number: its place in the drive."""
+        judged = self._judge.judge(frame)
+        if judged is None:
+            return None
+        outcome = self.outcome
+        outcome.not_ok += not judged.seen.ok
+        outcome.would_hold += judged.would_hold
+        if judged.seen.adopted is not None:
+            outcome.matches.append(number)
+        if judged.opened is not None:
+            reasons = tuple(sorted(reason.value for reason in judged.opened.reasons))
+            outcome.calls.append(MadeCall(number, frame.at, reasons))
+            self._answer(judged.opened, frame)
+        return judged.seen
+
+    def _answer(self, call: Call, frame: DriveFrame) -> None:
+        try:
+            operations, motion = self._operator(self._judge, call, frame)
+            self._judge.answer(operations, motion, frame.at)
+        except (CommandError, AnyTraverseError) as error:
+            self.outcome.refused.append(f"{frame.name}: {error}")
+        self._judge.go_where_uncovered(call.id, frame.at)
+
+
+class TrialEngine(AnyTraverse):
+    """Judges as any engine does, but takes what another trial has made of the same frame.
+
+    Its perceiver is a `StoredPerceiver`. Maps depend on the words, the region's figures on some settings
+    beside them. Everything else is judged anew.
+    """
+
+    _words: tuple[Preferences, Mapping[str, tuple[Example, ...]]] | None = None
+    _key: tuple[Any, ...] = ()
+
+    def maps_of(self, observation: Observation) -> Maps | Finding:
+        """Return the maps that were made of this frame with these words and weights, or make them."""
+        words, examples = self.memory.preferences, self.memory.examples
+        if self._words is None or words is not self._words[0] or examples is not self._words[1]:
+            self._words = words, examples
+            self._key = (tuple(words.items()), *(examples.get(word, ()) for word in words))
+        key, made = self._key, observation.features.made
+        if key not in made:
+            made[key] = super().maps_of(observation)
+        maps: Maps | Finding = made[key]
+        return maps
+
+    def figures_of(self, observation: Observation, maps: Maps) -> RoiFigures | Finding:
+        """Return the figures that were calculated of these maps, or calculate them.
+
+        Of the tile's threshold they depend on whether the worst tile is over it, and on nothing else.
+        """
+        settings, made = self.settings, observation.features.made
+        tile = settings.thresholds.tile
+        place = (maps, settings.region, settings.tile_side, settings.corridor, settings.thresholds.margin)
+        worst: float | None = made.get(place)
+        found: RoiFigures | Finding | None = None
+        if worst is not None:
+            found = made.get((place, tile is not None and worst > tile))
+        if found is None:
+            found = super().figures_of(observation, maps)
+            if isinstance(found, RoiFigures):
+                worst = made[place] = found.worst_tile.uncertainty
+                made[place, tile is not None and worst > tile] = found
+        return found
+
+
+def run_trials(trials: Sequence[Trial], frames: Iterable[DriveFrame]) -> list[Outcome]:
+    """Judge a drive by all trials, frame after frame."""
+    for number, frame in enumerate(frames):
+        for trial in trials:
+            trial.step(number, frame)
+    return [trial.outcome for trial in trials]

@@ -1,0 +1,130 @@
+"""Makes what the page shows of calls, from what the supervisor told and from their records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from companion.pages import wording
+from companion.pages.given import Answered, undoing, undone_words
+from companion.wire.delivery import Pending
+from companion.wire.documents import (
+    PICTURES,
+    CallRecord,
+    StateFile,
+    picture_path,
+    record_from,
+    state_from,
+)
+from companion.wire.ids import PAGE_SENDER, Result
+from companion.wire.json_values import DocumentError
+from companion.wire.parameters import THR_SCENE
+from companion.wire.payloads import CallData
+
+_MOST_NAMES = 24
+
+
+class OwnAnswers(NamedTuple):
+    """What was answered on the page to a call, the oldest first, and what takes it back."""
+
+    answers: Sequence[Answered] = ()
+    undone: Pending | None = None
+
+    @property
+    def too_late(self) -> bool:
+        """Whether an answer of the page came too late, and none before."""
+        acks = [one.pending.acknowledgement for one in self.answers]
+        return any(ack is not None and ack.result is Result.STALE for ack in acks) and not any(
+            one.pending.applied for one in self.answers
+        )
+
+
+_NOTHING = OwnAnswers()
+
+
+def shown_calls(
+    state: Mapping[str, Any],
+    told_at: float,
+    records: Sequence[Mapping[str, Any]],
+    address: Callable[[str], str],
+    own: Mapping[int, OwnAnswers],
+    incident: Callable[[int], dict[str, Any] | None] = lambda _call: None,
+) -> dict[str, Any]:
+    """Return what the page shows of calls.
+
+    These are the open call or hold, the newest calls before it, and the names used in them; the result of
+    the newest answer that belongs to none of them, such as words alone; and the incident files of the last
+    minute.
+
+    state: what /state.json has. told_at: monotonic seconds when it was so. records: of the newest calls, the
+    newest first. address: makes the address of a picture from its path, "" where there is none. own: by call,
+    what was answered on the page. incident: returns what is shown of the incident files of a call, 0: of the
+    last minute; None where nobody may ask for one.
+    """
+    now, kept = state_from(state), {}
+    for record in records:
+        try:
+            read = record_from(record)
+        except DocumentError:
+            continue
+        kept[read.id] = read
+    current, found = now.open_call, []
+    if current is not None:
+        told = wording.announced(current) | {"since": round(told_at - current.age_s, 2)}
+        found.append(told | _more(current, kept.get(current.id), now, kept, address, own))
+    found += [
+        wording.recorded(record) | _more(record, record, now, kept, address, own)
+        for record in kept.values()
+        if current is None or record.id != current.id
+    ]
+    names: dict[str, float] = {}
+    for one in kept.values():
+        names = wording.named(one) | names
+    for call in found:
+        call["incident"] = incident(call["id"])
+    there = {call["id"] for call in found}
+    alone = [one for number, its in own.items() if number not in there for one in its.answers]
+    newest = sorted(alone, key=lambda one: one.pending.created)[-1:]
+    return {
+        "calls": found,
+        "names": list(names.items())[:_MOST_NAMES],
+        "alone": [one.document() for one in newest],
+        "last_minute": incident(0),
+    }
+
+
+def _more(
+    call: CallData | CallRecord,
+    record: CallRecord | None,
+    state: StateFile,
+    known: Mapping[int, CallRecord],
+    address: Callable[[str], str],
+    own: Mapping[int, OwnAnswers],
+) -> dict[str, Any]:
+    """Return pictures of a call, what was answered to it, and what was in a similar scene."""
+    here = own.get(call.id, _NOTHING)
+    pictures = {size: address(picture_path(call.id, size)) for size in PICTURES}
+    ours = {(PAGE_SENDER, one.pending.transaction) for one in here.answers}
+    recorded = record.answers if record is not None else ()
+    given = [one for one in recorded if (one.sender, one.transaction) not in ours]
+    found = record.nearest if record is not None else None
+    nearest = None
+    if found is not None:
+        there = known.get(found.call_id or 0)
+        motion = wording.newest_motion([one.motion for one in there.answers]) if there is not None else ""
+        alike = state.settings.get(THR_SCENE)
+        picture = address(found.picture) if found.picture else ""
+        nearest = wording.nearest(found, "the answer was", motion, alike, picture)
+    return {
+        "id": call.id,
+        "key": str(call.id),
+        "pictures": {size: url for size, url in pictures.items() if url},
+        "large": {},
+        "given": [wording.answered(one) for one in given if one.at is None],
+        "said": [{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
+        "answers": [one.document() for one in here.answers],
+        "first": wording.first_answer(record, None) if record is not None and here.too_late else "",
+        "undo": undone_words(undoing(here.answers, here.undone)),
+        "undone": here.undone.told if here.undone is not None else None,
+        "nearest": nearest,
+    }

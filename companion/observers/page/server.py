@@ -1,0 +1,305 @@
+"""Runs the web process: takes what the supervisor tells, and serves it to browsers, until it is gone."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import re
+import resource
+import select
+import signal
+import socket
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import BoundedSemaphore
+from typing import Any, BinaryIO, NoReturn, TypeVar
+
+from prometheus_client import CONTENT_TYPE_LATEST
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from companion.observers.page.answering import Answering
+from companion.observers.page.calls import shown_calls
+from companion.observers.page.files import StateFolder
+from companion.observers.page.messages import ALIVE, LARGEST, WANTED, Kind, decode, encode_answer
+from companion.observers.page.metrics import Metrics
+from companion.observers.page.news import SILENT, News
+from companion.pages.access import Gate, WrongTokens
+from companion.pages.incidents import shown
+from companion.pages.requests import MOST_POSTED
+from companion.pages.site import EventStreams, Server, as_json, event, posted, static_routes
+from companion.system.log_lines import end_process, log_to_stderr
+from companion.wire.incidents import incidents_from
+from companion.wire.json_values import mapping_of
+
+log = logging.getLogger(__name__)
+
+_MOST_MEMORY = 256 << 20
+"""Bytes of data. It needs a sixth of it."""
+_BEAT = 1.0
+_DISK_PATIENCE = 5.0
+MOST_READING = 16
+"""Requests that may wait for the disk."""
+MOST_DOWNLOADS = 4
+"""Incident files that are fetched at once."""
+_PIECE = 64 << 10
+_ZIP = "application/zip"
+_SETUP_WITHIN = 10.0
+_STATIC = Path(__file__).parent / "static"
+_PICTURE = re.compile(r"([0-9]{1,5})(-large|-raw)?\.jpg", re.ASCII)
+_SCENE = re.compile(r"([0-9a-f]{16})\.jpg", re.ASCII)
+_T = TypeVar("_T")
+
+
+class Site:
+    """Answers requests from the news and the state folder."""
+
+    def __init__(self, news: News, folder: StateFolder, answering: Answering | None = None) -> None:
+        """answering: None where the page only shows."""
+        self._news = news
+        self._answering = answering
+        self._folder = folder
+        self.wrong_tokens = WrongTokens()
+        self._metrics = Metrics(news, self.wrong_tokens)
+        self._disk = ThreadPoolExecutor(2, "disk")
+        self._reading = BoundedSemaphore(MOST_READING)
+        self._downloads = 0
+        self.streams = EventStreams()
+
+    def app(self) -> Starlette:
+        """Make the application."""
+        routes = [
+            Route("/events", self._events),
+            Route("/live.jpg", self._live),
+            Route("/healthz", self._health),
+            Route("/metrics", self._show_metrics),
+            Route("/calls.json", self._calls),
+            Route("/shown-calls.json", self._shown_calls),
+            Route("/calls/{name}", self._picture),
+            Route("/scenes/{name}", self._scene),
+            Route("/log.txt", self._log),
+            *(Route(f"/{name}.json", self._document(name)) for name in ("status", "state", "check")),
+            *static_routes(_STATIC),
+        ]
+        if self._answering is not None:
+            routes.append(Route("/answer", posted(self._answering.answer), methods=["POST"]))
+            routes.append(Route("/undo", posted(self._answering.undo), methods=["POST"]))
+            routes.append(Route("/incident", posted(self._answering.incident), methods=["POST"]))
+            routes.append(Route("/incidents/{name}", self._incident))
+        return Starlette(routes=routes)
+
+    async def _events(self, request: Request) -> Response:
+        return self.streams.answer(request, self._told)
+
+    async def _told(self) -> AsyncIterator[bytes]:
+        told_at, frame, plotted, answered = None, None, float("-inf"), 0
+        answering = self._answering
+        while True:
+            news = self._news
+            if news.told_at != told_at:
+                told_at = news.told_at
+                if points := [one for one in news.points if one[0] > plotted]:
+                    plotted = points[-1][0]
+                    yield event("points", {"points": points})
+                yield event("news", {**news.event(), "answers": answering is not None})
+            if answering is not None and answering.revision != answered:
+                answered = answering.revision
+                yield event("answered", {})
+            picture = news.shown_picture()
+            if picture is not None and picture.frame != frame:
+                frame = picture.frame
+                yield event("picture", {"frame": frame, "age": round(news.picture_age(), 3)})
+            await news.more(_BEAT)
+            if news.told_at == told_at:
+                yield b": still here\n\n"
+
+    async def _live(self, _: Request) -> Response:
+        picture = self._news.shown_picture()
+        if picture is None:
+            return PlainTextResponse("no picture of the last seconds\n", 404)
+        return Response(picture.jpeg, media_type="image/jpeg", headers={"x-frame": str(picture.frame)})
+
+    async def _health(self, _: Request) -> Response:
+        trouble, age = self._news.trouble(), self._news.event()["age"]
+        shown = {"ok": not trouble, "state": self._news.state or None, "age": age, "why": trouble}
+        return as_json(shown, 503 if trouble else 200)
+
+    async def _show_metrics(self, _: Request) -> Response:
+        return Response(self._metrics.text(), media_type=CONTENT_TYPE_LATEST)
+
+    def _document(self, name: str) -> Callable[[Request], Any]:
+        async def show(_: Request) -> Response:
+            if self._news.trouble() == SILENT:
+                return as_json({"state": "unknown", "why": SILENT}, 503)
+            return as_json(self._news.told.get(name, {}))
+
+        return show
+
+    async def _calls(self, _: Request) -> Response:
+        return await self._read(self._folder.calls, as_json)
+
+    async def _shown_calls(self, _: Request) -> Response:
+        state, told_at = self._news.told.get("state", {}), self._news.told_at
+        folder, own = self._folder, self._answering.by_call() if self._answering is not None else {}
+        incident = self._incidents()
+        return await self._read(
+            lambda: shown_calls(state, told_at, folder.calls(), folder.address, own, incident), as_json
+        )
+
+    def _incidents(self) -> Callable[[int], dict[str, Any] | None]:
+        """Return what tells of the incident files of a call."""
+        answering, told = self._answering, incidents_from(mapping_of(self._news.told.get("incidents")))
+        if answering is None:
+            return lambda _call: None
+        return lambda call: shown(
+            told, call, answering.asked_for_incident(call), lambda name, _size: {"url": f"/incidents/{name}"}
+        )
+
+    async def _incident(self, request: Request) -> Response:
+        """Answer with an incident file, piece by piece: it may be larger than this process."""
+        name = request.path_params["name"]
+        if self._downloads >= MOST_DOWNLOADS:
+            return PlainTextResponse(f"{MOST_DOWNLOADS} files are being fetched: ask again later\n", 503)
+        return await self._read(
+            lambda: self._folder.incident(name), lambda file: self._download(request, name, file)
+        )
+
+    def _download(self, request: Request, name: str, file: BinaryIO) -> Response:
+        headers = {
+            "content-disposition": f'attachment; filename="incident-{name}"',
+            "content-length": str(os.fstat(file.fileno()).st_size),
+        }
+        if request.method == "HEAD":
+            return Response(headers=headers, media_type=_ZIP)
+        return StreamingResponse(self._pieces(file), headers=headers, media_type=_ZIP)
+
+    async def _pieces(self, file: BinaryIO) -> AsyncIterator[bytes]:
+        self._downloads += 1
+        try:
+            while piece := await self._from_disk(lambda: file.read(_PIECE)):
+                yield piece
+        finally:
+            self._downloads -= 1
+            file.close()
+
+    async def _log(self, _: Request) -> Response:
+        return await self._read(self._folder.log, PlainTextResponse)
+
+    async def _picture(self, request: Request) -> Response:
+        named = _PICTURE.fullmatch(request.path_params["name"])
+        if named is None:
+            return PlainTextResponse("there is no such file\n", 404)
+        return await self._read(
+            lambda: self._folder.picture(int(named[1]), named[2] or ""),
+            lambda content: Response(content, media_type="image/jpeg"),
+        )
+
+    async def _scene(self, request: Request) -> Response:
+        named = _SCENE.fullmatch(request.path_params["name"])
+        if named is None:
+            return PlainTextResponse("there is no such file\n", 404)
+        return await self._read(
+            lambda: self._folder.scene(named[1]),
+            lambda content: Response(content, media_type="image/jpeg"),
+        )
+
+    async def _read(self, read: Callable[[], _T], shown: Callable[[_T], Response]) -> Response:
+        """Answer with what the disk has: 404 without such a file, 503 from a disk that is slow or fails."""
+        try:
+            return shown(await self._from_disk(read))
+        except FileNotFoundError:
+            return PlainTextResponse("there is no such file\n", 404)
+        except (OSError, TimeoutError, asyncio.TimeoutError) as error:
+            return PlainTextResponse(f"the disk cannot be read: {error or 'it is slow'}\n", 503)
+
+    async def _from_disk(self, read: Callable[[], _T]) -> _T:
+        """Read in a thread. Raises TimeoutError of a disk that is slow, and what `read` raises."""
+        if not self._reading.acquire(blocking=False):
+            raise TimeoutError("too much waits for it: ask again later")
+        running = self._disk.submit(read)
+        running.add_done_callback(lambda _: self._reading.release())
+        return await asyncio.wait_for(asyncio.wrap_future(running), _DISK_PATIENCE)
+
+
+def main(channel: int, listener: int) -> NoReturn:
+    """Run until the supervisor is gone. channel, listener: descriptors of sockets."""
+    with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
+        resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    log_to_stderr(logging.WARNING)
+    for name in ("uvicorn", "uvicorn.error"):  # one line for each broken request would fill the log
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        asyncio.run(_serve(socket.socket(fileno=channel), socket.socket(fileno=listener)))
+    except BaseException:
+        log.critical("the page failed", exc_info=True)
+    end_process(1)
+
+
+async def _serve(channel: socket.socket, listener: socket.socket) -> None:
+    if not select.select([channel], [], [], _SETUP_WITHIN)[0]:
+        raise TimeoutError("the supervisor says nothing")
+    kind, setup, _ = decode(channel.recv(LARGEST))
+    if kind is not Kind.SETUP:
+        raise ValueError("the first message is no setup")
+    channel.settimeout(0)
+    news = News()
+    answering = None
+    if setup["token_hash"]:
+        answering = Answering(news, lambda payload, now: _send(channel, encode_answer(payload, now)))
+    site = Site(news, StateFolder(setup["folder"]), answering)
+    asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
+    most_posted = MOST_POSTED if answering is not None else 0
+    gate = Gate(
+        site.app(),
+        token_hash=setup["token_hash"],
+        own_address=setup["own_address"],
+        most_posted=most_posted,
+        wrong_tokens=site.wrong_tokens,
+    )
+    server = Server(gate)
+    beating = asyncio.create_task(_beat(channel, server, site, answering))
+    await server.serve(sockets=[listener])
+    beating.cancel()
+
+
+def _listen(channel: socket.socket, news: News, answering: Answering | None) -> None:
+    """Take a message of the supervisor. Ends the process when the supervisor is gone."""
+    try:
+        packed = channel.recv(LARGEST)
+    except (BlockingIOError, InterruptedError):
+        return
+    except OSError:
+        packed = b""
+    if not packed:
+        os._exit(0)
+    try:
+        message = decode(packed)
+        if message.kind is Kind.ACKNOWLEDGEMENT and answering is not None:
+            answering.acknowledge(bytes.fromhex(str(message.content.get("payload"))))
+        else:
+            news.take(message)
+    except ValueError as error:
+        log.error("a message of the supervisor is not understood: %s", error)
+
+
+def _send(channel: socket.socket, said: bytes) -> None:
+    """Tell the supervisor something. It is dropped when too many messages wait."""
+    with contextlib.suppress(BlockingIOError):
+        channel.send(said)
+
+
+async def _beat(channel: socket.socket, server: Server, site: Site, answering: Answering | None) -> None:
+    """Tell the supervisor once a second that this process lives, whether somebody watches, what is due."""
+    while True:
+        if server.started:
+            _send(channel, WANTED if site.streams.open else ALIVE)
+            if answering is not None:
+                answering.deliver()
+        await asyncio.sleep(_BEAT if server.started else 0.05)

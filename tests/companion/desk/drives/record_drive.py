@@ -1,0 +1,87 @@
+"""Records drive.mcap, the drive of the tests, anew: `python -m tests.companion.desk.drives.record_drive`.
+
+A simulated rover drives from the meadow into the forest, past a thing. Only what a replay needs is kept.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tempfile
+import time
+from pathlib import Path
+
+from companion.observers.recording.reading import Copy, Read, messages
+from companion.observers.recording.topics import TOPICS, Topic
+from companion.sim.demo.child import Child
+from companion.sim.demo.config import write_config
+from companion.sim.field.control import FieldControl
+
+DRIVE = Path(__file__).with_name("drive.mcap")
+_SECONDS, _EVERY = 45.0, 3
+_KEPT = {
+    TOPICS[topic].name for topic in (Topic.CAMERA, Topic.ASSESSMENT, Topic.WORDS, Topic.SETTINGS, Topic.SETUP)
+}
+
+
+def main() -> None:
+    """Drive, record, and write every third of the recorded frames with its assessment."""
+    with tempfile.TemporaryDirectory() as folder:
+        _record(Path(folder))
+        found = [
+            one
+            for path in sorted(Path(folder, "state", "recordings").glob("*.mcap"))
+            for one in messages(path, _KEPT)
+        ]
+    frames = sorted({one.message.sequence for one in found if one.channel.topic == "/camera"})[::_EVERY]
+    with DRIVE.open("wb") as file:
+        copy = Copy(file)
+        for one in found:
+            of_a_frame = one.channel.topic in ("/camera", "/assessment")
+            if not of_a_frame or one.message.sequence in frames:
+                copy.add(_without_names(one))
+        copy.finish()
+    print(f"{DRIVE}: {len(frames)} frames, {DRIVE.stat().st_size} bytes")
+
+
+def _record(folder: Path) -> None:
+    field = Child("field", ["companion.sim.field", "--seed", "0", "--speed", "1.5"], folder / "field.log")
+    ports = json.loads(field.first_line(30.0))
+    host, _, port = ports["control"].rpartition(":")
+    control = FieldControl(host, int(port))
+    config = write_config(
+        folder, camera=f"field:{ports['frames']}", link=ports["companion"], policy="report", speed=1.5
+    )
+    on = "[recording]\nsize = 200\nrate = 1.0"
+    config.write_text(re.sub(r"\[recording\]\nsize = 0", on, config.read_text()))
+    daemon = Child("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
+    status, deadline = folder / "state" / "status.json", time.monotonic() + 40.0
+    while not (status.exists() and '"state": "ok"' in status.read_text()):
+        if time.monotonic() > deadline:
+            raise daemon.error("saw nothing that it knows")
+        time.sleep(0.2)
+    control.start()
+    time.sleep(_SECONDS)
+    daemon.stop()
+    control.close()
+    field.stop()
+
+
+def _without_names(one: Read) -> Read:
+    """Leave out where and on what the drive was recorded."""
+    if one.channel.topic != "/setup":
+        return one
+    told = json.loads(one.message.data)
+    told["computer"] = "simulated"
+    told["config"] = re.sub(r'(?m)^(source|url|folder) = "[^"]+"', _neutral, told["config"])
+    one.message.data = json.dumps(told).encode()
+    return one
+
+
+def _neutral(found: re.Match[str]) -> str:
+    values = {"source": "folder:pictures", "url": "udpout:127.0.0.1:14550", "folder": "state"}
+    return f'{found[1]} = "{values[found[1]]}"'
+
+
+if __name__ == "__main__":
+    main()

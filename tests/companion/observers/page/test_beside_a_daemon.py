@@ -1,0 +1,147 @@
+"""A whole companion with its page: whatever happens to the page, the companion judges on."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from bench.processes import children
+from companion.observers.page.page import missing
+from companion.wire.ids import PAGE_SENDER
+from tests.companion.daemon.painted_drive import to_a_drum
+from tests.companion.observers.page.played import TOKEN
+from tests.companion.vision.test_processes import ROOT, SCRIPT, is_gone
+
+pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not installed")
+PATIENCE = 20.0
+
+
+class Companion:
+    """`companion run` with painted eyes, and a page on any free port."""
+
+    def __init__(self, folder: Path, port: int) -> None:
+        self.status = folder / "state" / "status.json"
+        config = to_a_drum(folder, port, listen="127.0.0.1:0", token=TOKEN)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, str(config)],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stderr=subprocess.DEVNULL,
+        )
+
+    def told(self) -> dict[str, Any]:
+        with suppress(OSError, ValueError):
+            return dict(json.loads(self.status.read_text()))
+        return {}
+
+    def post(self, path: str, content: Any) -> tuple[int, bytes]:
+        """Post JSON as the page itself does."""
+        url = self.told()["web"]["url"].rstrip("/")
+        return self.get(
+            path, "POST", json.dumps(content), {"origin": url, "content-type": "application/json"}
+        )
+
+    def get(
+        self, path: str, method: str = "GET", body: str | None = None, headers: dict[str, str] | None = None
+    ) -> tuple[int, bytes]:
+        """What the page answers to somebody who has the token; 0 without an answer."""
+        url = urlsplit(self.told().get("web", {}).get("url", ""))
+        if not url.port:
+            return 0, b""
+        connection = http.client.HTTPConnection(str(url.hostname), url.port, timeout=2.0)
+        try:
+            connection.request(method, path, body, {"authorization": f"Bearer {TOKEN}", **(headers or {})})
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+        except OSError:
+            return 0, b""
+        finally:
+            connection.close()
+
+    def page(self) -> int:
+        """The process id of the page, 0 without one."""
+        found = children(self.process.pid).items()
+        return next((child for child, command in found if "companion.observers.page" in command), 0)
+
+    def until(self, fits: Callable[[], object]) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not fits():
+            assert time.monotonic() < deadline, self.told()
+            time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def companion(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Companion]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        running = Companion(tmp_path_factory.mktemp("rover"), ground.getsockname()[1])
+        try:
+            yield running
+        finally:
+            running.process.kill()
+            running.process.wait()
+
+
+def test_a_call_is_answered_on_the_page_and_the_answer_stands_in_its_record(companion: Companion) -> None:
+    companion.until(lambda: json.loads(companion.get("/state.json")[1] or b"{}").get("open"))
+    opened = json.loads(companion.get("/state.json")[1])["open"]
+    box = opened["worst_tile_box"]
+    tap = {"tap": "drum", "weight": -1, "box": box, "frame": opened["frame_id"]}
+    status, said = companion.post("/answer", {"call": opened["id"], "motion": "go", "changes": [tap]})
+    assert (status, json.loads(said)) == (200, {"done": "sent"})
+
+    def answers() -> list[dict[str, Any]]:
+        records = json.loads(companion.get("/calls.json")[1] or b"[]")
+        return next((one["answers"] for one in records if one["id"] == opened["id"]), [])
+
+    companion.until(answers)
+    (given,) = answers()
+    assert given["sender"] == list(PAGE_SENDER)
+    assert given["motion"] == "go"
+    assert given["operations"][0].startswith("tap drum: -1 ")
+    companion.until(lambda: "drum" in json.loads(companion.get("/state.json")[1])["words"])
+    (shown,) = (
+        one for one in json.loads(companion.get("/shown-calls.json")[1])["calls"] if one["id"] == opened["id"]
+    )
+    assert (len(shown["answers"]), shown["said"], shown["undo"]) == (1, [], {}), "it stands there once"
+    assert companion.post("/undo", {"call": opened["id"] + 1})[0] == 409
+
+
+def test_it_judges_on_while_its_page_is_killed_and_the_page_returns(companion: Companion) -> None:
+    companion.until(lambda: companion.get("/healthz")[0] == 200)
+    state = json.loads(companion.get("/state.json")[1])
+    assert state["words"]["grass"] == 1.0
+    host = urlsplit(companion.told()["web"]["url"])
+    with socket.create_connection((str(host.hostname), int(host.port or 0)), timeout=5.0) as watching:
+        watching.sendall(
+            f"GET /events HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n\r\n".encode()
+        )
+        companion.until(lambda: companion.get("/live.jpg")[1].startswith(b"\xff\xd8\xff"))
+    companion.until(lambda: json.loads(companion.get("/calls.json")[1] or b"[]"))
+    frames, first = companion.told()["frames"], companion.page()
+    os.kill(first, signal.SIGKILL)
+    companion.until(lambda: companion.page() not in (0, first) and companion.get("/healthz")[0] == 200)
+    companion.until(lambda: companion.told()["web"]["restarts"] == 1)
+    said = companion.told()
+    assert said["frames"] > frames
+    assert said["vision"] == {"trouble": "", "restarts": 0}
+    last = companion.page()
+    companion.process.send_signal(signal.SIGKILL)
+    companion.process.wait()
+    deadline = time.monotonic() + 1.0
+    while not is_gone(last) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert is_gone(last), "it ends with the supervisor"

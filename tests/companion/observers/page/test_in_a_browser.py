@@ -1,0 +1,230 @@
+"""The page in a real browser, where Playwright and Debian's Chromium are installed."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from companion.observers.page.page import missing
+from companion.wire.answers import Acknowledgement, AnswerMessage, CancelIncident, PackIncident, TapBox
+from companion.wire.ids import Motion, Result
+from companion.wire.incidents import Incidents, Packed
+from tests.companion.observers.page import played
+from tests.companion.observers.page.played import Stage
+
+playwright = pytest.importorskip("playwright.sync_api")
+CHROMIUM = Path("/usr/bin/chromium")
+pytestmark = pytest.mark.skipif(
+    bool(missing()) or not CHROMIUM.exists(), reason="the extra web or Chromium is not installed"
+)
+
+
+@pytest.fixture
+def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
+    jpeg = cv2.imencode(".jpg", np.full((240, 320, 3), 120, np.uint8))[1].tobytes()
+    monkeypatch.setattr(played, "JPEG", jpeg)
+    stage = Stage(tmp_path)
+    yield stage.ready()
+    stage.close()
+
+
+@pytest.fixture
+def tab(stage: Stage) -> Iterator[Any]:
+    """The open page. Console errors fail the test."""
+    with playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        tab, errors = browser.new_page(), list[str]()
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(stage.page.url)
+        yield tab
+        browser.close()
+        assert errors == []
+
+
+def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage, tab: Any) -> None:
+    title, why = tab.locator("#state-title"), tab.locator("#state-why")
+    picture, note = tab.locator("#picture"), tab.locator("#picture-note")
+    stage.until(lambda: title.inner_text() == "OK")
+    stage.until(picture.is_visible)
+    stage.until(lambda: note.text_content() == "")
+    assert tab.locator("#words").inner_text().split() == ["grass", "+1"]
+    assert tab.locator("#words input:enabled").count() == 0
+    assert "make room" in tab.locator("#check").inner_text()
+    stage.news["status"]["state"] = "calling"
+    stage.news["told"] = "C7 unknown thing ahead 38%: go/stay/word"
+    stage.until(lambda: title.inner_text() == "CALLING")
+    assert "C7 unknown thing ahead" in why.inner_text()
+
+    calls = stage.folder / "calls"
+    calls.mkdir(exist_ok=True)
+    for ending in ("", "-raw", "-large"):
+        (calls / f"7{ending}.jpg").write_bytes(played.JPEG)
+    answer = {"at": 1.8e9, "motion": "go", "operations": ["<img src=x>: 1"], "text": "<b>no</b>"}
+    (calls / "7.json").write_text(json.dumps({"id": 7, "reasons": ["unknown_object"], "answers": [answer]}))
+    opened = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3, "holding": True}
+    stage.news["state"] |= {"open": opened, "reasons": ["unknown_object"]}
+    stage.news["status"]["current_id"] = 7
+    card = tab.locator("#open .call")
+    stage.until(card.is_visible)
+    assert "none of its words explains" in card.inner_text()
+    assert "<img src=x>: 1, go: <b>no</b>" in card.inner_text()
+    assert card.locator("b").count() == 0
+    sources = card.locator(".shots img:visible").evaluate_all(
+        "all => all.map(one => one.src.split('/').pop())"
+    )
+    assert [one.partition("?")[0] for one in sources] == ["7-raw.jpg", "7-raw.jpg", "7-large.jpg"]
+    assert tab.locator("button:visible, form, input:visible:enabled:not([type=range])").count() == 0, (
+        "it only shows"
+    )
+
+    deadline = time.monotonic() + 6.0
+    while title.inner_text() != "NO NEWS":  # nothing is told meanwhile
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert "nothing below is live" in why.inner_text()
+    assert "Not live: this picture is" in note.inner_text()
+    assert "grayscale" in picture.evaluate("shown => getComputedStyle(shown).filter")
+
+    stage.until(lambda: title.inner_text() == "CALLING")
+    stage.until(lambda: note.text_content() == "")
+    stage.close()
+    deadline = time.monotonic() + 8.0
+    while "no connection" not in why.inner_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert title.inner_text() == "NO NEWS"
+
+
+KNOWN = {
+    "scene": 31,
+    "call": 12,
+    "similarity": 0.96,
+    "needed": 0.93,
+    "since": 1_790_000_000.0,
+    "changed": {"gravel": [None, 1]},
+    "picture": "/calls/12.jpg",
+}
+
+
+def test_the_place_that_matched_is_shown_beside_the_newest_picture_while_it_is_in_force(
+    stage: Stage, tab: Any
+) -> None:
+    calls = stage.folder / "calls"
+    calls.mkdir(exist_ok=True)
+    (calls / "12-large.jpg").write_bytes(played.JPEG)
+    place, picture = tab.locator(".place"), tab.locator(".place img")
+    stage.until(tab.locator("#picture").is_visible)
+    assert not place.is_visible()
+    stage.news["state"]["known_place"] = KNOWN
+    stage.until(picture.is_visible)
+    assert "that of call 12" in place.inner_text()
+    assert "0.96" in place.inner_text()
+    assert tab.locator(".place .note").text_content() == ""
+    newest, remembered = tab.locator("#picture").bounding_box(), picture.bounding_box()
+    assert abs(newest["y"] - remembered["y"]) < 2.0
+    assert remembered["x"] >= newest["x"] + newest["width"]
+    stage.news["state"]["known_place"] = {**KNOWN, "call": 13, "picture": "/calls/13.jpg"}
+    stage.until(lambda: "No picture" in tab.locator(".place .note").text_content())
+    assert not picture.is_visible()
+    stage.news["state"]["known_place"] = None
+    stage.until(lambda: not place.is_visible())
+
+
+def held(stage: Stage, tab: Any, given: list[bytes], key: str) -> set[Motion]:
+    """Hold a key until what it sends was sent three times. Returns what it is; it must be one answer."""
+    tab.keyboard.down(key)
+    stage.until(lambda: bool(given))
+    tab.keyboard.down(key)
+    stage.until(lambda: len(given) == 3)
+    tab.keyboard.up(key)
+    assert len({AnswerMessage.unpack(one).transaction for one in given}) == 1
+    return {AnswerMessage.unpack(one).motion for one in given}
+
+
+def have_it_packed(stage: Stage, card: Any, given: list[bytes]) -> None:
+    """Ask for an incident file of call 7, cancel it, and have it packed all the same: it can be saved."""
+    stay = AnswerMessage.unpack(given[-1])
+    stage.page.acknowledge(Acknowledgement.without_figures(stay.transaction, 7, Result.APPLIED, "noted"))
+    card.get_by_role("button", name="Pack an incident file of C7").click()
+    stage.until(lambda: AnswerMessage.unpack(given[-1]).operations == (PackIncident(7),))
+    stage.news["incidents"] = Incidents(packing=7).document()
+    cancelling = card.get_by_role("button", name="Cancel packing of C7")
+    stage.until(cancelling.is_visible)
+    cancelling.click()
+    stage.until(lambda: AnswerMessage.unpack(given[-1]).operations == (CancelIncident(7),))
+    cancel = AnswerMessage.unpack(given[-1])
+    stage.page.acknowledge(Acknowledgement.without_figures(cancel.transaction, 0, Result.APPLIED, "no more"))
+    stage.news["incidents"] = Incidents(failed=(7, "it was cancelled")).document()
+    stage.until(lambda: "It could not be packed: it was cancelled." in card.inner_text())
+    assert not cancelling.is_visible()
+    packed = Packed(3, 7, 5_100_000, 84_000, "without a recording: switched off")
+    stage.news["incidents"] = Incidents(packed=(packed,)).document()
+    stage.until(card.get_by_text("Save the whole file (5.1 MB)").is_visible)
+    saved = [one.get_attribute("href") for one in card.locator(".incident a").all()]
+    assert saved == ["/incidents/0003-C7-short.zip", "/incidents/0003-C7.zip"]
+    assert "It is without a recording: switched off." in card.inner_text()
+
+
+def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jpeg = cv2.imencode(".jpg", np.full((240, 320, 3), 120, np.uint8))[1].tobytes()
+    monkeypatch.setattr(played, "JPEG", jpeg)
+    calls = tmp_path / "calls"
+    calls.mkdir()
+    for ending in ("", "-raw", "-large"):
+        (calls / f"7{ending}.jpg").write_bytes(jpeg)
+    (calls / "7.json").write_text(json.dumps({"id": 7, "reasons": ["unknown_object"], "answers": []}))
+    stage, given, errors = Stage(tmp_path, token=played.TOKEN), list[bytes](), list[str]()
+    stage.page.answer = lambda payload, _at: given.append(payload)
+    opened: dict[str, Any] = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3}
+    opened["worst_tile_box"] = [0.4, 0.5, 0.6, 0.8]
+    stage.news["state"] |= {"open": opened, "reasons": ["unknown_object"], "vocabulary": ["mud"]}
+    stage.until(stage.up)
+    with playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        tab = browser.new_page(viewport={"width": 360, "height": 800})
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(f"{stage.page.url}?token={played.TOKEN}")
+        card = tab.locator("#open .call")
+        stage.until(card.is_visible)
+        stage.until(card.locator(".shot.small img:visible").first.is_visible)
+        frame = card.locator(".shot.small .aim").bounding_box()
+        tab.mouse.click(frame["x"] + 0.5 * frame["width"], frame["y"] + 0.6 * frame["height"])
+        card.get_by_label("Its name").click()
+        tab.keyboard.type("Old drum")
+        tab.keyboard.press("Enter")
+        stage.until(lambda: bool(given))
+        message = AnswerMessage.unpack(given[0])
+        (tap,) = message.operations
+        assert isinstance(tap, TapBox)
+        assert (message.target, message.motion) == (7, Motion.GO)
+        assert (tap.frame_id, tap.word, tap.weight) == (9, "old drum", -1.0)
+        assert tap.box[0] < 0.5 < tap.box[2]
+        stage.until(lambda: "From here: old drum: -1, go" in card.inner_text())
+        stage.page.acknowledge(
+            Acknowledgement.without_figures(message.transaction, 7, Result.NOT_COVERED, "C7 still unknown")
+        )
+        stage.until(lambda: "does not cover what was seen: C7 still unknown" in card.inner_text())
+        stage.until(lambda: "C7 still unknown" in tab.locator("#say").text_content())
+        given.clear()
+        tab.locator("#state-title").click()
+        assert held(stage, tab, given, "s") == {Motion.STAY}
+        have_it_packed(stage, card, given)
+        stage.news["state"]["open"] = None
+        stage.until(lambda: "closed" in card.inner_text())
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 360
+        tab.route("**/answer", lambda route: route.abort())
+        tab.get_by_label("New word").fill("mud")
+        tab.keyboard.press("Enter")
+        stage.until(lambda: "not known whether that was sent" in tab.locator("#words").inner_text())
+        browser.close()
+    stage.close()
+    assert errors == []

@@ -1,0 +1,88 @@
+"""Messages to record, and a supervisor that records them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from anytraverse.frame import Frame
+from companion.config import Config
+from companion.config.schema import Journal, Recording
+from companion.observers.recording.contents import as_json, image
+from companion.observers.recording.messages import Message
+from companion.observers.recording.recorder import Recorder
+from companion.observers.recording.ring import FOLDER
+from companion.observers.recording.topics import Topic
+from companion.system.watchdog import Restarts
+from companion.vision.worker import Worker
+from tests.companion.daemon.rig import picture
+from tests.companion.vision.played import engine
+
+NS = 1_000_000_000
+BEGAN = 1_790_000_000 * NS
+LIMITS = Restarts(silent_for=2.5, loading=20.0, first=0.1, longest=0.2)
+PATIENCE = 20.0
+SEEN = Worker(engine(None), 1).judge(Frame(5, time.monotonic(), picture("drum"))).assessment
+
+
+def status(number: int, seconds: float = 0.0) -> Message:
+    """A small message."""
+    return Message(Topic.STATUS, BEGAN + round(seconds * NS), as_json({"state": "ok", "number": number}))
+
+
+def frame(number: int, seconds: float = 0.0, size: int = 20_000) -> Message:
+    """A message that cannot be compressed."""
+    import random
+
+    at = BEGAN + round(seconds * NS)
+    return Message(Topic.CAMERA, at, image(random.Random(number).randbytes(size), "jpeg", at), number)
+
+
+def opened(call: int, seconds: float = 0.0) -> Message:
+    """A call opens."""
+    content = as_json({"decision": "call opened", "id": call, "reasons": ["unknown_object"]})
+    return Message(Topic.DECISIONS, BEGAN + round(seconds * NS), content, event=True)
+
+
+def words(weight: float, seconds: float = 0.0) -> Message:
+    """Words come into force."""
+    content = as_json({"words": {"grass": weight}, "taps": {}})
+    return Message(Topic.WORDS, BEGAN + round(seconds * NS), content)
+
+
+class Stage:
+    """Runs a `Recorder` and its process."""
+
+    def __init__(self, folder: Path, size: int = 20, **more: Any) -> None:
+        self.folder = folder / FOLDER
+        config = replace(Config(), journal=Journal(folder=str(folder)), recording=Recording(size))
+        self.recorder = Recorder(config, **{"restarts": LIMITS, **more})
+
+    def turn(self, messages: Sequence[Message] = ()) -> float:
+        """One turn of the main loop; returns the seconds that the recorder took of it."""
+        began = time.monotonic()
+        self.recorder.feed(began, messages)
+        took = time.monotonic() - began
+        time.sleep(0.01)
+        return took
+
+    def until(self, fits: Callable[[], object], seconds: float = PATIENCE) -> None:
+        deadline = time.monotonic() + seconds
+        while not fits():
+            assert time.monotonic() < deadline, self.recorder.figures()
+            self.turn()
+
+    def ready(self) -> Stage:
+        self.until(lambda: self.recorder.running and self.pid())
+        return self
+
+    def pid(self) -> int:
+        child = self.recorder.child
+        return 0 if child is None else child.pid or 0
+
+    @property
+    def files(self) -> list[Path]:
+        return sorted(self.folder.glob("*.mcap"))

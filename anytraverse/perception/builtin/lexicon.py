@@ -1,8 +1,7 @@
 """Perceives ground by the colour and roughness of its words: the perceiver `builtin:lexicon`, no network.
 
 The looks are centres and spreads of the features in features.py. They were fitted to labelled frames of
-forest tracks, gravel roads and meadows (`bench/fit_lexicon.py`), then rounded and widened by hand for other
-cameras.
+forest tracks, gravel roads and meadows, then rounded and widened by hand for other cameras.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Lists all benchmarks: what each measures, how it is started, how long it takes, what it needs.
 
-Tools that a person reads are not listed: `builtin_field`, `cutouts`, `labelled_field`, `still_pictures`,
-`worst_frames`.
+Tools that a person reads are not listed: `cutouts`, `labelled_field`, `still_pictures`, `worst_frames`.
 """
 
 from __future__ import annotations

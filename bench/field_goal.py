@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 
@@ -21,10 +21,13 @@ from anytraverse.answers import Changes, Tap
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
+from anytraverse.judging import Settings
+from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
-from bench.builtin_field import WORDS, engine_of
+from anytraverse.regions import Box
+from anytraverse.roi import Corridor
 from companion.calls.numbers import Numbers
 from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
 from companion.sim.field.render import Camera
@@ -36,6 +39,12 @@ LAPS = 2
 FAMILIAR = 10.0  # m
 REACHED = 0.8  # m from the rover's middle to a thing's, along the trail
 NEAR = 7.0  # m, within which a call is about the thing
+REGION = Box(0.35, 0.5, 0.65, 0.95)  # of a fast rover, as in the demo
+WORDS = {
+    "meadow": "grass: 1; dirt path: 1; sky: -0.5; bush: -1; tree: -1",
+    "forest": "grass: 1; dirt path: 1; sky: -0.5; bush: -1; tree: -1",
+    "gravel": "grass: 1; dirt path: 1; sky: -0.5; bush: -1; tree: -1; gravel: 1; dry grass: 0.5",
+}
 
 
 @dataclass
@@ -137,6 +146,12 @@ class Drive:
         marks = [trail.nearest(t.x, t.y)[0] for t in self.world.things.values() if t.surprise]
         marks += [begin for begin, _ in trail.borders.values()]
         return all(abs(math.remainder(mark - s, trail.length)) > FAMILIAR for mark in marks)
+
+
+def engine_of(perceiver: Perceiver, words: str) -> AnyTraverse:
+    corridor = Corridor(bottom=0.3, top=0.12, top_row=REGION.top)
+    settings = replace(Settings.of(perceiver.defaults), region=REGION, corridor=corridor)
+    return AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, Preferences.parse(words)))
 
 
 def main() -> None:

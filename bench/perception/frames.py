@@ -28,7 +28,6 @@ DRIVABLE = frozenset(
     )
 )  # fmt: skip
 """Labels that mean drivable ground. Every other label is not drivable: plants, water, things, the sky."""
-WATER = frozenset(("water", "puddle"))
 PLANTS = frozenset(
     (
         "bush", "tree", "low vegetation", "high vegetation", "vegetation", "crops", "forest", "high grass",

@@ -16,7 +16,7 @@ _ROWS = (0.47, 0.64)  # of the image's height: the ground some metres ahead, wit
 _FEATURES = [0, 1, 3]  # redness, yellowness, roughness; not light, which varies too much within one place
 _RADIAN = np.array([0.07, 0.08, 0.6], dtype=np.float32)  # difference of each feature that is one radian
 _WEIGHT = np.array([1.0, 1.0, 0.3], dtype=np.float32)
-_FITTED = 0.48  # best threshold on the cosine of the varying entries alone; see bench/builtin_field.py
+_FITTED = 0.48  # best threshold on the cosine of the varying entries alone, on the simulated trail
 _VARYING = (1 - SAME_PLACE) / (1 - _FITTED)
 
 

@@ -15,34 +15,38 @@ from bench.mutants import __main__
 from bench.mutants.__main__ import CHOSEN, figures
 from bench.mutants.faults import KINDS, ROOT, SAFETY_PATH, Mutant, chosen
 
-COUNT = 80
+FIXED = [Mutant(**one) for one in json.loads(CHOSEN.read_text())]
 
 
 @cache
-def some() -> list[Mutant]:
-    """What the bench would take; found by reading the whole safety path."""
-    return chosen(COUNT, seed=2)
+def whole(file: str) -> str:
+    """The file as a mutant of it is written, without a fault."""
+    return ast.unparse(ast.parse((ROOT / file).read_text())) + "\n"
 
 
-@pytest.mark.parametrize("which", range(COUNT))
-def test_a_mutant_differs_from_the_file_and_compiles(which: int) -> None:
-    mutant = some()[which]
-    source = mutant.source()
-    compile(source, mutant.file, "exec")
-    assert source != ast.unparse(ast.parse((ROOT / mutant.file).read_text())) + "\n", mutant
+def test_two_hundred_and_sixty_three_are_fixed_in_a_file() -> None:
+    assert len(set(FIXED)) == 263
+    assert {one.file for one in FIXED} == set(SAFETY_PATH)
+    assert {one.kind for one in FIXED} == set(KINDS)
 
 
-def test_the_choice_is_the_same_for_the_same_seed_and_takes_from_every_file() -> None:
-    assert chosen(COUNT, seed=2) == some()
-    assert {one.file for one in some()} == set(SAFETY_PATH)
-    assert {one.kind for one in chosen(400, seed=1)} == set(KINDS)
+def test_each_mutant_differs_from_the_file_and_compiles() -> None:
+    for mutant in FIXED:
+        source = mutant.source()
+        compile(source, mutant.file, "exec")
+        assert source != whole(mutant.file), mutant
+
+
+def test_the_tests_that_must_notice_are_there() -> None:
+    named = {test for tests in SAFETY_PATH.values() for test in tests}
+    assert [test for test in sorted(named) if not (ROOT / test).exists()] == []
 
 
 def test_what_is_gone_is_said() -> None:
     with pytest.raises(LookupError, match="no function"):
         Mutant("anytraverse/roi.py", "gone", "condition", 0, "").source()
     with pytest.raises(LookupError, match="no condition 99"):
-        Mutant(some()[0].file, some()[0].function, "condition", 99, "").source()
+        replace(FIXED[0], kind="condition", nth=99).source()
 
 
 def test_what_is_gone_counts_as_caught_by_nobody() -> None:
@@ -76,15 +80,8 @@ def test_more_of_some_files_are_added_at_the_end_and_none_twice(
     assert set(found) == set(all_of_it)
 
 
-def test_two_hundred_and_sixty_three_are_fixed_in_a_file() -> None:
-    found = [Mutant(**one) for one in json.loads(CHOSEN.read_text())]
-    assert len(set(found)) == 263
-    assert {one.file for one in found} == set(SAFETY_PATH)
-    assert all(one.source() for one in found), "they are there"
-
-
 def test_a_boundary_moves_an_operand_goes_and_an_assignment_is_false() -> None:
-    boundary, operand, assignment = (Mutant(**one) for one in json.loads(CHOSEN.read_text())[200:203])
+    boundary, operand, assignment = FIXED[200:203]
     assert "report.reported_at < self._unknown_until" in boundary.source()
     assert "at < self._first_go_at" not in operand.source()
     assert "late = False" in assignment.source()

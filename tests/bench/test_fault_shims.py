@@ -13,9 +13,24 @@ import pytest
 from bench.faults.clocks import DAY, JumpingClock
 from bench.faults.disk import FailingDisk
 from bench.faults.mutated_configs import shipped, wrong_with
+from bench.stopping.slow_disk import SlowDisk
 from companion.config import reading
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler for the shim")
+
+
+def said(shim: FailingDisk | SlowDisk | JumpingClock, program: str, *arguments: Path) -> list[str]:
+    """The words that a Python program prints beside a shim."""
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)],
+        env={**os.environ, **shim.environment},
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=True,
+    )
+    return done.stdout.split()
+
 
 _CHANGES = """
 import errno, os, sys
@@ -63,15 +78,32 @@ def test_a_disk_that_fails_does_so_below_its_folder_only(tmp_path: Path, how: st
     (root / "old").write_bytes(b"content")
     disk = FailingDisk(tmp_path, root)
     disk.set(how)
-    done = subprocess.run(
-        [sys.executable, "-c", _CHANGES, str(root), str(tmp_path)],
-        env={**os.environ, **disk.environment},
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=True,
-    )
-    assert done.stdout.strip() == becomes
+    assert said(disk, _CHANGES, root, tmp_path) == becomes.split()
+
+
+_SYNCS = """
+import os, sys, time
+file = open(sys.argv[1], "wb")
+for sync in (os.fsync, os.fdatasync):
+    before = time.monotonic()
+    sync(file.fileno())
+    print(time.monotonic() - before)
+"""
+
+
+@needs_compiler
+def test_each_sync_takes_as_much_longer_as_is_said_now(tmp_path: Path) -> None:
+    disk = SlowDisk(tmp_path)
+    disk.delay(0.2)
+    assert all(float(took) >= 0.2 for took in said(disk, _SYNCS, tmp_path / "file"))
+    disk.delay(0.0)
+    assert min(map(float, said(disk, _SYNCS, tmp_path / "file"))) < 0.2
+
+
+def test_without_a_compiler_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(RuntimeError, match="install gcc"):
+        SlowDisk(tmp_path)
 
 
 _CLOCKS = "import time; print(time.time(), time.monotonic())"
@@ -82,15 +114,7 @@ def test_only_the_wall_clock_jumps(tmp_path: Path) -> None:
     clock, seen = JumpingClock(tmp_path), []
     for ahead in (0, DAY, -DAY):
         clock.set(ahead)
-        done = subprocess.run(
-            [sys.executable, "-c", _CLOCKS],
-            env={**os.environ, **clock.environment},
-            capture_output=True,
-            text=True,
-            timeout=30,
-            check=True,
-        )
-        seen.append([float(figure) for figure in done.stdout.split()])
+        seen.append([float(figure) for figure in said(clock, _CLOCKS)])
     (wall, steady), *later = seen
     assert [round((one - wall) / DAY) for one, _ in later] == [1, -1]
     assert all(0 < one - steady < 60 for _, one in later)

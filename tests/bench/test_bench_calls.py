@@ -1,14 +1,10 @@
-"""The calls of a short piece of the simulated trail, which of them repeat, and the figures of the line."""
+"""Which calls repeat, what counts as noticed, and the figures of the line."""
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 
-import pytest
-
 from bench.calls import beside, plot, real, route, trail
-from bench.calls.__main__ import _seeds
 from bench.calls.engines import alone, of_the_field
 from bench.calls.jobs import Done, Job, told
 from bench.calls.operators import OPERATORS, Asked
@@ -21,16 +17,6 @@ THING = Asked(2.0, 4.0, ("unknown_object",), ("drum-1", None), repeat=False, wor
 def answered(calls: list[Asked]) -> dict[str, list[Asked]]:
     """The same calls for every operator."""
     return {name: list(calls) for name in OPERATORS}
-
-
-def test_a_lap_calls_for_what_lies_on_it_and_says_what_it_is() -> None:
-    metres, calls = trail.drive(trail.Lap(0, rate=2.5, metres=18.0))
-    assert metres == 18.0
-    assert set(calls) == set(OPERATORS)
-    assert any(call.about == ("drum-1", None) for call in calls["go"])
-    assert all(call.at_m < 18.0 for each in calls.values() for call in each)
-    assert not any(call.words for call in calls["go"])
-    assert all(call.words for call in calls["tap"])
 
 
 def test_the_figures_of_a_trail_count_calls_by_metres_and_repeats_by_calls() -> None:
@@ -70,12 +56,6 @@ def test_the_last_line_holds_each_part_and_says_what_is_left_out() -> None:
     assert line["trail"] == line["trail_untuned"] == trail.figures([lap])
     assert line["left_out"] == {"real": "needs frames"}
     assert line["seconds"] == {"trail": 1.5, "trail_untuned": 2.0}
-
-
-def test_seeds_are_given_as_ranges_or_one_by_one() -> None:
-    assert _seeds("0-2,7") == (0, 1, 2, 7)
-    with pytest.raises(argparse.ArgumentTypeError):
-        _seeds("first")
 
 
 def test_a_second_thing_counts_as_noticed_only_where_the_first_alone_does_not_call_again() -> None:

@@ -3,27 +3,37 @@
 from __future__ import annotations
 
 import json
-import re
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import pytest
 
-from bench.clipseg.frames import SIZES
-from bench.clipseg.lineup import BUNDLES, CONTESTANTS, OURS, REFERENCE
+from bench.clipseg.contestants import Figures, Sample
+from bench.clipseg.frames import COUNTS, SIZES
+from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE
+from bench.clipseg.measuring import Samples
 from bench.clipseg.report import write_report
 from bench.clipseg.results import Results, figures
-from bench.commit import commit_of
-from bench.machine import describe_run
-
-if TYPE_CHECKING:
-    from tests.bench.conftest import MakeSample, MakeSamples
 
 ALL = {REFERENCE: [3.0, 6.0, 3.0], **{name: [1.0, 2.0, 1.5] for name in OURS}}
 WORK = {name: {"tower": 1e9, "scene": 1e8} for name in ALL}
 
 
-def test_the_last_line_quotes_every_ratio_and_memory(samples_of: MakeSamples) -> None:
+def sample(cpu: float = 1.0, peak: float = 100.0, uncertainty: float = 0.5, **parts: float) -> Sample:
+    """A sample of so many CPU seconds, so that the figures quoted from it can be worked out by hand."""
+    return Sample(cpu, cpu, parts, Figures(0.25, uncertainty, (0.6, 0.8)), peak)
+
+
+def samples_of(seconds: Mapping[str, Sequence[float]]) -> Samples:
+    """The same CPU seconds for a contestant in every case; a tenth of each step is the scene's embedding."""
+    return {
+        (name, size, count): [sample(cpu, scene=cpu / 10, tower=cpu / 2) for cpu in rounds]
+        for size in SIZES
+        for count in COUNTS
+        for name, rounds in seconds.items()
+    }
+
+
+def test_the_last_line_quotes_every_ratio_and_memory() -> None:
     line = figures(Results(samples_of(ALL)))
     for size in ("", "_1280x720"):
         for name in OURS:
@@ -34,7 +44,7 @@ def test_the_last_line_quotes_every_ratio_and_memory(samples_of: MakeSamples) ->
     assert json.loads(json.dumps(line)) == line
 
 
-def test_a_precision_that_did_not_run_is_null_with_its_reason(samples_of: MakeSamples) -> None:
+def test_a_precision_that_did_not_run_is_null_with_its_reason() -> None:
     ran = {name: seconds for name, seconds in ALL.items() if name != "int8"}
     results = Results(samples_of(ran), {"int8": "int8: no such kernel"})
     line = figures(results)
@@ -45,7 +55,7 @@ def test_a_precision_that_did_not_run_is_null_with_its_reason(samples_of: MakeSa
     assert "Not measured: int8: int8: no such kernel" in write_report(results, {"cpu": "some"}, WORK)
 
 
-def test_maps_alone_leave_out_the_second_encoder_there_and_the_tail_here(sample: MakeSample) -> None:
+def test_maps_alone_leave_out_the_second_encoder_there_and_the_tail_here() -> None:
     size = SIZES[0]
     results = Results(
         {
@@ -58,7 +68,7 @@ def test_maps_alone_leave_out_the_second_encoder_there_and_the_tail_here(sample:
     assert found.median == 3.0
 
 
-def test_peak_memory_is_quoted_by_frame_size_and_is_the_highest(sample: MakeSample) -> None:
+def test_peak_memory_is_quoted_by_frame_size_and_is_the_highest() -> None:
     results = Results(
         {
             (REFERENCE, SIZES[0], 1): [sample(peak=10.0)],
@@ -70,7 +80,7 @@ def test_peak_memory_is_quoted_by_frame_size_and_is_the_highest(sample: MakeSamp
     assert results.peak_mb(REFERENCE, SIZES[1]) == 30.0
 
 
-def test_agreement_is_judged_by_the_worst_frame(sample: MakeSample) -> None:
+def test_agreement_is_judged_by_the_worst_frame() -> None:
     size = SIZES[0]
     results = Results(
         {
@@ -81,7 +91,7 @@ def test_agreement_is_judged_by_the_worst_frame(sample: MakeSample) -> None:
     assert results.roi_difference("fp32") == pytest.approx(0.03)
 
 
-def test_the_report_shows_every_contestant_and_its_rate(samples_of: MakeSamples) -> None:
+def test_the_report_shows_every_contestant_and_its_rate() -> None:
     text = write_report(Results(samples_of(ALL)), {"cpu": "some", "cpu_flags": ["avx2", "fma"]}, WORK)
     assert "cpu some, cpu_flags avx2 fma" in text
     for name in ALL:
@@ -89,7 +99,7 @@ def test_the_report_shows_every_contestant_and_its_rate(samples_of: MakeSamples)
     assert "| fp32, shared scene | tower | 750.0 | 50.0% | 1.00 | 1 |" in text
 
 
-def test_a_size_is_compared_with_352_and_a_dense_model_with_no_other(sample: MakeSample) -> None:
+def test_a_size_is_compared_with_352_and_a_dense_model_with_no_other() -> None:
     size = SIZES[0]
     results = Results(
         {
@@ -106,33 +116,3 @@ def test_a_size_is_compared_with_352_and_a_dense_model_with_no_other(sample: Mak
     assert "roi_difference_fp32_siglip2" not in line
     text = write_report(results, {}, {name: {} for name in CONTESTANTS})
     assert "| fp32, shared scene, 288 | fp32, shared scene | 0.02000 | another embedding |" in text
-
-
-def test_every_contestant_has_a_bundle_a_label_of_its_own_and_one_to_be_compared_with() -> None:
-    assert len({entry.label for entry in CONTESTANTS.values()}) == len(CONTESTANTS)
-    assert all(CONTESTANTS[name].bundle in BUNDLES for name in OURS)
-    assert {entry.like for entry in CONTESTANTS.values()} <= {"", *CONTESTANTS}
-    alike = {name for name, entry in CONTESTANTS.items() if entry.same_encoder}
-    assert alike == {"fp32_clip_b32", "int8_clip_b32"}
-
-
-def test_the_head_names_commit_and_date(samples_of: MakeSamples) -> None:
-    machine = describe_run()
-    assert machine["commit"]
-    assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", machine["when"])
-    head = write_report(Results(samples_of(ALL)), machine, WORK).splitlines()[2]
-    assert f"commit {machine['commit']}, when {machine['when']}, load " in head
-
-
-def test_outside_git_there_is_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert commit_of(tmp_path) == ""
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert commit_of(tmp_path) == ""
-
-
-def test_the_last_line_has_a_plot_of_every_size_with_every_contestant(samples_of: MakeSamples) -> None:
-    plots = figures(Results(samples_of(ALL)))["series"]
-    assert len(plots) == len(SIZES)
-    for one in plots:
-        assert one["lines"].keys() == {CONTESTANTS[name].label for name in ALL}
-        assert one["lines"]["fp32, shared scene"] == [[count, 1500, 1250, 1750] for count in (1, 4, 8)]

@@ -34,19 +34,6 @@ def test_it_finds_what_the_authors_step_finds(tmp_path: Path, name: str, part: s
         assert np.dot(found.embedding, expected.embedding) > 0.999
 
 
-@pytest.mark.parametrize("name", ["fp32_siglip2", "int8_tipsv2"])
-def test_it_runs_a_dense_bundle_that_is_not_calibrated(tmp_path: Path, name: str) -> None:
-    from bench.clipseg import bundles, ours
-
-    entry = CONTESTANTS[name]
-    contestant = ours.Ours(str(bundles.make(tmp_path, entry.bundle, tiny=True)), entry.precision, threads=1)
-    contestant.set_prompts(["grass", "tree"], [1.0, -1.0])
-    found = contestant.figures(make_frame(128, 96, 1))
-    assert np.linalg.norm(found.embedding) == pytest.approx(1.0, abs=1e-5)
-    assert 0.0 < found.roi_uncertainty < 1.0
-    assert set(contestant.parts.take()) == {"resize", "tower", "scene", "scores", "pooling"}
-
-
 def test_a_smaller_size_has_its_own_bundle(tmp_path: Path) -> None:
     from anytraverse.bundle.manifest import read_manifest
     from bench.clipseg import bundles

@@ -1,4 +1,4 @@
-"""The page of results, its plots, and the comparison with earlier results."""
+"""The page of results, and the comparison with earlier results."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import bench.__main__
 from bench.benches import BENCHES, Bench
 from bench.comparing import ALIKE, BETTER, UNKNOWN, WORSE, changes, other_machine
 from bench.page import page
-from bench.plot import plot
 from bench.result import FAILED, RAN, SKIPPED, Figure, Quoted, Result, read_results
-from bench.series import Series, power
+from bench.series import Series
 
 MACHINE = {
     "cpu": "a fast one",
@@ -101,52 +98,6 @@ def test_the_page_tells_what_ran_what_was_skipped_and_what_failed_and_needs_no_n
     assert not re.search(r"https?://|<script|<link|src=|@import|url\(", text)
 
 
-def test_the_page_shows_what_became_worse_first() -> None:
-    now = {"link": result(fast=figure(2, 1, 3), slow=figure(8, 7, 9), same=figure(1, 1, 1))}
-    before = {"link": result(fast=figure(6, 5, 7), slow=figure(4, 3, 5), same=figure(1, 1, 1))}
-    text = page(now, list(changes(now, before)), "earlier", "")
-    compared = text.partition("Compared with earlier")[2]
-    assert "3 figures: 1 worse, 1 better, 1 within the spread, 0 spread not known" in compared
-    assert compared.index("slow") < compared.index("fast")
-    assert "+100%, worse" in compared
-    assert "-67%, better" in compared
-
-
-_values = st.just(0.0) | st.floats(1e-9, 1e9)
-_points = st.lists(
-    st.tuples(st.integers(1, 10**7), _values, _values, _values),
-    min_size=1,
-    max_size=20,
-    unique_by=lambda point: point[0],
-)
-
-
-@settings(max_examples=40)
-@given(st.dictionaries(st.text(max_size=5), _points, min_size=1, max_size=9))
-def test_every_plot_stays_within_its_picture(
-    lines: dict[str, list[tuple[float, float, float, float]]],
-) -> None:
-    sorted_lines = {}
-    for name, points in lines.items():
-        ordered = [(x, sorted(values)) for x, *values in sorted(points)]
-        sorted_lines[name] = [[x, value, low, high] for x, (low, value, high) in ordered]
-    drawn = plot(Series("T", "n", "ms", sorted_lines).as_json())
-    width, height = map(float, re.findall(r'viewBox="0 0 (\d+) (\d+)"', drawn)[0])
-    places = [pair.split(",") for line in re.findall(r'points="([^"]*)"', drawn) for pair in line.split()]
-    assert len(places) == sum(map(len, lines.values()))
-    for x, y in places:
-        assert 0 <= float(x) <= width
-        assert 0 <= float(y) <= height
-    assert "nan" not in drawn
-
-
-def test_power_says_how_cost_grows_at_the_end() -> None:
-    assert power([[1, 7, 7, 7], [10, 3, 3, 3], [100, 300, 300, 300]]) == 2.0
-    assert power([[10, 3, 3, 3], [100, 3, 3, 3]]) == 0.0
-    assert power([[10, 3, 3, 3]]) is None
-    assert power([[10, 0, 0, 0], [100, 3, 3, 3]]) is None
-
-
 def test_a_run_goes_on_after_a_failure_and_ends_with_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -167,9 +118,3 @@ def test_a_run_goes_on_after_a_failure_and_ends_with_1(
     for wrong in (["speed"], ["house", "--rounds", "0"], ["house", "--against", str(tmp_path)]):
         with pytest.raises(SystemExit):
             bench.__main__.main(wrong)
-
-
-def test_the_list_says_what_each_measures_and_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
-    assert bench.__main__.main(["--list", "link", "cost"]) == 0
-    listed = capsys.readouterr().out
-    assert re.search(r"^link +12 min +36 s  a bad radio", listed, re.M)

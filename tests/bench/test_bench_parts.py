@@ -33,17 +33,3 @@ def test_what_was_taken_does_not_count_again(clock: list[float]) -> None:
             clock.append(clock[-1] + seconds)
     assert parts.take() == {"decoder": 3.0}
     assert parts.take() == {}
-
-
-def test_a_part_that_fails_is_counted_and_leaves_the_next_one_right(clock: list[float]) -> None:
-    parts = Parts()
-
-    def fail() -> None:
-        clock.append(1.0)
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        parts.timed("tower", fail)()
-    with parts.time("decoder"):
-        clock.append(3.0)
-    assert parts.take() == {"tower": 1.0, "decoder": 2.0}

@@ -12,7 +12,7 @@ import pytest
 
 from anytraverse.evaluation.datasets import LabelledFrame
 from bench.perception import __main__ as bench
-from bench.perception.frames import LabelledSet, read_frames, spread
+from bench.perception.frames import LabelledSet, read_frames
 from bench.perception.stops import frames_with
 
 NAMES = ("dirt", "sky", "rock bed", "bush", "grass", "obstacle", "person")
@@ -65,39 +65,9 @@ def test_blocks_are_held_out_without_the_last_quarter_of_any_block(tmp_path: Pat
     assert [one.name for one in found.abroad] == ["there"]
 
 
-def test_frames_are_spread_evenly() -> None:
-    assert spread(10, 4) == [0, 2, 5, 7]
-    assert spread(3, 4) == [0, 1, 2]
-
-
 def test_without_the_labelled_frames_it_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.argv", ["bench.perception", "--data", str(tmp_path)])
     assert bench.main() == 0
     assert "skipped" in json.loads(capsys.readouterr().out.splitlines()[-1])
-
-
-def test_the_whole_bench_runs_on_a_few_frames(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write(tmp_path / "trail", [0, 1, 200, 201, 400, 401])
-    write(tmp_path / "abroad/there", [1, 2])
-    out = tmp_path / "out/found.json"
-    options = f"--data {tmp_path} --cutouts {tmp_path} --approaches 1 --frames 3 --out {out} --sweep"
-    monkeypatch.setattr("sys.argv", ["bench.perception", *options.split()])
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-    assert bench.main() == 0
-    line = json.loads(capsys.readouterr().out.splitlines()[-1])
-    asked = (
-        "iou_home iou_abroad false_home false_abroad noticed_abroad missed_small foreign_match_40 ms_frame mb"
-    )
-    assert set(asked.split()) <= set(line)
-    assert line["false_home"] in (0.0, 1.0)
-    assert line["ms_frame"] > 0
-    stored = json.loads(out.read_text())
-    assert stored["line"] == line
-    assert len(stored["sweep"]) == 40
-    assert stored["figures"]["foreign match at 40: the other held-out drives"]["of"] == 4
-    assert str(tmp_path) not in out.read_text()
-    assert "| clean frames stopped |" in out.with_suffix(".md").read_text()

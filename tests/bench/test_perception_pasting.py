@@ -41,22 +41,6 @@ def test_a_flat_thing_lies_on_the_ground_and_throws_no_shadow() -> None:
     assert top == pytest.approx(240 + FOCAL * HEIGHT / 4.2, abs=2)
 
 
-def test_a_standing_thing_has_a_shadow_at_its_foot_and_nowhere_else() -> None:
-    clear = np.zeros((60, 60, 4), dtype=np.uint8)
-    pasted = paste(FRAME, Cutout(clear, 0.5, "made"), 3.0, 0.0)
-    darker = np.argwhere((pasted < FRAME).any(axis=2))
-    foot = np.array([240 + FOCAL * HEIGHT / 3.0, 320])
-    assert abs(darker.mean(axis=0) - foot).max() < 3
-    assert np.ptp(darker[:, 0]) < 0.5 * np.ptp(darker[:, 1])
-
-
-def test_things_are_lit_like_the_frame() -> None:
-    dark = np.full_like(FRAME, 30)
-    thing = Cutout(np.dstack([np.full((60, 30, 3), 100, np.uint8), WHITE[..., 3]]), 0.9, "made")
-    in_light, in_dark = (paste(frame, thing, 3.0, 0.0)[260, 320].mean() for frame in (FRAME, dark))
-    assert in_dark < 0.5 * in_light
-
-
 def test_the_frame_itself_stays_as_it_was_and_its_edges_cut_a_thing() -> None:
     before = FRAME.copy()
     pasted = paste(FRAME, Cutout(WHITE, 3.0, "made"), 1.0, 0.6)

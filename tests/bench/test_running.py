@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from bench.benches import BENCHES, Bench, chosen
+from bench.benches import Bench
 from bench.result import FAILED, RAN, SKIPPED, Quoted
 from bench.running import run
 
@@ -123,31 +123,6 @@ def test_several_rounds_give_the_median_and_the_spread(bench_of: MakeBench, tmp_
     )
     figure = run("mine", bench_of(program), tmp_path, rounds=3).figures["a step"]
     assert (figure.value, figure.low, figure.high) == (5, 3, 8)
-
-
-def test_a_name_means_a_benchmark_or_all_that_begin_with_it() -> None:
-    assert list(chosen(["growth", "cost"])) == [
-        "growth-words", "growth-history", "growth-sizes", "growth-hours", "growth-daemon", "cost",
-    ]  # fmt: skip
-    assert chosen([]) == BENCHES
-    with pytest.raises(ValueError, match="no benchmark is called speed: give some of growth-words"):
-        chosen(["speed"])
-
-
-def test_every_benchmark_is_there_takes_its_options_and_says_what_it_needs() -> None:
-    for name, bench in BENCHES.items():
-        path = Path(*bench.module.split("."))
-        source = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
-        text = (Path(__file__).parents[2] / source).read_text()
-        assert "json.dumps" in text, name
-        for option in (*bench.arguments, *(bench.quick or ())):
-            assert not option.startswith("--") or f'"{option}"' in text, (name, option)
-        assert isinstance(bench.needs(), str)
-        assert bench.minutes[0] > 0
-
-
-def test_what_quick_forms_take_together_is_less_than_five_minutes() -> None:
-    assert sum(bench.minutes[True] for bench in BENCHES.values() if bench.quick is not None) < 5
 
 
 def test_results_are_read_back_as_they_were_written(bench_of: MakeBench, tmp_path: Path) -> None:

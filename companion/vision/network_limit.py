@@ -6,6 +6,7 @@ Root runs `python -m companion.vision.network_limit FILE` before the companion s
 from __future__ import annotations
 
 import ipaddress
+import re
 import shlex
 import subprocess
 import sys
@@ -22,6 +23,9 @@ _WITHIN = 10.0
 OF_PATHS = frozenset({"video", "folder", "v4l2"})
 """Kinds of camera whose place is a path here. Others may hold a password, which must not be shown."""
 _CAMERA_PROGRAMS = frozenset({"rpicam-vid", "rpicam-raw", "libcamera-vid", "libcamera-raw"})
+_END = re.compile(r"(src|sink)\d*\Z", re.ASCII)
+"""How the name of a GStreamer element that reads or sends ends: v4l2src, udpsink, rtmp2sink."""
+_OWN_SINKS = frozenset({"fdsink", "filesink"})
 
 
 class NetworkNeeds(NamedTuple):
@@ -51,15 +55,17 @@ def needs_of(source: str) -> NetworkNeeds:
 
 
 def _is_of_this_computer(command: str) -> bool:
-    """Whether a program reads a camera of this computer. Of any other it is not known."""
+    """Whether a program reads a camera of this computer, and sends to no network, as far as it is known."""
+    if "://" in command:
+        return False
     if program(command) in _CAMERA_PROGRAMS:
         return True
     try:
         words = shlex.split(command)
     except ValueError:
         return False
-    sources = [word for word in words if word.endswith("src")]
-    return len(sources) == 1 and sources[0] in CAMERA_ELEMENTS and "://" not in command
+    ends = [word for word in words if _END.search(word) and word not in _OWN_SINKS]
+    return len(ends) == 1 and ends[0] in CAMERA_ELEMENTS
 
 
 def _networks(host: str) -> tuple[str, ...]:

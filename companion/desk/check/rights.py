@@ -20,6 +20,12 @@ from companion.vision.network_limit import OF_PATHS, is_limited, needs_of
 RIGHTS, REACH = "rights", "reach"
 _UNIFIED = Path("/sys/fs/cgroup/cgroup.controllers")
 """Only there systemd can limit which addresses a process reaches."""
+_BY_NUMBER = "write the camera's numeric address into [camera] source"
+_TO_LIMIT = {
+    "oak": 'with one OAK, on USB, write "oak:" into [camera] source; one on a network cannot be limited',
+    "pipe": 'what its program reaches is not known: if you can, write "v4l2:" or "rtsp://ADDRESS/PATH"',
+}
+"""What to do where it is not known which networks a camera of this kind needs."""
 
 
 class _User(NamedTuple):
@@ -67,7 +73,8 @@ def check_reach(rover: Rover) -> list[Finding]:
         return [passed(REACH, "the vision process has no network")]
     all_of_it = "the vision process reaches the whole network"
     if needs.networks is None:
-        return [warned(REACH, f"{all_of_it}: write the camera's numeric address into [camera] source")]
+        kind = rover.config.camera.source.partition(":")[0]
+        return [warned(REACH, f"{all_of_it}: {_TO_LIMIT.get(kind, _BY_NUMBER)}")]
     if not (_UNIFIED.exists() and is_limited(needs)):
         return [warned(REACH, f"{all_of_it}: this system does not limit it; see docs/security.md")]
     reached = ", ".join(needs.networks) or "nothing"

@@ -193,13 +193,16 @@ def test_the_service_s_vision_process_has_a_user_of_its_own(
         ),
         ("rtsp://10.0.0.7/", False, "warn", "this system does not limit it"),
         ("rtsp://camera.local/", True, "warn", "write the camera's numeric address"),
+        ("oak:192.168.1.222", True, "warn", 'with one OAK, on USB, write "oak:"'),
+        ("pipe:ffmpeg -i rtsp://10.0.0.7/ -", True, "warn", 'write "v4l2:" or "rtsp://ADDRESS/PATH"'),
         ("oak:", True, "pass", "of the network systemd lets the vision process reach nothing"),
     ],
 )
 def test_how_much_of_the_network_the_vision_process_reaches_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, limited: bool, verdict: str, text: str
 ) -> None:
-    one = rover(tmp_path, more=f'[camera]\nsource = "{source}"\n')
+    form = 'width = 640\nheight = 480\npixel_format = "yuv420p"\n' if source.startswith("pipe:") else ""
+    one = rover(tmp_path, more=f'[camera]\nsource = "{source}"\n{form}')
     assert only(check_reach(one))[0] == "skip"
     monkeypatch.setattr(rights, "SERVICE", one.folder)
     monkeypatch.setattr(rights, "_UNIFIED", tmp_path)

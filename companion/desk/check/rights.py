@@ -6,9 +6,12 @@ import grp
 import os
 import pwd
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from anytraverse.bundle.manifest import MANIFEST, read_manifest
+from anytraverse.errors import BundleError
 from companion.cameras import CameraError, split_source
 from companion.config.link_settings import LinkError
 from companion.config.reading import SERVICE
@@ -47,7 +50,8 @@ def check_rights(rover: Rover) -> list[Finding]:
     except OSError as error:
         return [skipped(RIGHTS, f"not known: {error}")]
     used = [(user, *one) for one in _used(rover)] + [(sees, *one) for one in _used_by_vision(rover)]
-    bad = [_refused(*one) for one in used if not _is_absent(one[1]) and not _may(*one)]
+    files = [(sees, path, _READ) for path in _bundle_files(rover)]
+    bad = [_refused(*one) for one in used + files if not _is_absent(one[1]) and not _may(*one)]
     if not _is_service(rover):
         apart = "its processes are not kept apart: docs/security.md"
         return bad or [passed(RIGHTS, f"user {user.name} may use its files and devices; {apart}")]
@@ -117,11 +121,20 @@ def _used_by_vision(rover: Rover) -> Iterator[tuple[Path, int]]:
         yield bundle, _READ | (_ENTER if is_folder(bundle) else 0)
     try:
         kind, where = split_source(config.camera.source)
-        place = Path(where)
-        if kind in OF_PATHS and place.is_absolute():
-            yield place, _READ | (_ENTER if is_folder(place) else 0)
     except CameraError:  # told by the row of the configuration
         return
+    if kind in OF_PATHS:
+        place = (SERVICE if _is_service(rover) else Path()) / where
+        yield place, _READ | (_ENTER if is_folder(place) else 0)
+
+
+def _bundle_files(rover: Rover) -> Iterator[Path]:
+    """Yield the files of the perceiver's bundle, as far as its manifest can be read."""
+    bundle = Path(rover.config.perceiver.name.partition(":")[2])
+    if bundle.is_absolute():
+        yield bundle / MANIFEST
+        with suppress(BundleError):  # told by the row of the perceiver
+            yield from (bundle / name for name in read_manifest(bundle).files)
 
 
 def _vision_user() -> _User:

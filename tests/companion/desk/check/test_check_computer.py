@@ -29,6 +29,7 @@ from companion.desk.check.rights import check_reach, check_rights
 from companion.desk.check.rover import Rover
 from companion.desk.check.rules import Finding, Verdict
 from companion.storage import Journal
+from tests.anytraverse.bundle.conftest import write_bundle
 
 
 def rover(folder: Path, running: Mapping[str, Any] | None = None, more: str = "", **options: Any) -> Rover:
@@ -179,6 +180,38 @@ def test_the_service_s_vision_process_has_a_user_of_its_own(
     pictures.chmod(0o755)
     verdict, text = only(check_rights(one))
     assert (verdict, text.rpartition(", ")[2]) == ("pass", "anytraverse-vision the camera's")
+
+
+def test_each_file_of_a_bundle_must_be_readable_to_the_vision_process(
+    opened: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = rover(opened, more='[perceiver]\nname = "clipseg:eyes"\n')
+    one.folder.mkdir()
+    monkeypatch.setattr(rights, "SERVICE", one.folder)
+    write_bundle(opened / "eyes")
+    for path in (opened / "eyes").rglob("*"):
+        path.chmod(0o755)
+    assert only(check_rights(one))[0] == "pass"
+    (opened / "eyes/notes.txt").touch(0o600)
+    assert only(check_rights(one))[0] == "pass", "no part of the bundle"
+    weights = opened / "eyes/image.onnx"
+    weights.chmod(0o600)
+    verdict, text = only(check_rights(one))
+    assert (verdict, text.partition(":")[0]) == ("fail", f"user anytraverse-vision may not read {weights}")
+
+
+def test_a_relative_path_of_a_camera_begins_where_the_service_runs(
+    opened: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = rover(opened, more='[camera]\nsource = "video:drive.mp4"\n')
+    one.folder.mkdir()
+    monkeypatch.setattr(rights, "SERVICE", one.folder)
+    (one.folder / "drive.mp4").touch(0o600)
+    verdict, text = only(check_rights(one))
+    assert (verdict, text.partition(":")[0]) == (
+        "fail",
+        f"user anytraverse-vision may not read {one.folder}/drive.mp4",
+    )
 
 
 @pytest.mark.parametrize(

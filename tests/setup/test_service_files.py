@@ -138,6 +138,13 @@ def test_each_process_has_a_user_of_its_own_and_its_socket_is_the_supervisor_s_a
     assert users == {f"anytraverse-{name}" for name in ("vision", "page", "live", "video", "recorder")}
 
 
+def test_a_kill_that_failed_leaves_its_request_and_is_tried_again() -> None:
+    unit = settings((ROOT / "systemd/anytraverse-kill@.service").read_text())
+    assert unit["ExecStart"].startswith("/usr/bin/systemctl kill "), "its failure counts"
+    assert unit["ExecStartPost"] == "/usr/bin/rm -f /run/anytraverse/kill-%i", "only after a success"
+    assert (unit["Restart"], unit["RestartSec"], unit["StartLimitIntervalSec"]) == ("on-failure", "1", "0")
+
+
 def test_no_hardening_breaks_what_the_daemon_needs() -> None:
     hardening = (ROOT / "systemd/hardening.conf").read_text()
     assert "SystemCallErrorNumber=EPERM" in hardening

@@ -104,7 +104,7 @@ def test_each_program_tells_its_version(module: str) -> None:
     assert told.stdout.split()[-1] == own_version()
 
 
-@pytest.mark.parametrize("module", ["companion.field", "companion.sim.field", "companion.wire"])
+@pytest.mark.parametrize("module", ["companion.sim.field", "companion.wire"])
 def test_each_module_that_the_pages_start_runs(module: str) -> None:
     options = [] if module == "companion.wire" else ["--help"]
     done = subprocess.run(

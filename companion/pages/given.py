@@ -13,7 +13,6 @@ from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.words_text import operation_text
 
 _WELL = CHANGING_RESULTS - {Result.NOT_COVERED}
-_MOTIONS = {Motion.GO: "go", Motion.STAY: "stay", Motion.LOOK_AGAIN: "look again"}
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,8 @@ def undone_words(operations: Sequence[Operation]) -> dict[str, float] | None:
 
 def said(motion: Motion, operations: Sequence[Operation]) -> str:
     """Word an answer."""
-    return ", ".join([*map(_operation, operations), *([_MOTIONS[motion]] if motion in _MOTIONS else [])])
+    driving = [motion.name.lower().replace("_", " ")] if motion is not Motion.NONE else []
+    return ", ".join([*map(_operation, operations), *driving])
 
 
 def _operation(operation: Operation) -> str:

@@ -22,7 +22,7 @@ from companion.observers.recording.contents import read_json
 from companion.observers.recording.foxglove import jpeg_of
 from companion.observers.recording.topics import TOPICS, Topic
 from companion.wire.answers import ForgetWord, SetWord, TapBox
-from companion.wire.typed_answers import CommandError, read_typed
+from companion.wire.typed_answers import MOTIONS, CommandError, read_typed
 from companion.wire.words_text import operation_text
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 _NS = 1_000_000_000
 _LONGEST_GAP = 3600.0
 _JUMP = 1.0
-_MOTIONS = {"go": "go", "stay": "stay", "look_again": "look"}
 _HELD, _MOST_HELD = 64, 32 << 20
 """Frames of a recording, and bytes of their messages, that are held so that their times rise."""
 _MOST_TOLD, _OF_A_MESSAGE = 64 << 20, 200
@@ -181,8 +180,8 @@ def _typed(content: Mapping[str, Any]) -> str:
                 parts.append(operation_text(SetWord(word, weight)))
             case {"word": str(word)} if len(one) == 1:
                 parts.append(operation_text(ForgetWord(word)))
-    motion = _MOTIONS.get(str(content.get("motion")), "")
-    line = ", ".join(filter(None, ("; ".join(parts), motion)))
+    motion = str(content.get("motion")).replace("_", " ")  # the name of a `Motion`, "look_again"
+    line = ", ".join(filter(None, ("; ".join(parts), motion if motion in MOTIONS else "")))
     try:
         read_typed(line)
     except CommandError:

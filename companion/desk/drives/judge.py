@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from anytraverse.assessment import Assessment
+from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from companion.calls.decisions import Call, CallOpened, WouldHold
@@ -21,6 +21,18 @@ from companion.link.answer import changes_of
 from companion.wire.answers import Operation
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Stage
 from companion.wire.payloads import CallData
+
+FIGURES = ("traversability", "uncertainty", "drivable_share", "worst_tile")
+"""Figures of the region of interest that a row has."""
+
+
+class Row(NamedTuple):
+    """How a frame was judged. reasons: by name. opened: the id of the call that it opened, 0 for none."""
+
+    name: str
+    figures: Mapping[str, float | None]
+    reasons: tuple[str, ...]
+    opened: int = 0
 
 
 class Judgement(NamedTuple):
@@ -115,3 +127,12 @@ class DriveJudge:
         """Whether this call is open, and what was said does not cover it."""
         call = self._calls.call
         return call is not None and call.id == number and not call.answered
+
+
+def row(name: str, seen: Assessment, reasons: Iterable[Reason], opened: int = 0) -> Row:
+    """Make the row of a judged frame. It keeps those of the frame's reasons that are in `reasons`."""
+    roi, counts = seen.roi, frozenset(reasons)
+    figures: dict[str, float | None] = dict.fromkeys(FIGURES)
+    if roi is not None:
+        figures = {one: getattr(roi, one) for one in FIGURES} | {"worst_tile": roi.worst_tile.uncertainty}
+    return Row(name, figures, tuple(sorted(one.value for one in seen.reasons if one in counts)), opened)

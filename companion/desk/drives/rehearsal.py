@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from anytraverse.assessment import Assessment
+from anytraverse.assessment import Assessment, Reason
 from anytraverse.errors import AnyTraverseError
 from anytraverse.history import Embedding, History, cosine
 from anytraverse.memory import Memory
 from companion.calls.decisions import Call
 from companion.desk.drives.drive import Drive, DriveFrame
-from companion.desk.drives.judge import DriveJudge, Judgement
+from companion.desk.drives.judge import DriveJudge, Judgement, row
 from companion.vision.pictures import panel, unmarked
 from companion.wire.ids import State
 from companion.wire.payloads import CallData
@@ -199,10 +199,11 @@ def _write_pictures(out: Path, call: AskedCall) -> None:
 
 
 def _row(name: str, seen: Assessment, open_id: int) -> dict[str, Any]:
+    judged = row(name, seen, Reason)
     figures = {
-        "roi_uncertainty": seen.roi.uncertainty if seen.roi is not None else None,
-        "worst_tile": seen.roi.worst_tile.uncertainty if seen.roi is not None else None,
-        "drivable_share": seen.roi.drivable_share if seen.roi is not None else None,
+        "roi_uncertainty": judged.figures["uncertainty"],
+        "worst_tile": judged.figures["worst_tile"],
+        "drivable_share": judged.figures["drivable_share"],
         "similarity": seen.similarity,
         "match": seen.match.similarity if seen.match is not None else None,
     }
@@ -210,7 +211,7 @@ def _row(name: str, seen: Assessment, open_id: int) -> dict[str, Any]:
         "frame": seen.frame.id,
         "file": name,
         "ok": seen.ok,
-        "reasons": sorted(reason.value for reason in seen.reasons),
+        "reasons": judged.reasons,
         **{key: None if value is None else round(value, 4) for key, value in figures.items()},
         "known_place": seen.adopted.order if seen.adopted is not None else None,
         "open": open_id,

@@ -6,9 +6,9 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from anytraverse.assessment import Assessment, Reason
+from anytraverse.assessment import Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
@@ -16,12 +16,10 @@ from anytraverse.judging import Settings
 from anytraverse.preferences import Preferences
 from anytraverse.regular_file import read_regular
 from companion.desk.drives.drive import Drive, DriveError
-from companion.desk.drives.judge import DriveJudge
+from companion.desk.drives.judge import FIGURES, DriveJudge, Row, row
 from companion.desk.drives.recorded import RecordedFrame, Recording, settings_of
 from companion.wire.ids import Motion
 
-FIGURES = ("traversability", "uncertainty", "drivable_share", "worst_tile")
-"""Figures of the region of interest that are compared."""
 OF_THE_FRAME = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 """Reasons that follow from one frame, its words and its settings alone."""
 OF_A_RECORDING: Mapping[str, float] = {**dict.fromkeys(FIGURES, 0.05), "worst_tile": 0.4}
@@ -32,15 +30,6 @@ _SHOWN = 10
 _LARGEST = 1e300
 _LARGEST_FILE = 64 << 20
 """Bytes of a file of references, at most."""
-
-
-class Row(NamedTuple):
-    """How a frame was judged. reasons: by name. opened: the id of the call that it opened, 0 for none."""
-
-    name: str
-    figures: Mapping[str, float | None]
-    reasons: tuple[str, ...]
-    opened: int = 0
 
 
 @dataclass
@@ -121,20 +110,6 @@ class Comparison:
             "gone": len(self.gone),
             "left_out": {why: len(names) for why, names in self.left_out.items()},
         }
-
-
-def row(name: str, seen: Assessment, reasons: Iterable[Reason], opened: int = 0) -> Row:
-    """Make the row of a judged frame. reasons: those of the frame that count here."""
-    roi, counts = seen.roi, frozenset(reasons)
-    figures: dict[str, float | None] = dict.fromkeys(FIGURES)
-    if roi is not None:
-        figures = {
-            "traversability": roi.traversability,
-            "uncertainty": roi.uncertainty,
-            "drivable_share": roi.drivable_share,
-            "worst_tile": roi.worst_tile.uncertainty,
-        }
-    return Row(name, figures, tuple(sorted(one.value for one in seen.reasons if one in counts)), opened)
 
 
 def recorded_row(recorded: RecordedFrame) -> Row:

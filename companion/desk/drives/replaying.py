@@ -11,11 +11,10 @@ from anytraverse.perception import NAMED
 from companion.config import Config, ConfigError, load_config, recorded_config
 from companion.desk.drives.drive import DriveError, printable
 from companion.desk.drives.frames import is_recording, located, open_drive
-from companion.desk.drives.judge import DriveJudge
+from companion.desk.drives.judge import DriveJudge, Row
 from companion.desk.drives.recorded import Recording
 from companion.desk.drives.replay import (
     Comparison,
-    Row,
     compared,
     read_rows,
     replay_drive,

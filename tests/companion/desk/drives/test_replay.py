@@ -17,16 +17,9 @@ from companion.cli import main
 from companion.config import format_config, load_config
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
+from companion.desk.drives.judge import FIGURES, Row
 from companion.desk.drives.recorded import Recording, settings_of
-from companion.desk.drives.replay import (
-    FIGURES,
-    OF_REFERENCES,
-    Comparison,
-    Row,
-    compared,
-    read_rows,
-    write_rows,
-)
+from companion.desk.drives.replay import OF_REFERENCES, Comparison, compared, read_rows, write_rows
 from companion.desk.drives.replaying import config_of
 from companion.observers.recording.foxglove import encode, jpeg_of
 from companion.observers.recording.reading import Copy, messages

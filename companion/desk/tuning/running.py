@@ -15,6 +15,7 @@ from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.seeing import maps_identity
 from anytraverse.evaluation.spreading import spread
 from anytraverse.frame import Frame
+from anytraverse.perception import surroundings_of
 from anytraverse.perception.stored import PerceptionStore, StoredPerceiver
 from companion.config import Config
 from companion.desk.drives.drive import DriveError
@@ -185,7 +186,9 @@ def _perceive(part: _Part) -> int:
             continue
         seen += 1
         try:
-            engine.maps_of(engine.observe(Frame(number + 1, frame.at, frame.image)))
+            observation = engine.observe(Frame(number + 1, frame.at, frame.image))
+            surroundings_of(engine.perceiver, observation.features)
+            engine.maps_of(observation)
         except PerceiverError:
             continue  # each trial finds it a fault
     return seen

@@ -16,7 +16,7 @@ from companion.config import Config, load_config
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.episode import Episode
 from companion.desk.tuning.operators import GivenAnswer
-from companion.desk.tuning.running import Judged, Where, run_episode
+from companion.desk.tuning.running import Judged, Where, figures_of, perceive, run_episode
 from companion.desk.tuning.trial import Combination, MadeCall, Outcome, Trial
 from companion.vision.warm_up import load_engine
 
@@ -72,6 +72,15 @@ def test_random_combinations_are_those_of_a_full_run(
     assert judged.frames == 16
     calls = {len(one.calls) for one in outcomes}
     assert len(calls) > 1, "the combinations tell nothing apart"
+
+
+def test_what_was_perceived_is_all_that_judging_asks_for(drive: Path, tmp_path: Path) -> None:
+    config = load_config(drive.parent / "companion.toml")
+    episode, where = Episode(str(drive), 10.0), Where(tmp_path, 10**9)
+    perceive(config, episode, where)
+    stored = sorted(tmp_path.rglob("*.npy"))
+    assert figures_of(config, episode, where).tiles
+    assert sorted(tmp_path.rglob("*.npy")) == stored
 
 
 def test_processes_and_a_second_run_give_the_same(drive: Path, tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ class FilmedField:
             (pose.x + self._east_m) / _METRES_PER_DEGREE,
             (90.0 - math.degrees(pose.heading)) % 360.0,
         )
-        return DriveFrame(f"{self._name}{at:.2f} s", at, image, place, travelled)
+        return DriveFrame(f"{self._name}{at:.2f} s", at, lambda: image, place, travelled)
 
     def put_back(self) -> None:
         """Put all things back that were taken away."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,7 @@ def drive(job: Passes) -> Driven:
     named = made[OPERATORS.index("word")]
     foreign = tuple(_known(named, image, (frames + 1) / RATE) for image in foreign_frames(job.folder.parent))
     remembered = len(named.memory.history)
-    run_trials(trials, (frame._replace(at=frame.at + AWAY_S) for frame in films.frames()))
+    run_trials(trials, (replace(frame, at=frame.at + AWAY_S) for frame in films.frames()))
     calls = {name: each.calls for name, each in listed.items()}
     return Driven(frames, frames / 2 / RATE, AWAY_S, calls, remembered, foreign)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
 
 from anytraverse.frame import Image
 from anytraverse.history import Place
@@ -13,18 +15,24 @@ class DriveError(Exception):
     """Reports a drive that cannot be read. The text says what to do."""
 
 
-class DriveFrame(NamedTuple):
+@dataclass(frozen=True)
+class DriveFrame:
     """A frame. name: of its file, or its time in a video. at: seconds of the drive.
 
-    image: RGB (height, width, 3) uint8; None where it is torn. place, travelled: where the vehicle was, and
-    the metres that it had driven, as far as known.
+    decode: returns the picture. place, travelled: where the vehicle was, and the metres that it had driven,
+    as far as known.
     """
 
     name: str
     at: float
-    image: Image | None
-    place: Place = Place()
+    decode: Callable[[], Image | None]
+    place: Place = field(default_factory=Place)
     travelled: float | None = None
+
+    @cached_property
+    def image(self) -> Image | None:
+        """RGB (height, width, 3) uint8, decoded when it is first asked for; None where it is torn."""
+        return self.decode()
 
 
 class Drive(Protocol):

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from anytraverse.errors import AnyTraverseError
+from anytraverse.frame import Image
 from anytraverse.look import read_picture
 from companion.cameras import CameraError, split_source
 from companion.cameras.folder import pictures
@@ -71,11 +75,7 @@ class _Folder:
 
     def frames(self) -> Iterator[DriveFrame]:
         for number, path in enumerate(self._pictures, 1):
-            try:
-                image = read_picture(str(path))
-            except (OSError, AnyTraverseError):
-                image = None
-            yield DriveFrame(printable(path.name), number * self._period, image)
+            yield DriveFrame(printable(path.name), number * self._period, partial(_read, path))
 
 
 class _Video:
@@ -99,6 +99,17 @@ class _Video:
                 continue
             taken += 1
             ok, picture = self._video.retrieve()
-            image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8) if ok else None
-            yield DriveFrame(f"{at:.2f} s", at + 1.0 / self._rate, image)
+            decode = partial(_rgb, picture if ok else None)
+            yield DriveFrame(f"{at:.2f} s", at + 1.0 / self._rate, decode)
         self._video.release()
+
+
+def _rgb(picture: NDArray[Any] | None) -> Image | None:
+    return None if picture is None else np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _read(path: Path) -> Image | None:
+    try:
+        return read_picture(str(path))
+    except (OSError, AnyTraverseError):
+        return None

@@ -6,6 +6,7 @@ from bisect import bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from heapq import heappop, heappush
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -229,7 +230,7 @@ def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[Re
         name = f"frame {number}" + (f" ({named[number]})" if named[number] > 1 else "")
         words = standing[Topic.WORDS].then(judged)
         settings = standing[Topic.SETTINGS].then(judged)
-        frame = DriveFrame(name, clock.at_next(captured), _picture(data))
+        frame = DriveFrame(name, clock.at_next(captured), partial(_picture, data))
         weights = _mapping(words.get("words"))
         tapped = bool(_mapping(words.get("taps")).keys() & weights.keys())
         yield RecordedFrame(frame, read_json(content), weights, tapped, _mapping(settings.get("judging")))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from anytraverse.evaluation.datasets import Dataset, Selection, TornPictureError, open_dataset
+from anytraverse.frame import Image
 from companion.desk.drives.desk import AnswerFile
 from companion.desk.drives.drive import Drive, DriveError, DriveFrame, printable
 from companion.desk.drives.frames import open_drive
@@ -67,8 +69,10 @@ class LabelledDrive:
     def frames(self) -> Iterator[DriveFrame]:
         """Read all frames in their order."""
         for place, number in enumerate(self._dataset.numbers, 1):
-            try:
-                image = self._dataset.read(number).image
-            except TornPictureError:
-                image = None
-            yield DriveFrame(self._dataset.name(number), place * self._period, image)
+            yield DriveFrame(self._dataset.name(number), place * self._period, partial(self._read, number))
+
+    def _read(self, number: int) -> Image | None:
+        try:
+            return self._dataset.read(number).image
+        except TornPictureError:
+            return None

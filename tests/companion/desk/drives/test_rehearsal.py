@@ -196,6 +196,17 @@ def test_an_answer_at_the_terminal_that_turns_a_sign_must_be_typed_twice(
     assert desk.ask(call(), "") == "tap water 1, go"
 
 
+def test_a_picture_is_decoded_once_and_only_when_it_is_looked_at(drive: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(drive, copy)
+    first, second, *_ = open_drive(str(copy), 10.0).frames()
+    assert first.image is not None
+    for picture in copy.iterdir():
+        picture.unlink()
+    assert first.image is not None
+    assert (second.image, bool(second.name)) == (None, True)
+
+
 def test_a_video_is_thinned_out_to_the_rate_of_the_rover(tmp_path: Path) -> None:
     path = tmp_path / "drive.avi"
     video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (64, 48))  # type: ignore[attr-defined]

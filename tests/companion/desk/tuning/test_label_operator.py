@@ -107,7 +107,7 @@ def test_an_answered_scene_keeps_where_its_frame_was_taken(drive: Path) -> None:
     config = load_config(drive.parent / "companion.toml")
     judge, at = DriveJudge(config, load_engine(config, None)[0]), Place(50.0, 8.0)
     for frame in LabelledDrive(open_dataset(f"folder:{drive}"), 10.0).frames():
-        judged = judge.judge(frame._replace(place=at, travelled=frame.at))
+        judged = judge.judge(replace(frame, place=at, travelled=frame.at))
         if judged is not None and judged.opened is not None:
             judge.answer((), Motion.GO, frame.at)
             break

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from anytraverse.errors import RegionError
 
 
+@runtime_checkable
 class Region(Protocol):
     """Describes a part of the image. `Box` is one kind; a polygon would be another."""
 

@@ -32,7 +32,7 @@ from companion.tasks import VISION
 from companion.vision.client import VisionClient
 from companion.vision.codec import decode, decode_trusted, encode, encode_trusted
 from companion.vision.memory_copy import MemoryCopy, update_from, updated
-from companion.vision.messages import Scenes, Start
+from companion.vision.messages import Done, Scenes, Start
 from companion.vision.process import Port, receive_start
 
 COUNTS = (10, 100, 256, 1000, 3000, 10_000)
@@ -113,8 +113,11 @@ def _measure_frame(memory: Memory, count: int, rounds: int, series: Series) -> N
     after = answer()
 
     def follow() -> Memory:
-        packed = encode(update_from(memory, after, 2, 1, ()))
-        return updated(memory, decode(packed[4:]))
+        packed = encode(Done(1, None, "", update_from(memory, after, 2, 1, ())))
+        told = decode(packed[4:])
+        assert isinstance(told, Done)
+        assert told.update is not None
+        return updated(memory, told.update)
 
     series.add("tell the supervisor", count, cpu_ms(follow, rounds))
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
+
+from msgspec.structs import replace
 
 from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.engine import AnyTraverse

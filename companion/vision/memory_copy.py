@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
+from msgspec import structs
+
 from anytraverse.history import Entry, History
 from anytraverse.memory import Memory
 from companion.config.schema import MOST_SCENES
@@ -39,7 +41,7 @@ class MemoryCopy:
         """Apply an update. Raises BadReportError when it is not based on the present copy."""
         if update.base != self.revision or update.revision != self.revision + 1:
             raise BadReportError(f"memory {update.revision} on {update.base}, not on {self.revision}")
-        self.memory = updated(self.memory, replace(update, entries=(*self._rows, *update.entries)))
+        self.memory = updated(self.memory, structs.replace(update, entries=(*self._rows, *update.entries)))
         self.revision, self._rows = update.revision, ()
 
     def first_part(self) -> tuple[Memory | None, int]:
@@ -65,8 +67,7 @@ def update_from(
     return MemoryUpdate(
         revision=revision,
         base=base_revision,
-        memory=replace(memory, history=History()),
-        limit=memory.history.limit,
+        memory=replace(memory, history=History((), memory.history.limit)),
         entries=tuple(entry for stamp, entry in after.items() if before.get(stamp) is not entry),
         removed=tuple(stamp for stamp in before if stamp not in after),
         weak=weak,
@@ -80,7 +81,7 @@ def parts(report: Report) -> Iterator[Report]:
         while len(rows) > MOST_ROWS:
             yield Scenes(rows[:MOST_ROWS])
             rows = rows[MOST_ROWS:]
-        report = replace(report, update=replace(update, entries=rows))
+        report = structs.replace(report, update=structs.replace(update, entries=rows))
     yield report
 
 
@@ -90,4 +91,4 @@ def updated(base: Memory | None, update: MemoryUpdate) -> Memory:
     for stamp in update.removed:
         entries.pop(stamp, None)
     entries.update((entry.order, entry) for entry in update.entries)
-    return replace(update.memory, history=History(list(entries.values()), update.limit))
+    return replace(update.memory, history=History([*entries.values()], update.memory.history.limit))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from msgspec import Meta, Struct
 
 from anytraverse.answers import AnswerOutcome, Changes
 from anytraverse.assessment import Assessment
@@ -18,6 +21,30 @@ from companion.config import Config
 from companion.vision.freeze_detector import Luma
 from companion.wire.ids import State
 
+LONGEST_TEXT = 4096
+LARGEST_PNG = 32 << 20
+"""Bytes of a frame as PNG, at most: a larger one would not fit beside others in channel and journal."""
+
+LARGEST_JPEG = 4 << 20
+"""Bytes of a recorded frame, at most."""
+
+MOST_ROWS = 4
+"""Remembered scenes in one report, at most. One with all words tapped takes 2 ms to decode and check."""
+
+ROUNDING = 1e-6
+"""By which a share may exceed its range."""
+
+Text = Annotated[str, Meta(max_length=LONGEST_TEXT)]
+Whole = Annotated[int, Meta(ge=0)]
+Seconds = Annotated[float, Meta(ge=0.0, le=sys.float_info.max)]
+Share = Annotated[float, Meta(ge=-ROUNDING, le=1.0 + ROUNDING)]
+Rows = Annotated[tuple[Entry, ...], Meta(max_length=MOST_ROWS)]
+Encoding = Annotated[bytes, Meta(max_length=LARGEST_JPEG)]
+
+
+class _Report(Struct, frozen=True, array_like=True, tag=True, forbid_unknown_fields=True):
+    """A message that is decoded by the types of its fields, and where they name a range, by that, too."""
+
 
 class Model(NamedTuple):
     """Names the perceiver for a person.
@@ -27,9 +54,9 @@ class Model(NamedTuple):
     infrared: whether its maps hold for a camera without infrared filter.
     """
 
-    id: str
-    precision: str = ""
-    why: str = ""
+    id: Text
+    precision: Text = ""
+    why: Text = ""
     int8_idle: bool = False
     infrared: bool = False
 
@@ -45,16 +72,6 @@ class Model(NamedTuple):
     def __str__(self) -> str:
         return f"{self.id}, {self.precision}: {self.why}" if self.precision else self.id
 
-
-LONGEST_TEXT = 4096
-LARGEST_PNG = 32 << 20
-"""Bytes of a frame as PNG, at most: a larger one would not fit beside others in channel and journal."""
-
-LARGEST_JPEG = 4 << 20
-"""Bytes of a recorded frame, at most."""
-
-MOST_ROWS = 4
-"""Remembered scenes in one report, at most. One with all words tapped takes 15 ms to decode."""
 
 # Requests, to the vision process.
 
@@ -80,14 +97,13 @@ class Start:
         return replace(self, memory=replace(self.memory, history=history), more=self.more - len(scenes))
 
 
-@dataclass(frozen=True)
-class Scenes:
+class Scenes(_Report, frozen=True):
     """Carries remembered scenes: those after a `Start`, or as a report rows of the next `MemoryUpdate`.
 
     Encoding or decoding all at once would stall the supervisor.
     """
 
-    entries: tuple[Entry, ...]
+    entries: Rows
 
 
 @dataclass(frozen=True)
@@ -178,26 +194,23 @@ Request = Start | Scenes | Tune | Situation | Apply | Restore | Draw | Encode
 # Reports, from the vision process.
 
 
-@dataclass(frozen=True)
-class MemoryUpdate:
+class MemoryUpdate(_Report, frozen=True):
     """Changes the memory from revision `base` to `revision`: all of it but H, and the changed rows of H.
 
-    memory: without its history H. limit: H's bound. entries: new or changed rows of H, at most `MOST_ROWS`;
-    more come before it in `Scenes`. removed: stamps (`Entry.order`) of the rows that went. weak: words in use
-    that the perceiver recognises badly by name and that have no tap.
+    memory: without the scenes of its history H. entries: new or changed rows of H, at most `MOST_ROWS`; more
+    come before it in `Scenes`. removed: stamps (`Entry.order`) of the rows that went. weak: words in use that
+    the perceiver recognises badly by name and that have no tap.
     """
 
-    revision: int
-    base: int
+    revision: Whole
+    base: Whole
     memory: Memory
-    limit: int
-    entries: tuple[Entry, ...]
-    removed: tuple[int, ...]
-    weak: tuple[str, ...]
+    entries: Rows
+    removed: tuple[Whole, ...]
+    weak: tuple[Text, ...]
 
 
-@dataclass(frozen=True)
-class Ready:
+class Ready(_Report, frozen=True):
     """Reports that the perceiver is loaded and warmed up.
 
     settings: from the configuration and the perceiver's defaults. notices: texts about the memory for the
@@ -207,19 +220,17 @@ class Ready:
     model: Model
     settings: Settings
     update: MemoryUpdate
-    notices: tuple[str, ...]
-    step: float
+    notices: tuple[Text, ...]
+    step: Seconds
 
 
-@dataclass(frozen=True)
-class Failed:
+class Failed(_Report, frozen=True):
     """Reports that the perceiver cannot be loaded; the text says what to do."""
 
-    text: str
+    text: Text
 
 
-@dataclass(frozen=True)
-class Alive:
+class Alive(_Report, frozen=True):
     """Shows a few times a second that the process is alive.
 
     delivered_at: monotonic seconds when the camera's newest frame came, None: none yet.
@@ -229,8 +240,7 @@ class Alive:
     delivered_at: float | None
 
 
-@dataclass(frozen=True)
-class FrameJudged:
+class FrameJudged(_Report, frozen=True):
     """Reports a new frame's assessment.
 
     revision: of the memory by which it was judged. at: monotonic seconds when judging ended. duration:
@@ -241,32 +251,30 @@ class FrameJudged:
     """
 
     assessment: Assessment
-    revision: int
+    revision: Whole
     at: float
-    duration: float
-    sectors: tuple[float | None, ...]
+    duration: Seconds
+    sectors: Annotated[tuple[Share | None, ...], Meta(max_length=16)]
     luma: Luma
     update: MemoryUpdate | None = None
     infrared: bool | None = None
-    tuning: int = 0
+    tuning: Whole = 0
 
 
-@dataclass(frozen=True)
-class Done:
+class Done(_Report, frozen=True):
     """Reports the outcome of an `Apply` or a `Restore`, or an error; then nothing has changed.
 
     tuning: as for `FrameJudged`.
     """
 
-    number: int
+    number: Whole
     outcome: AnswerOutcome | None
-    error: str
+    error: Text
     update: MemoryUpdate | None
-    tuning: int = 0
+    tuning: Whole = 0
 
 
-@dataclass(frozen=True)
-class Drawn:
+class Drawn(_Report, frozen=True):
     """Carries pictures of a frame, b"" for each that could not be made or was not requested.
 
     panel: JPEG with maps and title, or the video's picture. thumbnail: JPEG for a radio. png: the frame
@@ -274,9 +282,9 @@ class Drawn:
     stored, so that answers and taps may refer to it.
     """
 
-    number: int
-    frame_id: int
-    title: str
+    number: Whole
+    frame_id: Whole
+    title: Text
     panel: bytes = b""
     thumbnail: bytes = b""
     png: bytes = b""
@@ -284,28 +292,26 @@ class Drawn:
     stored: bool = False
 
 
-@dataclass(frozen=True)
-class Encoded:
+class Encoded(_Report, frozen=True):
     """Carries a frame for the recording. picture is b"" for one that is left out, the maps where it has none.
 
     picture: JPEG of the frame as captured, at most `LARGEST_JPEG` bytes. traversability, uncertainty: its
     maps as grey PNG of 8 bits, at most 96 pixels wide: 0 is -1 in the signed map, 0 in the other, 255 is 1.
     """
 
-    number: int
-    frame_id: int
-    picture: bytes = b""
-    traversability: bytes = b""
-    uncertainty: bytes = b""
+    number: Whole
+    frame_id: Whole
+    picture: Encoding = b""
+    traversability: Encoding = b""
+    uncertainty: Encoding = b""
 
 
-@dataclass(frozen=True)
-class Logged:
+class Logged(_Report, frozen=True):
     """Carries a line for the supervisor's log. level: as in `logging`."""
 
-    level: int
-    name: str
-    text: str
+    level: Whole
+    name: Text
+    text: Text
 
 
 Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | Logged | Scenes

@@ -40,7 +40,7 @@ from companion.sim.loopback_link import LoopbackLink
 from companion.system.service_manager import ServiceManager
 from companion.vision import process
 from companion.vision import warm_up as warm_up_module
-from companion.vision.codec import Splitter, decode, encode
+from companion.vision.codec import Splitter, decode, encode_trusted
 from companion.vision.messages import Alive, Failed, Model, Start
 from companion.vision.warm_up import too_slow, warm_up
 from companion.wire.ids import Policy
@@ -132,7 +132,7 @@ def test_what_cannot_be_loaded_is_told_with_what_to_do(
     ours, theirs = socket.socketpair()
     with ours, theirs, loading() as (vision, child):
         vision.poll(time.monotonic())
-        ours.sendall(encode(Start(config, None, 0, 1)))
+        ours.sendall(encode_trusted(Start(config, None, 0, 1)))
         process._serve(process.Port(theirs))
         failed = [decode(packed) for packed in Splitter().feed(ours.recv(1 << 20))][-1]
         assert isinstance(failed, Failed)
@@ -342,7 +342,7 @@ def test_long_work_gives_signs_of_life(monkeypatch: pytest.MonkeyPatch, config: 
     monkeypatch.setattr(process, "CameraThread", camera)
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        ours.sendall(encode(Start(config, None, 0, 1)))
+        ours.sendall(encode_trusted(Start(config, None, 0, 1)))
         process._serve(process.Port(theirs))
         sent = [decode(packed) for packed in Splitter().feed(ours.recv(1 << 20))]
     assert [type(report) for report in sent] == [Alive, Alive, Alive, Failed]

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import MISSING, fields, replace
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from msgspec import Raw, structs
+from msgspec.msgpack import Ext
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Finding, Maps
 from anytraverse.frame import Frame
-from anytraverse.history import Entry, Likeness, Place
+from anytraverse.history import Entry, History, Likeness, Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Adoption
 from anytraverse.preferences import Preferences, Setting
@@ -22,6 +23,7 @@ from anytraverse.regions import Box
 from anytraverse.roi import Corridor, Tile
 from companion.cameras.newest import CameraStatus
 from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, check_report
+from companion.vision.codec import CodecError, decode, pack
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
     LARGEST_JPEG,
@@ -35,10 +37,11 @@ from companion.vision.messages import (
     Logged,
     Model,
     Ready,
+    Report,
 )
 from companion.vision.worker import Worker
 from tests.companion.daemon.rig import picture
-from tests.companion.vision.played import WORDS, engine
+from tests.companion.vision.played import WORDS, engine, heard
 
 MEMORY = engine(None).memory
 UPDATE = update_from(None, MEMORY, 1, 0, ())
@@ -50,9 +53,14 @@ NAN, INF = math.nan, math.inf
 
 
 def sound(thing: str = "drum") -> FrameJudged:
-    """A judged frame."""
+    """A judged frame, as it comes out of the channel."""
     worker = Worker(engine(None), 1)
-    return worker.judge(Frame(5, time.monotonic(), picture(thing)))
+    return heard(worker.judge(Frame(5, time.monotonic(), picture(thing))))
+
+
+def believed(said: object) -> Report:
+    """What the supervisor makes of these values, whatever they are."""
+    return check_report(decode(pack(said)), Expected(4), time.monotonic())
 
 
 LOOKED = sound()
@@ -60,26 +68,27 @@ SEEN = LOOKED.assessment
 MAPS, ROI = SEEN.maps, SEEN.roi
 assert MAPS is not None
 assert ROI is not None
+assert SEEN.observation is not None
 
 
 def seen(**changes: Any) -> FrameJudged:
     """With another assessment."""
-    return replace(LOOKED, assessment=replace(SEEN, **changes))
+    return structs.replace(LOOKED, assessment=replace(SEEN, **changes))
 
 
 def looked(**changes: Any) -> FrameJudged:
     """With other fields."""
-    return replace(LOOKED, **changes)
+    return structs.replace(LOOKED, **changes)
 
 
 def ready(**changes: Any) -> Ready:
     """With other fields."""
-    return replace(READY, **changes)
+    return structs.replace(READY, **changes)
 
 
 def updating(**changes: Any) -> Ready:
     """With another update of the memory."""
-    return replace(READY, update=replace(UPDATE, **changes))
+    return structs.replace(READY, update=structs.replace(UPDATE, **changes))
 
 
 def map_of(value: float, *, name: str = "signed", dtype: Any = np.float32) -> FrameJudged:
@@ -131,12 +140,12 @@ def limits_of(**changes: Any) -> Ready:
 
 def memory_of(**changes: Any) -> Ready:
     """With another memory."""
-    return replace(READY, update=replace(UPDATE, memory=replace(MEMORY, **changes)))
+    return structs.replace(READY, update=structs.replace(UPDATE, memory=replace(MEMORY, **changes)))
 
 
 def entry_of(**changes: Any) -> Ready:
     """With a remembered scene."""
-    return replace(READY, update=replace(UPDATE, entries=(replace(ENTRY, **changes),)))
+    return structs.replace(READY, update=structs.replace(UPDATE, entries=(replace(ENTRY, **changes),)))
 
 
 def match_of(**changes: Any) -> Ready:
@@ -151,14 +160,14 @@ def finding_of(**changes: Any) -> FrameJudged:
 
 
 AHEAD = time.monotonic() + 1e6
-NESTED: Any = []
-for _ in range(100_000):
-    NESTED = [NESTED]
+NESTED = Raw(b"\x91" * 100_000 + b"\xc0")
+HUGE: Any = Ext(1, b"\xff" * 200)
+"""A number too large for a float, as far as there is one: MessagePack has none beyond 64 bits."""
 WRONG: dict[str, Any] = {
     "nothing": None,
     "a number": 7,
     "a refused frame that is no vector": entry_of(refused=(None,)),
-    "refused frames that are no tuple": entry_of(refused=[VECTOR]),
+    "refused frames that are no tuple": entry_of(refused={"0": VECTOR}),
     "more refused frames than are kept": entry_of(refused=(VECTOR,) * 9),
     "a refused frame that is not finite": entry_of(refused=(VECTOR * NAN,)),
     "surroundings that are no vector": entry_of(surroundings=1.5),
@@ -167,27 +176,29 @@ WRONG: dict[str, Any] = {
     "a match without a vector": match_of(embedding=None),
     "a match of a similarity beyond 1": match_of(similarity=1.5),
     "a match at no time": match_of(time=NAN),
-    "a match with words of the wrong kind": match_of(preferences={}),
+    "a match with words of the wrong kind": match_of(preferences=[]),
     "a match of a scene without a stamp": match_of(order=-1),
     "a match with a reference that is not finite": match_of(reference=VECTOR * INF),
-    "a class": FrameJudged,
-    "a frame that is not newer": replace(LOOKED, assessment=replace(SEEN, frame=Frame(4, 1.0, picture()))),
+    "a class": "FrameJudged",
+    "a frame that is not newer": structs.replace(
+        LOOKED, assessment=replace(SEEN, frame=Frame(4, 1.0, picture()))
+    ),
     "a frame's id below 0": seen(frame=Frame(-5, 1.0, picture())),
     "a frame's id that no wire carries": seen(frame=Frame(1 << 32, 1.0, picture())),
     "a frame's id that is no number": seen(frame=Frame("5", 1.0, picture())),  # type: ignore[arg-type]
     "taken in the future": seen(frame=Frame(5, AHEAD, picture())),
     "taken at no time": seen(frame=Frame(5, NAN, picture())),
-    "judged in the future": replace(LOOKED, at=AHEAD),
-    "judged before it was taken": replace(LOOKED, at=SEEN.frame.captured_at - 1.0),
-    "judged at no time": replace(LOOKED, at=NAN),
-    "judged in less than no time": replace(LOOKED, duration=-0.1),
-    "judged in NaN": replace(LOOKED, duration=NAN),
-    "judged in endless time": replace(LOOKED, duration=INF),
-    "judged in a time too large for a float": replace(LOOKED, duration=10**400),
-    "a revision below 0": replace(LOOKED, revision=-1),
-    "too many sectors": replace(LOOKED, sectors=(0.5,) * 17),
-    "a sector of NaN": replace(LOOKED, sectors=(NAN,)),
-    "a sector above 1": replace(LOOKED, sectors=(1.1,)),
+    "judged in the future": structs.replace(LOOKED, at=AHEAD),
+    "judged before it was taken": structs.replace(LOOKED, at=SEEN.frame.captured_at - 1.0),
+    "judged at no time": structs.replace(LOOKED, at=NAN),
+    "judged in less than no time": structs.replace(LOOKED, duration=-0.1),
+    "judged in NaN": structs.replace(LOOKED, duration=NAN),
+    "judged in endless time": structs.replace(LOOKED, duration=INF),
+    "judged in a time too large for a float": structs.replace(LOOKED, duration=HUGE),
+    "a revision below 0": structs.replace(LOOKED, revision=-1),
+    "too many sectors": structs.replace(LOOKED, sectors=(0.5,) * 17),
+    "a sector of NaN": structs.replace(LOOKED, sectors=(NAN,)),
+    "a sector above 1": structs.replace(LOOKED, sectors=(1.1,)),
     "an age of NaN": seen(age=NAN),
     "an endless age": seen(age=INF),
     "a similarity above 1": seen(similarity=1.1),
@@ -201,15 +212,15 @@ WRONG: dict[str, Any] = {
     "a weight above 1": seen(
         words=unmade(Preferences, _settings={"grass": Setting(1.0), "rock": Setting(2.0)})
     ),
-    "words without a weight": seen(words=unmade(Preferences)),
+    "words without a weight": seen(words={"grass": {"order": 0}}),
     "a finding that is none": seen(findings=("fault",)),
-    "findings that are no tuple": seen(findings=[Finding.fault("x")]),
+    "findings that are no tuple": seen(findings={"0": Finding.fault("x")}),
     "no reason": finding_of(reason="fault"),
     "bad and clear": finding_of(bad=True, clear=True),
     "bad, perhaps": finding_of(bad=1),
     "a figure that is no text": finding_of(figure=7),
     "a value that is no number": finding_of(value="0.5"),
-    "a value too large for a float": finding_of(value=10**400),
+    "a value too large for a float": finding_of(value=HUGE),
     "a map of NaN": map_of(NAN),
     "an endless map": map_of(INF),
     "signed above 1": map_of(1.5),
@@ -226,6 +237,9 @@ WRONG: dict[str, Any] = {
     "names of other words": seen(maps=other_maps(named=np.zeros(9, np.bool_))),
     "traversability of NaN": roi_of(traversability=NAN),
     "uncertainty of an ROI above 1": roi_of(uncertainty=1.5),
+    "a tile that is asked about above 1": seen(asked=Tile(Box(0, 0, 1, 1), 1.5)),
+    "a tile that is asked about of NaN": seen(asked=Tile(Box(0, 0, 1, 1), NAN)),
+    "features, which are left out": seen(observation=replace(SEEN.observation, features=1)),
     "a drivable share above 1": roi_of(drivable_share=1.5),
     "no tile": roi_of(worst_tile=None),
     "a corridor of text": roi_of(corridor="open"),
@@ -238,7 +252,8 @@ WRONG: dict[str, Any] = {
     "a model whose infrared is no bool": ready(model=Model("painted-1", infrared=cast(bool, 1.0))),
     "a revision that is no number": updating(revision="1"),
     "a base below 0": updating(base=-1),
-    "a limit that is no number": updating(limit=None),
+    "a limit that is no number": memory_of(history=unmade(History, limit=None)),
+    "a limit below 0": memory_of(history=unmade(History, limit=-1)),
     "a removed row that is no stamp": updating(removed=("1",)),
     "a weak word that is none": updating(weak=(1,)),
     "a reference of NaN": memory_of(reference=np.array([NAN, 1], np.float32)),
@@ -261,9 +276,9 @@ WRONG: dict[str, Any] = {
     "a scene at a latitude of text": entry_of(place=Place("47", 8.0)),  # type: ignore[arg-type]
     "a scene at a latitude of NaN": entry_of(place=Place(NAN, 8.0)),
     "a scene with two angles": entry_of(place=Place(attitude=(1.0, 2.0))),  # type: ignore[arg-type]
-    "ready without a model": ready(model=("painted-1",)),
+    "ready without a model": ready(model="painted-1"),
     "ready without settings": ready(settings=None),
-    "settings out of range": replace(
+    "settings out of range": structs.replace(
         READY, settings=unmade(Settings, **{**vars(Settings()), "freshness": NAN})
     ),
     "a tile that may be": settings_of(tile_width=True),
@@ -283,12 +298,12 @@ WRONG: dict[str, Any] = {
     "a corridor at no two rows": settings_of(corridor=unmade(Corridor, **{**CORRIDOR, "top_row": 0.95})),
     "a region narrower than the vehicle": settings_of(corridor=Corridor(0.9, 0.9)),
     "a region that may be narrower": settings_of(misfit_allowed=1),
-    "settings without a field": replace(READY, settings=unmade(Settings)),
-    "a step of NaN": replace(READY, step=NAN),
-    "an endless step": replace(READY, step=INF),
-    "a step below 0": replace(READY, step=-1.0),
-    "a step too large for a float": replace(READY, step=10**400),
-    "a notice too long": replace(READY, notices=(LONG,)),
+    "settings of a region without a side": settings_of(region={"left": 0.3, "top": 0.6, "right": 0.7}),
+    "a step of NaN": structs.replace(READY, step=NAN),
+    "an endless step": structs.replace(READY, step=INF),
+    "a step below 0": structs.replace(READY, step=-1.0),
+    "a step too large for a float": structs.replace(READY, step=HUGE),
+    "a notice too long": structs.replace(READY, notices=(LONG,)),
     "a camera that is none": Alive(None, 1.0),  # type: ignore[arg-type]
     "a camera in no state": Alive(CameraStatus(state="ok"), 1.0),  # type: ignore[arg-type]
     "a count of text": Alive(CameraStatus(read="many"), 1.0),  # type: ignore[arg-type]
@@ -301,7 +316,7 @@ WRONG: dict[str, Any] = {
     "a lens of three": Alive(CameraStatus(intrinsics=(5.0, 5.0, 3.0)), 1.0),  # type: ignore[arg-type]
     "a frame that came in the future": Alive(CameraStatus(), AHEAD),
     "a frame that came at no time": Alive(CameraStatus(), NAN),
-    "a frame that came at a time too large for a float": Alive(CameraStatus(), 10**400),
+    "a frame that came at a time too large for a float": Alive(CameraStatus(), HUGE),
     "a square around a tile that is none": roi_of(
         worst_tile=unmade(Tile, box=Box(0, 0, 1, 1), uncertainty=0.5, around=(0, 0, 1, 1))
     ),
@@ -330,8 +345,8 @@ WRONG: dict[str, Any] = {
 
 @pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
 def test_what_cannot_be_true_is_refused(wrong: Any) -> None:
-    with pytest.raises(BadReportError):
-        check_report(wrong, Expected(4), time.monotonic())
+    with pytest.raises((CodecError, BadReportError)):
+        believed(wrong)
 
 
 @pytest.mark.parametrize(
@@ -351,7 +366,7 @@ def test_what_cannot_be_true_is_refused(wrong: Any) -> None:
     ],
 )
 def test_what_can_be_true_is_believed(said: Any) -> None:
-    assert check_report(said, Expected(4), time.monotonic()) is said
+    assert pack(believed(said)) == pack(said)
 
 
 def test_frames_rise_and_one_that_is_refused_counts_for_nothing() -> None:
@@ -368,12 +383,18 @@ def test_frames_rise_and_one_that_is_refused_counts_for_nothing() -> None:
     "message", [LOOKED, READY, Alive(CameraStatus(), 1.0), Drawn(1, 2, "t"), Logged(1, "a", "b")]
 )
 def test_a_field_that_is_missing_or_something_else_is_refused(message: Any) -> None:
-    for field in fields(message):
-        given = dict(vars(message))
-        if field.default is MISSING:
-            del given[field.name]
-            with pytest.raises(BadReportError):
-                check_report(unmade(type(message), **given), Expected(4), time.monotonic())
-        for broken in ({**given, field.name: object()}, {**given, field.name: SimpleNamespace()}):
-            with pytest.raises(BadReportError):
-                check_report(unmade(type(message), **broken), Expected(4), time.monotonic())
+    kind, given = type(message).__name__, structs.astuple(message)
+    assert pack(believed([kind, *given])) == pack(message)
+    for at, field in enumerate(structs.fields(message)):
+        if field.required:
+            with pytest.raises((CodecError, BadReportError)):
+                believed([kind, *given[:at], *given[at + 1 :]])
+        for broken in (Ext(1, b""), {7: 7}):
+            with pytest.raises((CodecError, BadReportError)):
+                believed([kind, *given[:at], broken, *given[at + 1 :]])
+
+
+def test_a_field_of_a_part_that_is_missing_has_its_default() -> None:
+    told = believed(structs.replace(READY, settings={}))
+    assert isinstance(told, Ready)
+    assert told.settings == Settings()

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from anytraverse.answers import Changes
 from anytraverse.errors import AnyTraverseError
@@ -505,13 +506,17 @@ def nonsense(stage: Stage, case: str) -> None:
             child.report(Tune(1, Settings()))  # type: ignore[arg-type]
         case "wrong base":
             assert looked.update is not None
-            child.report(replace(looked, update=replace(looked.update, base=looked.update.base + 1)))
+            child.report(
+                structs.replace(looked, update=structs.replace(looked.update, base=looked.update.base + 1))
+            )
         case "wrong revision":
             child.report(looked)
-            child.report(replace(worker.judge(Frame(51, captured, picture())), revision=99))
+            child.report(structs.replace(worker.judge(Frame(51, captured, picture())), revision=99))
         case "twice the same change":
             child.report(looked)
-            child.report(replace(looked, assessment=worker.judge(Frame(51, captured, picture())).assessment))
+            child.report(
+                structs.replace(looked, assessment=worker.judge(Frame(51, captured, picture())).assessment)
+            )
         case "an old frame":
             child.report(looked)
             child.report(worker.judge(Frame(49, captured, picture())))
@@ -571,7 +576,7 @@ def test_another_model_after_a_restart_is_told_and_not_taken(
     stage.child.death = "SIGSEGV"
     stage.turn()
     stage.vision.poll(stage.clock.now)
-    stage.child.report(replace(first, model=first.model._replace(id="another")))
+    stage.child.report(structs.replace(first, model=first.model._replace(id="another")))
     stage.vision.poll(stage.clock.now)
     assert stage.vision.trouble == "vision cannot be loaded"
     assert "it is another now, not painted-1: restart the companion" in caplog.text

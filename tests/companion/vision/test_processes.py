@@ -25,7 +25,7 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from bench.processes import children
 from companion.config import Config
-from companion.vision.codec import encode
+from companion.vision.codec import encode_trusted
 from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import Scenes, Start
 from companion.vision.process import Port, _Lines, receive_start
@@ -149,9 +149,9 @@ def test_a_new_vision_process_waits_until_it_has_all_remembered_scenes() -> None
     ours, theirs = socket.socketpair()
     with ours, theirs:
         first, more = copy.first_part()
-        theirs.sendall(encode(Start(Config(), first, 7, 1, more)))
+        theirs.sendall(encode_trusted(Start(Config(), first, 7, 1, more)))
         while part := copy.next_scenes():
-            theirs.sendall(encode(Scenes(part)))
+            theirs.sendall(encode_trusted(Scenes(part)))
         start = receive_start(Port(ours))
     assert start.more == 0
     assert start.revision == 7

@@ -22,7 +22,8 @@ from companion.config.schema import Camera, Perceiver
 from companion.link.transport import Transport, Udp
 from companion.tasks import VISION
 from companion.vision.child import VisionChild
-from companion.vision.client import Judged, Result, VisionClient
+from companion.vision.client import VisionClient, VisionResult
+from companion.vision.messages import FrameJudged
 from companion.wire.ids import TUNNEL_SUMMARY
 from companion.wire.payloads import Summary
 
@@ -119,12 +120,12 @@ class TimedVision(VisionClient):
 
     judged: dict[int, float]
 
-    def poll(self, now: float) -> list[Result]:
+    def poll(self, now: float) -> list[VisionResult]:
         """Polls as usual, and takes the time of each judged frame."""
         results = super().poll(now)
         for one in results:
-            if isinstance(one, Judged):
-                self.judged[one.assessment.frame.id] = one.at
+            if isinstance(one.report, FrameJudged):
+                self.judged[one.report.assessment.frame.id] = one.report.at
         return results
 
 

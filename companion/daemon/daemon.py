@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from anytraverse.assessment import Assessment
-from anytraverse.memory import Adoption
+from anytraverse.memory import Adoption, Memory
 from companion.calls.active_alert import ActiveAlert
 from companion.calls.faults import Fault
 from companion.calls.machine import OperatorCalls
@@ -48,8 +48,8 @@ from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.course import CourseJudge
 from companion.vehicle.position import Odometer
 from companion.vehicle.state import Vehicle, VehiclePosition, is_moving, stands
-from companion.vision.client import Applied, Judged, Result, VisionClient
-from companion.vision.messages import Drawn, Encoded, Model
+from companion.vision.client import VisionClient, VisionResult
+from companion.vision.messages import Done, Drawn, Encoded, FrameJudged, Model
 from companion.wire import notices, texts
 from companion.wire.answers import Acknowledgement, CancelIncident, IncidentRequest, PackIncident
 from companion.wire.ids import ERROR, INFO, NOTICE, WARNING, Motion, Policy, State, words_hash
@@ -314,41 +314,41 @@ class Daemon:
         if told:
             calls.holding.require_go(anew=not before)
 
-    def _handle_result(self, result: Result, now: float) -> None:
-        match result:
-            case Judged():
-                self._judged(result, now)
-            case Applied():
-                self._applied(result, now)
-            case Drawn() if self.live_picture.drawn(result) or self.video_pictures.drawn(result):
+    def _handle_result(self, result: VisionResult, now: float) -> None:
+        match result.report:
+            case FrameJudged() as judged:
+                self._judged(judged, result.memory, now)
+            case Done() as done:
+                self._applied(done, result, now)
+            case Drawn() as drawn if self.live_picture.drawn(drawn) or self.video_pictures.drawn(drawn):
                 pass
-            case Drawn():
-                self.records.drawn(result)
-            case Encoded():
-                self.recording.encoded(result)
+            case Drawn() as drawn:
+                self.records.drawn(drawn)
+            case Encoded() as encoded:
+                self.recording.encoded(encoded)
 
-    def _judged(self, judged: Judged, now: float) -> None:
+    def _judged(self, judged: FrameJudged, memory: Memory, now: float) -> None:
         seen = judged.assessment
         self._status.frame_judged(judged)
-        self.persistence.save_memory(judged.memory)
+        self.persistence.save_memory(memory)
         self.records.forget_lost_frames()
         # A frame judged by words that a power loss may still undo can hold the vehicle, not release it.
-        memory_stored = self.persistence.memory_stored(now, judged.memory)
+        memory_stored = self.persistence.memory_stored(now, memory)
         self._executor.carry_out(
             self.calls.assessed(seen, now, memory_stored=memory_stored), now, at_once=True
         )
         if seen.adopted is not None:
             self.answer_handler.place_matched(now)
-            text = self._report_match(judged.memory.adoption, seen, now)
+            text = self._report_match(memory.adoption, seen, now)
             self.records.draw(seen, self.calls.state(now), text)
-        elif judged.changed and (scenes := judged.memory.history) and not scenes[-1].call_id:
+        elif judged.update is not None and (scenes := memory.history) and not scenes[-1].call_id:
             # it has become the first reference
             self.records.first_scene(seen, scenes[-1], self.calls.state(now))
         if self.records.replace_lost_frame(seen):
             self._link.send_text(texts.frame_lost(self.calls.current_id), WARNING, now)
         if seen.dropped:
             self._link.send_text(notices.out_of_use(", ".join(seen.dropped)), NOTICE, now)
-        for word in self._weak_words.new(self._vision.weak, judged.memory.preferences):
+        for word in self._weak_words.new(self._vision.weak, memory.preferences):
             self._link.send_text(notices.weak_word(word), NOTICE, now)
         state = self.calls.state(now)
         self.live_picture.judged(seen, state)
@@ -377,21 +377,21 @@ class Daemon:
             self._link.send_text(line, INFO, now)
         return text
 
-    def _applied(self, applied: Applied, now: float) -> None:
-        self.persistence.save_memory(applied.memory)
-        if self.records.is_call_frame(applied.token):
-            self.records.call_frame_judged(applied)
+    def _applied(self, done: Done, result: VisionResult, now: float) -> None:
+        self.persistence.save_memory(result.memory)
+        if self.records.is_call_frame(result.token):
+            self.records.call_frame_judged(done)
             return
-        handled = self.answer_handler.applied(applied, now)
+        handled = self.answer_handler.applied(done, result, now)
         if handled.refused:
             self._link.send_text(notices.refused(handled.refused), ERROR, now)
         self._finish_answer(handled, now)
         for text in handled.notices:
             log.warning("%s", text)
             self.persistence.after_write(partial(self._tell_turned, text))
-        self.persistence.after_write(lambda stored, now: self.settings.answered(applied, stored, now))
+        self.persistence.after_write(lambda stored, now: self.settings.answered(done, result, stored, now))
         call = self.calls.call
-        if call is not None and applied.outcome is not None:
+        if call is not None and done.outcome is not None:
             title = f"C{call.id} " + ("answered" if call.answered else "still open")
             self.records.call_judged_again(call, self.calls.state(now), title)
 

@@ -27,8 +27,8 @@ from companion.observers.recording.topics import Topic
 from companion.system.error_guard import ErrorGuard
 from companion.system.log_lines import brief
 from companion.vehicle.state import VehiclePosition
-from companion.vision.client import Judged, VisionClient
-from companion.vision.messages import Encoded, Model
+from companion.vision.client import VisionClient
+from companion.vision.messages import Encoded, FrameJudged, Model
 from companion.wire.answers import Acknowledgement
 from companion.wire.ids import State
 from companion.wire.texts import REASONS
@@ -152,7 +152,7 @@ class Recording:
             root.removeHandler(self._lines)
 
     @_if_recorded
-    def judged(self, judged: Judged, state: State, now: float) -> None:
+    def judged(self, judged: FrameJudged, state: State, now: float) -> None:
         """Record an assessment, and have its frame encoded where one is due."""
         seen = judged.assessment
         content = contents.assessment(seen, judged.at, judged.duration, judged.sectors)

@@ -23,8 +23,8 @@ from companion.storage.batch import record_of
 from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name, scene_picture
 from companion.storage.writer import Writer
 from companion.system.atomic_write import write_atomically
-from companion.vision.client import Applied, Judged, VisionClient
-from companion.vision.messages import Drawn
+from companion.vision.client import VisionClient
+from companion.vision.messages import Done, Drawn, FrameJudged
 from companion.wire.ids import State
 from companion.wire.texts import REASONS
 
@@ -178,12 +178,12 @@ class Records:
 
     @staticmethod
     def is_call_frame(token: object) -> bool:
-        """Whether an `Applied` is the outcome of a stored frame given to vision, and not of an answer."""
+        """Whether a `Done` is the outcome of a stored frame given to vision, and not of an answer."""
         return token is _CALL_FRAME or token is None
 
-    def call_frame_judged(self, applied: Applied) -> None:
+    def call_frame_judged(self, done: Done) -> None:
         """Take the assessment of the restored call's frame. Without one, the frame may be lost."""
-        call, seen = self._calls.call, applied.outcome.call if applied.outcome is not None else None
+        call, seen = self._calls.call, done.outcome.call if done.outcome is not None else None
         if call is None:
             return
         if seen is None:
@@ -202,7 +202,7 @@ class Records:
         self._resume_call(call, seen)
         return True
 
-    def frame_judged(self, judged: Judged) -> None:
+    def frame_judged(self, judged: FrameJudged) -> None:
         """Count a judged frame."""
         frame = judged.assessment.frame
         self._frames += 1

@@ -21,8 +21,8 @@ from companion.system.computer import Computer
 from companion.vehicle.course import unknown
 from companion.vehicle.position import place_figures
 from companion.vehicle.state import VehiclePosition
-from companion.vision.client import Judged, VisionClient
-from companion.vision.messages import Model
+from companion.vision.client import VisionClient
+from companion.vision.messages import FrameJudged, Model
 from companion.wire.documents import MOST_GIVEN
 from companion.wire.ids import VERSION
 from companion.wire.payloads import CallData
@@ -87,7 +87,7 @@ class Status:
         self._latencies: deque[float] = deque(maxlen=_NEWEST)
         """Seconds from capture until judged, of the newest frames."""
 
-    def frame_judged(self, judged: Judged) -> None:
+    def frame_judged(self, judged: FrameJudged) -> None:
         """Take the times of a new frame, and its sectors."""
         self._sectors = judged.sectors
         self._judging_s = judged.duration

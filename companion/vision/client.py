@@ -9,12 +9,14 @@ import logging
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
-from anytraverse.answers import AnswerOutcome, Changes
+from msgspec import structs
+
+from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment, Finding
-from anytraverse.errors import AnyTraverseError
 from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
@@ -69,43 +71,21 @@ _READING = 0.02
 """Seconds of a `poll` after which no further report is read: it waits for the next."""
 
 
-class VisionLostError(AnyTraverseError):
-    """The vision process died before it reported a request's outcome; the request had no effect."""
+VISION_LOST = "vision restarted: send it again"
+"""The error of a `Done` where the process died before it reported the outcome; the request had no effect."""
 
 
-@dataclass(frozen=True)
-class Judged:
-    """Reports a new frame's assessment.
+class VisionResult(NamedTuple):
+    """A report, and what is known beside it.
 
-    memory: as it is after the frame. changed: whether the frame changed the memory. at: monotonic seconds
-    when judging ended. duration: seconds of judging. sectors: drivable share of each image column over the
-    ROI's rows, None where nothing is known.
+    memory: as it is after the report. token: of a `Done`, what the caller of `answer` passed. None: a stored
+    frame was given to a new process. turned: the words whose sign it turned -> weight before and after.
     """
 
-    assessment: Assessment
+    report: FrameJudged | Done | Drawn | Encoded
     memory: Memory
-    at: float
-    duration: float = 0.0
-    sectors: tuple[float | None, ...] = ()
-    changed: bool = False
-
-
-@dataclass(frozen=True)
-class Applied:
-    """Reports that an answer was applied, or refused with `error`; then nothing has changed.
-
-    token: what the caller of `answer` passed. None: a stored frame was given to a new process.
-    turned: the words whose sign it turned -> weight before and after.
-    """
-
-    token: object
-    outcome: AnswerOutcome | None
-    error: AnyTraverseError | None
-    memory: Memory
-    turned: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-
-Result = Judged | Applied | Drawn | Encoded
+    token: object = None
+    turned: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 
 class _Asked(NamedTuple):
@@ -206,8 +186,8 @@ class VisionClient:
         child = self.watchdog.child
         return None if child is None else child.fileno()
 
-    def poll(self, now: float) -> list[Result]:
-        """Return the results since the last call, oldest first; of several `Judged` only the newest."""
+    def poll(self, now: float) -> list[VisionResult]:
+        """Return the results since the last call, oldest first; of several judged frames only the newest."""
         self.watchdog.polled(now)
         child = self.watchdog.child
         if child is None:
@@ -216,7 +196,7 @@ class VisionClient:
             return []
         if child.idle and (scenes := self._copy.next_scenes()):
             self._send(Scenes(scenes))
-        results: list[Result] = []
+        results: list[VisionResult] = []
         try:
             ended = child.ended()
             self._unread = self._unread or deque(child.receive())
@@ -243,7 +223,7 @@ class VisionClient:
         place: Place | None = None,
         owner: object = None,
     ) -> bool:
-        """Request that an answer be applied; an `Applied` with `token` follows.
+        """Request that an answer be applied; a `Done` with `token` follows.
 
         frame_id: of the call's or hold's frame, 0: words alone. place: the call's, by default the vehicle's.
         owner: whose answers are bounded together, None: no one's. False when too many answers wait, in all or
@@ -256,7 +236,7 @@ class VisionClient:
         )
 
     def restore(self, token: object, frame_id: int, png: bytes) -> bool:
-        """Request that the frame of a call that was open at a restart be judged; an `Applied` follows.
+        """Request that the frame of a call that was open at a restart be judged; a `Done` follows.
 
         png: the frame as PNG. False as for `answer`.
         """
@@ -358,7 +338,7 @@ class VisionClient:
             return Failure(f"did not answer within {self.answers_within:.0f} s", "hangs")
         return self.watchdog.failure(ended, now)
 
-    def _take_report(self, report: object, now: float) -> list[Result]:
+    def _take_report(self, report: object, now: float) -> list[VisionResult]:
         self.watchdog.reported(now)
         if isinstance(report, (FrameJudged, Done, Drawn, Encoded)) and not self.watchdog.running:
             raise BadReportError(f"{type(report).__name__} before it was ready")
@@ -376,40 +356,37 @@ class VisionClient:
             case FrameJudged():
                 if report.update is not None:
                     self._apply_update(report.update)
-                known, changed = self._copy.revision, report.update is not None
+                known = self._copy.revision
                 if report.revision != known:
                     raise BadReportError(f"a frame under revision {report.revision}, not {known}")
                 # A new process does not know it yet: the camera is the same.
                 self.infrared = self.infrared if report.infrared is None else report.infrared
-                seen, at, duration = self._unless_frozen(report), report.at, report.duration
-                self.rate.judged(duration)
-                self.pace.judged(duration, at)
-                return [Judged(seen, self.memory, at, duration, report.sectors, changed)]
+                report = structs.replace(report, assessment=self._unless_frozen(report))
+                self.rate.judged(report.duration)
+                self.pace.judged(report.duration, report.at)
+                return [VisionResult(report, self.memory)]
             case Done():
                 if report.number not in self._unanswered:
                     raise BadReportError(f"an outcome of request {report.number}, which nobody made")
-                turned: Mapping[str, tuple[float, float]] = {}
+                before = self.memory
                 if report.update is not None:
-                    before = self.memory
                     self._apply_update(report.update)
-                    turned = before.turned(self.memory)
                 asked = self._unanswered.pop(report.number)
                 if report.error:
                     self._frames.pop(asked.frame_id, None)
-                error = AnyTraverseError(report.error) if report.error else None
-                return [Applied(asked.token, report.outcome, error, self.memory, turned)]
+                return [VisionResult(report, self.memory, asked.token, before.turned(self.memory))]
             case Drawn():
                 if report.number not in self._drawing:
                     raise BadReportError(f"picture {report.number}, which nobody asked for")
                 del self._drawing[report.number]
                 if report.stored:
                     self._remember_frame(report.frame_id, report.png)
-                return [report]
+                return [VisionResult(report, self.memory)]
             case Encoded():
                 if report.number != self._encoding:
                     raise BadReportError(f"encoded frame {report.number}, which nobody asked for")
                 self._encoding = 0
-                return [report]
+                return [VisionResult(report, self.memory)]
         return []
 
     def _unless_frozen(self, report: FrameJudged) -> Assessment:
@@ -453,7 +430,7 @@ class VisionClient:
         self._expected.settings[self._numbers] = settings
         return True
 
-    def _restart(self, failure: Failure, now: float) -> list[Result]:
+    def _restart(self, failure: Failure, now: float) -> list[VisionResult]:
         """Have the process killed and restarted. Return the errors of the answers that waited.
 
         A perceiver that never loaded is not tried again: the same files would fail again.
@@ -474,12 +451,14 @@ class VisionClient:
         self._frames = OrderedDict(
             (number, png) for number, png in self._frames.items() if png and number not in dropped
         )
-        error = VisionLostError("vision restarted: send it again")
-        tokens = [asked.token for asked in self._unanswered.values() if asked.token is not None]
-        self._unanswered.clear()
+        waited, self._unanswered = self._unanswered, {}
         if self._copy.memory is None:
             return []
-        return [Applied(token, None, error, self.memory) for token in tokens]
+        return [
+            VisionResult(Done(number, None, VISION_LOST, None), self.memory, asked.token)
+            for number, asked in waited.items()
+            if asked.token is not None
+        ]
 
     def _ask(
         self, token: object, request: Callable[[int], Request], frame_id: int = 0, owner: object = None
@@ -515,7 +494,11 @@ def _not_started(error: OSError) -> Failure:
     return Failure(f"cannot be started ({error})", "cannot be started")
 
 
-def _newest(results: list[Result]) -> list[Result]:
-    """Leave out each `Judged` that a newer one replaces, unless its frame changed the memory."""
-    last = next((one for one in reversed(results) if isinstance(one, Judged)), None)
-    return [one for one in results if not isinstance(one, Judged) or one is last or one.changed]
+def _newest(results: list[VisionResult]) -> list[VisionResult]:
+    """Leave out each judged frame that a newer one replaces, unless it changed the memory."""
+    last = next((one for one in reversed(results) if isinstance(one.report, FrameJudged)), None)
+    return [one for one in results if one is last or not _only_judged(one)]
+
+
+def _only_judged(result: VisionResult) -> bool:
+    return isinstance(result.report, FrameJudged) and result.report.update is None

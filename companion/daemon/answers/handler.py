@@ -10,6 +10,7 @@ from typing import Protocol, cast
 from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment
 from anytraverse.errors import AnyTraverseError
+from anytraverse.memory import Memory
 from companion.calls.decisions import Call, Decision
 from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
@@ -23,7 +24,8 @@ from companion.daemon.answers.outcome import (
 )
 from companion.link.answer import Answer, changes_of
 from companion.link.answer_store import AnswerStore
-from companion.vision.client import Applied, VisionClient, VisionLostError
+from companion.vision.client import VISION_LOST, VisionClient, VisionResult
+from companion.vision.messages import Done
 from companion.wire import notices, texts
 from companion.wire.answers import Acknowledgement, Operation, OtherPlace
 from companion.wire.ids import Kind, Motion, Outcome, Result, SenderId, Stage, words_hash
@@ -190,28 +192,27 @@ class AnswerHandler:
     def set_words(self, request: Sent, operations: Iterable[Operation]) -> bool:
         """Set words and weights without a call. False where too many requests wait, or vision hangs.
 
-        request: the token of its `Applied`.
+        request: the token of its `Done`.
         """
         changes = replace(changes_of(operations), missing_ok=True)
         return self._vision.answer(request, changes, owner=self._share(request.sender))
 
-    def applied(self, applied: Applied, now: float) -> Handled:
-        """Handle the vision process's result for an answer or for words alone: applied or refused."""
-        asked = applied.token
+    def applied(self, done: Done, result: VisionResult, now: float) -> Handled:
+        """Handle the vision process's report for an answer or for words alone: applied or refused."""
+        asked = result.token
         if isinstance(asked, _PendingAnswer):
-            handled, sender = self._answered(asked, applied, now), asked.answer.sender
+            handled, sender = self._answered(asked, done, result.memory, now), asked.answer.sender
         else:
-            handled, sender = Handled(refused=str(applied.error or "")), cast("Sent", asked).sender
-        handled.notices = notices.words_turned(applied.turned, sender)
+            handled, sender = Handled(refused=done.error), cast("Sent", asked).sender
+        handled.notices = notices.words_turned(result.turned, sender)
         return handled
 
-    def _answered(self, pending: _PendingAnswer, applied: Applied, now: float) -> Handled:
+    def _answered(self, pending: _PendingAnswer, done: Done, memory: Memory, now: float) -> Handled:
         self._last_applied = pending.number
-        if isinstance(applied.error, VisionLostError):
-            return self._reply(pending.answer, pending.target, Result.BUSY, str(applied.error))
-        if applied.error is not None:
-            return self._reply(pending.answer, pending.target, Result.REFUSED, str(applied.error))
-        outcome = applied.outcome
+        if done.error:
+            refused = Result.BUSY if done.error == VISION_LOST else Result.REFUSED
+            return self._reply(pending.answer, pending.target, refused, done.error)
+        outcome = done.outcome
         result, decisions = Result.APPLIED, list[Decision]()
         # The vision process may have hung meanwhile. A go is for now, so a late one does not count.
         go, cancelled = pending.answer.motion is Motion.GO, pending.number <= self._last_cancelled
@@ -223,9 +224,7 @@ class AnswerHandler:
             )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None
-        text = outcome_text(
-            self._calls, pending.target, result, decisions, call_frame, newest, applied.memory
-        )
+        text = outcome_text(self._calls, pending.target, result, decisions, call_frame, newest, memory)
         if (late or (go and cancelled)) and self._calls.current_id == pending.target:
             text = (texts.go_lapsed if late else texts.go_taken_back)(self._calls.kind, pending.target)
         if any(isinstance(one, OtherPlace) for one in pending.answer.operations):

@@ -19,7 +19,8 @@ from companion.daemon.settings.runtime import RuntimeSettings, judging_values, t
 from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest, ResetRequest
 from companion.link.link import Link
-from companion.vision.client import Applied, VisionClient
+from companion.vision.client import VisionClient, VisionResult
+from companion.vision.messages import Done
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement, ForgetWord, Operation, SetWord
 from companion.wire.ids import WARNING, Policy, Result
@@ -136,27 +137,27 @@ class SettingsService:
             self._set_value(request, now)
         return Handled()
 
-    def answered(self, applied: Applied, stored: bool, now: float) -> None:
+    def answered(self, done: Done, result: VisionResult, stored: bool, now: float) -> None:
         """Echo or acknowledge words that the vision process has applied or refused.
 
         stored: whether they are in the journal.
         """
-        request, done = applied.token, applied.error is None
+        request, applied = result.token, not done.error
         if isinstance(request, ParameterRequest):
-            words, what = applied.memory.preferences, request.name
+            words, what = result.memory.preferences, request.name
             self._echo(request.name, words.get(self._words[request.name], NOT_IN_USE), now)
         elif isinstance(request, Answer):
             what = "words"
-            self._acknowledge_text(request, Result.APPLIED if done else Result.REFUSED, now)
+            self._acknowledge_text(request, Result.APPLIED if applied else Result.REFUSED, now)
         elif isinstance(request, ResetRequest):
             what = "Reset"
-            self._link.commands.acknowledge(request, _ACCEPTED if done else _FAILED, now)
+            self._link.commands.acknowledge(request, _ACCEPTED if applied else _FAILED, now)
         else:
             return
-        if done and not stored:
+        if applied and not stored:
             self._link.send_text(notices.not_remembered(what), WARNING, now)
-        if applied.outcome is not None and applied.outcome.dropped:
-            self._link.send_text(notices.word_dropped(", ".join(applied.outcome.dropped)), WARNING, now)
+        if done.outcome is not None and done.outcome.dropped:
+            self._link.send_text(notices.word_dropped(", ".join(done.outcome.dropped)), WARNING, now)
 
     def send_changes(self, now: float) -> None:
         """Send the ground the shadow counts and the weights that changed without a request for them."""

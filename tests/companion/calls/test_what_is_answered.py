@@ -14,7 +14,8 @@ from anytraverse.preferences import Preferences
 from companion.daemon.answers.handler import AnswerHandler, Handled
 from companion.link.answer import Answer, Via
 from companion.link.answer_store import AnswerStore
-from companion.vision.client import Applied, VisionClient
+from companion.vision.client import VisionClient, VisionResult
+from companion.vision.messages import Done
 from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
 from companion.wire.ids import Motion, Outcome, Result, Stage
 from tests.companion.calls.scenes import ACROSS, AUTO, CLEAR, DRUM, HOLD, Scene, Thing, View
@@ -55,7 +56,7 @@ class Queue:
         """As `VisionClient.words`."""
         return Preferences.of(self.scene.words)
 
-    def apply(self) -> Applied:
+    def apply(self) -> VisionResult:
         """The oldest job."""
         scene = self.scene
         token, changes, for_call, go = self.jobs.pop(0)
@@ -66,7 +67,7 @@ class Queue:
             newest=scene.judged(scene.frame),
             remembered=frame is not None and (bool(changes) or go),
         )
-        return Applied(token, outcome, None, memory(scene))
+        return VisionResult(Done(1, outcome, "", None), memory(scene), token)
 
 
 def memory(scene: Scene) -> Memory:
@@ -96,7 +97,12 @@ class Talk:
 
     def seen(self, *, remembered: bool = True) -> None:
         """The eyes have applied one answer, and the disk takes what came of it at once, or not at all."""
-        self._take(self.answer_handler.applied(self.eyes.apply(), self.scene.now), remembered=remembered)
+        self._take(self.applied(self.eyes.apply()), remembered=remembered)
+
+    def applied(self, result: VisionResult) -> Handled:
+        """What comes of an answer that the eyes have applied or refused."""
+        assert isinstance(result.report, Done)
+        return self.answer_handler.applied(result.report, result, self.scene.now)
 
     def _take(self, heard: Handled, *, remembered: bool = True) -> None:
         self.scene.keep(heard.decisions)
@@ -203,7 +209,7 @@ def test_an_answer_that_the_eyes_refuse_moves_nothing(held: Scene) -> None:
     talk.say(1, GO, unicorn=1.0)
     token, *_ = talk.eyes.jobs.pop()
     error = UnknownWordError("unicorn", ("trail",))
-    heard = talk.answer_handler.applied(Applied(token, None, error, memory(held)), held.now)
+    heard = talk.applied(VisionResult(Done(1, None, str(error), None), memory(held), token))
     assert heard.replies[0].acknowledgement.result is Result.REFUSED
     assert heard.decisions == []
     assert held.calls.go_at is None

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from companion.link.link import Link
 from companion.storage import Batch, Journal, JournalError
 from companion.vision.checks import BadReportError
-from companion.vision.client import Result as VisionResult
+from companion.vision.client import VisionResult
 from companion.vision.messages import Done
 from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Policy, Result

@@ -10,7 +10,6 @@ import pytest
 from msgspec import structs
 
 from anytraverse.answers import Changes
-from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
@@ -27,11 +26,9 @@ from companion.vision.client import (
     MAX_DRAWINGS,
     MAX_JOBS,
     STORED_FRAMES,
-    Applied,
-    Judged,
-    Result,
+    VISION_LOST,
     VisionClient,
-    VisionLostError,
+    VisionResult,
 )
 from companion.vision.codec import CodecError, decode
 from companion.vision.memory_copy import update_from
@@ -41,6 +38,7 @@ from companion.vision.messages import (
     Drawn,
     Encoded,
     Failed,
+    FrameJudged,
     Model,
     Restore,
     Situation,
@@ -99,7 +97,7 @@ class Stage:
         self.vision.tune(Settings())
         self.turn()
 
-    def turn(self, seconds: float = 0.0) -> list[Result]:
+    def turn(self, seconds: float = 0.0) -> list[VisionResult]:
         """The process does what waits, and the supervisor hears of it after `seconds`."""
         if self.children:
             self.child.work()
@@ -109,9 +107,9 @@ class Stage:
             self.vision.poll(self.clock.now)
         return self.vision.poll(self.clock.now)
 
-    def silence(self, seconds: float) -> list[Result]:
+    def silence(self, seconds: float) -> list[VisionResult]:
         """No sign of life for so long."""
-        found: list[Result] = []
+        found: list[VisionResult] = []
         for _ in range(round(seconds / 0.1)):
             self.clock.now += 0.1
             found += self.vision.poll(self.clock.now)
@@ -127,14 +125,13 @@ class Stage:
         """Words without a call."""
         return self.vision.answer(token, Changes(weights))
 
-    def lost(self, found: list[Result], *tokens: object) -> None:
+    def lost(self, found: list[VisionResult], *tokens: object) -> None:
         """Whoever waited is told so."""
-        assert [one.token for one in found if isinstance(one, Applied)] == list(tokens)
+        assert [one.token for one in found if isinstance(one.report, Done)] == list(tokens)
         for one in found:
-            if isinstance(one, Applied):
-                assert isinstance(one.error, VisionLostError)
-                assert str(one.error) == "vision restarted: send it again"
-                assert one.outcome is None
+            if isinstance(one.report, Done):
+                assert one.report.error == VISION_LOST == "vision restarted: send it again"
+                assert one.report.outcome is None
 
 
 @pytest.fixture
@@ -159,13 +156,13 @@ def test_it_starts_with_what_was_kept_and_judges_once_it_is_tuned(stage: Stage) 
 def test_of_several_judgements_the_newest_counts_and_one_that_changed_the_memory(stage: Stage) -> None:
     for _ in range(4):
         stage.show()
-    found = [one for one in stage.turn() if isinstance(one, Judged)]
-    assert [(one.assessment.frame.id, one.changed) for one in found] == [(1, True), (4, False)]
+    found = [one.report for one in stage.turn() if isinstance(one.report, FrameJudged)]
+    assert [(one.assessment.frame.id, one.update is not None) for one in found] == [(1, True), (4, False)]
     for _ in range(100):
         stage.show()
     (newest,) = stage.turn()
-    assert isinstance(newest, Judged)
-    assert newest.assessment.frame.id == 104
+    assert isinstance(newest.report, FrameJudged)
+    assert newest.report.assessment.frame.id == 104
     assert newest.memory is stage.vision.memory
 
 
@@ -173,9 +170,9 @@ def test_an_answer_comes_back_with_its_token_and_the_memory(stage: Stage) -> Non
     token = object()
     assert stage.ask(token, drum=-1.0)
     (applied,) = stage.turn()
-    assert isinstance(applied, Applied)
+    assert isinstance(applied.report, Done)
     assert applied.token is token
-    assert applied.error is None
+    assert applied.report.error == ""
     assert applied.memory is stage.vision.memory
     assert applied.memory.preferences["drum"] == -1.0
 
@@ -192,16 +189,15 @@ def test_the_process_is_told_neither_token_nor_key() -> None:
 def test_a_refused_answer_comes_back_with_the_reason(stage: Stage) -> None:
     stage.ask("token", unicorn=1.0)
     (applied,) = stage.turn()
-    assert isinstance(applied, Applied)
-    assert isinstance(applied.error, AnyTraverseError)
-    assert "unicorn" in str(applied.error)
+    assert isinstance(applied.report, Done)
+    assert "unicorn" in applied.report.error
 
 
 def test_waiting_answers_are_bounded_and_none_is_lost_or_overtaken(stage: Stage) -> None:
     taken = [stage.ask(number, drum=1.0) for number in range(MAX_JOBS + 2)]
     assert taken == [True] * MAX_JOBS + [False] * 2
     stage.show()
-    assert [one.token for one in stage.turn() if isinstance(one, Applied)] == list(range(MAX_JOBS))
+    assert [one.token for one in stage.turn() if isinstance(one.report, Done)] == list(range(MAX_JOBS))
     assert stage.ask("again", drum=1.0)
 
 
@@ -212,7 +208,7 @@ def test_of_one_owner_two_answers_wait_and_others_have_their_places(stage: Stage
     assert [ask("flood") for _ in range(3)] == [True, True, False]
     assert [ask("operator") for _ in range(3)] == [True, True, False]
     stage.show()
-    assert len([one for one in stage.turn() if isinstance(one, Applied)]) == 4
+    assert len([one for one in stage.turn() if isinstance(one.report, Done)]) == 4
     assert ask("flood")
 
 
@@ -222,7 +218,7 @@ def test_pictures_that_were_asked_for_are_bounded(stage: Stage, caplog: pytest.L
     for number in range(MAX_DRAWINGS + 1):
         stage.vision.draw(1, f"title {number}", State.OK)
     assert "no picture of title 16" in caplog.text
-    assert len([one for one in stage.turn() if isinstance(one, Drawn)]) == MAX_DRAWINGS
+    assert len([one for one in stage.turn() if isinstance(one.report, Drawn)]) == MAX_DRAWINGS
 
 
 def test_while_it_is_silent_it_gets_no_job_and_then_it_is_killed(stage: Stage) -> None:
@@ -278,7 +274,7 @@ def test_settings_that_change_faster_than_frames_are_judged_are_refused_and_no_f
     taken = [stage.vision.tune(replace(Settings(), freshness=1.0 + number)) for number in range(1000)]
     assert taken == [True] * taken.count(True) + [False] * taken.count(False)
     stage.show("drum")  # by the settings before all of these
-    assert [one.assessment.frame.id for one in stage.vision.poll(stage.clock.now) if isinstance(one, Judged)]
+    assert [one.report for one in stage.vision.poll(stage.clock.now) if isinstance(one.report, FrameJudged)]
     stage.turn()
     stage.show("drum")
     stage.turn()
@@ -334,7 +330,7 @@ def test_what_waits_when_it_dies_is_told_and_a_new_process_starts_from_the_last_
     assert stage.vision.trouble == ""
     assert stage.ask(3, drum=1.0)
     (applied,) = stage.turn()
-    assert isinstance(applied, Applied)
+    assert isinstance(applied.report, Done)
     assert applied.token == 3
     assert applied.memory.preferences["drum"] == 1.0
 
@@ -396,7 +392,7 @@ def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock:
     child.work()
     while vision.answer("token", Changes({"drum": 1.0})):
         pass
-    asked, decided, began = child._requests, list[Result](), clock.now
+    asked, decided, began = child._requests, list[VisionResult](), clock.now
     while vision.watchdog.restarted == 0 and len(decided) < MAX_JOBS:
         for _ in range(10):  # as slow as it may be
             clock.now += 1.0
@@ -411,7 +407,7 @@ def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock:
 def test_an_answer_is_decided_in_the_time_that_is_told_whatever_signs_of_life_come(stage: Stage) -> None:
     within = stage.vision.answers_within
     assert stage.ask("words", drum=1.0)
-    found, waited = list[Result](), 0.0
+    found, waited = list[VisionResult](), 0.0
     while not found and waited < 2 * within:
         stage.clock.now += 1.0
         waited += 1.0
@@ -428,8 +424,8 @@ def test_what_was_told_before_it_died_counts(stage: Stage) -> None:
     stage.ask("never done", drum=-1.0)
     stage.child.death = "SIGKILL"
     told, lost = stage.vision.poll(stage.clock.now)
-    assert isinstance(told, Applied)
-    assert (told.token, told.error) == ("told", None)
+    assert isinstance(told.report, Done)
+    assert (told.token, told.report.error) == ("told", "")
     stage.lost([lost], "never done")
     assert stage.vision.memory.preferences["drum"] == 1.0
 
@@ -455,11 +451,11 @@ def test_a_new_process_is_tuned_gets_the_frames_back_and_goes_on_counting_frames
     assert [one.frame_id for one in frames if isinstance(one, Restore)] == [2, 3]
     assert stage.vision.answer("token", Changes({"drum": 1.0}), frame_id=3, call_id=1)
     (applied,) = stage.turn()
-    assert isinstance(applied, Applied)
-    assert applied.error is None
-    assert applied.outcome is not None
-    assert applied.outcome.call is not None
-    assert applied.outcome.call.frame.id == 3
+    assert isinstance(applied.report, Done)
+    assert applied.report.error == ""
+    assert applied.report.outcome is not None
+    assert applied.report.outcome.call is not None
+    assert applied.report.outcome.call.frame.id == 3
 
 
 def test_a_new_process_does_not_send_back_what_it_was_given() -> None:
@@ -551,7 +547,7 @@ def test_one_that_sends_nonsense_is_killed_and_who_waits_is_told(stage: Stage, c
     old = stage.child
     nonsense(stage, case)
     found = stage.vision.poll(stage.clock.now)
-    stage.lost([one for one in found if isinstance(one, Applied)], "waits")
+    stage.lost([one for one in found if isinstance(one.report, Done)], "waits")
     assert stage.vision.trouble == "vision sent nonsense"
     assert old.death == "closed"
     stage.until_ready()

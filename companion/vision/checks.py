@@ -134,8 +134,10 @@ def _check_assessment(seen: Assessment, settings: Settings, now: float) -> None:
         _check_maps(seen.maps, len(seen.words))
     if seen.roi is not None:
         _check_roi(seen.roi)
-    _need(seen.asked is None or _in(0.0, 1.0, seen.asked.uncertainty), "the tile that is asked about")
+    _need(seen.asked is None or _shares(seen.asked.uncertainty), "the tile that is asked about")
+    _need(seen.frame.depth is None and seen.frame.intrinsics is None, "a depth, which is left out")
     if (observation := seen.observation) is not None:
+        _need(observation.frame.id == seen.frame.id, "an observation of another frame")
         _need(observation.features is None and not observation.attended, "features, which are left out")
     scenes = seen.adopted, seen.match.entry if seen.match is not None else None
     _check_entries(scene for scene in scenes if scene is not None)
@@ -163,15 +165,13 @@ def _check_roi(roi: RoiFigures) -> None:
         shares += [named.explained, named.left, named.tile.uncertainty]
     shares += [tile.uncertainty for tile in (roi.worst_tile, way.gap) if tile is not None]
     shares += [] if roi.drivable_share is None else [roi.drivable_share]
-    _need(_in(-ROUNDING, 1.0 + ROUNDING, *shares), "figures of the ROI")
+    _need(_shares(*shares), "figures of the ROI")
 
 
 def _check_update(update: MemoryUpdate) -> None:
     memory, match = update.memory, update.memory.adoption
-    stamps = memory.clock, *memory.settled.values()
-    _need(_whole(*stamps), "stamps of a memory")
-    words = *memory.given, *memory.settled, *memory.examples
-    _need(_texts(memory.model_id, *words), "words of a memory")
+    _need(_whole(memory.clock, *memory.settled.values()), "stamps of a memory")
+    _need(_texts(memory.model_id, *memory.given, *memory.settled, *memory.examples), "words of a memory")
     _need(len(memory.given) <= MOST_GIVEN and _in(-1.0, 1.0, *memory.given.values()), "given words")
     _need(memory.reference is None or _vectors(memory.reference), "a reference")
     if match is not None:
@@ -210,6 +210,10 @@ def _finite(*values: float) -> bool:
 
 def _in(least: float, most: float, *values: float) -> bool:
     return all(least <= value <= most for value in values)
+
+
+def _shares(*values: float) -> bool:
+    return _in(-ROUNDING, 1.0 + ROUNDING, *values)
 
 
 def _whole(*values: int) -> bool:

@@ -26,6 +26,7 @@ from anytraverse.history import History
 from anytraverse.preferences import MAX_WORD_LENGTH, MAX_WORDS, Preferences, Setting
 from anytraverse.regions import Box, Region
 from companion.vision.messages import Done, Drawn, Encoded, FrameJudged, Report, Request
+from companion.wire.packing import clean
 
 LARGEST = 64 << 20
 """Bytes of one message, at most: more than the largest picture of a camera needs."""
@@ -35,8 +36,9 @@ MOST_ARRAYS = 4096
 """Arrays of one report, at most."""
 _LENGTH = struct.Struct("<I")
 _LARGEST_SIDE = 1 << 16
-_Side = Annotated[int, Meta(ge=0, le=LARGEST)]
-_Array = tuple[str, Annotated[tuple[_Side, ...], Meta(max_length=3)]]
+_LONGEST_ERROR = 200
+_Size = Annotated[int, Meta(ge=0, le=LARGEST)]
+_Array = tuple[str, Annotated[tuple[_Size, ...], Meta(max_length=3)]]
 """Kind and shape of an array."""
 _Word = Annotated[str, Meta(max_length=MAX_WORD_LENGTH)]
 _Words = Annotated[dict[_Word, Setting], Meta(max_length=MAX_WORDS)]
@@ -127,7 +129,7 @@ def decode(packed: bytes) -> Report:
         if contents.rest:
             raise CodecError("content of no array")
     except Exception as error:  # damaged bytes may raise anything
-        raise CodecError(f"unreadable: {error}") from error
+        raise CodecError(f"unreadable: {clean(str(error)[:_LONGEST_ERROR])}") from error
     finally:
         gc.enable()
     return report
@@ -148,7 +150,7 @@ class _Contents:
                 raise CodecError("a word's stamp below 0")
             return Preferences(settings)
         if kind is History:
-            return History((), convert(value, _Side))
+            return History((), convert(value, _Size))
         if kind is Region:
             return convert(value, Box)
         (number,) = kind.__args__[1].__args__  # of NDArray[number]
@@ -161,7 +163,7 @@ class _Contents:
         if self._arrays_left < 0:
             raise CodecError(f"more than {MOST_ARRAYS} arrays")
         if told != dtype.str:
-            raise CodecError(f"an array of {told}, not {dtype.str}")
+            raise CodecError(f"an array of {told!r}, not {dtype.str}")
         if kind is np.uint8:
             if len(shape) != 3 or shape[2] != 3 or not 0 < min(shape) <= max(shape) <= _LARGEST_SIDE:
                 raise CodecError(f"a picture of {shape} pixels")

@@ -239,6 +239,11 @@ WRONG: dict[str, Any] = {
     "uncertainty of an ROI above 1": roi_of(uncertainty=1.5),
     "a tile that is asked about above 1": seen(asked=Tile(Box(0, 0, 1, 1), 1.5)),
     "a tile that is asked about of NaN": seen(asked=Tile(Box(0, 0, 1, 1), NAN)),
+    "an observation of another frame": seen(
+        observation=replace(SEEN.observation, frame=Frame(4, 1.0, picture()))
+    ),
+    "a depth, which is left out": seen(frame=replace(SEEN.frame, depth=np.zeros((40, 60), np.uint16))),
+    "intrinsics, which are left out": seen(frame=replace(SEEN.frame, intrinsics=(5.0, 5.0, 3.0, 3.0))),
     "features, which are left out": seen(observation=replace(SEEN.observation, features=1)),
     "a drivable share above 1": roi_of(drivable_share=1.5),
     "no tile": roi_of(worst_tile=None),

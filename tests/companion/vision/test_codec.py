@@ -506,6 +506,21 @@ def test_what_messagepack_allows_and_no_report_has_is_refused(packed: bytes) -> 
     assert time.thread_time() - began < 0.5
 
 
+@pytest.mark.parametrize(
+    "told",
+    [
+        pack(["no\nkind \x1b[2J" * 9000, 1]),
+        of_array("signed", ["<f4\n\x1b" * 9000, [40, 60]]),
+        pack(["Alive", {"state": "no\nstate \x1b[2J" * 9000}, None]),
+    ],
+)
+def test_what_it_says_of_nonsense_is_short_and_controls_no_terminal(told: bytes) -> None:
+    with pytest.raises(CodecError) as caught:
+        decode(told)
+    assert len(str(caught.value)) < 300
+    assert str(caught.value).isprintable()
+
+
 @pytest.mark.parametrize("key", [b"undecidee", b"undecide\xff"])
 def test_a_field_of_a_part_that_nobody_knows_is_passed_over(key: bytes) -> None:
     read = decode(spliced(b"\xa9undecided\xc2", b"\xa9" + key + b"\xc3"))

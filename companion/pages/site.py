@@ -24,6 +24,18 @@ MOST_STREAMS = 8
 _EVENT_STREAM = "text/event-stream"
 _SHARED = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+HEAD = b"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<link rel="icon" href="/favicon.svg" type="image/svg+xml">
+<link rel="stylesheet" href="/look.css">
+<link rel="stylesheet" href="/style.css">
+<script type="module" src="/main.js"></script>
+"""
+"""What each index.html begins with when it is served: the file itself begins with its title."""
 _LARGEST_HEADER = 16 << 10
 _POSTED_WITHIN = 5.0
 _LAST_ANSWERS = 0.1
@@ -34,13 +46,13 @@ _LEAVES_WITHIN = 2
 def static_routes(folder: Path) -> list[Route]:
     """Make a route for each file of the page in `folder`, and for those that both pages share.
 
-    They are read once, here. index.html is "/".
+    They are read once, here. index.html is "/", below `HEAD`.
     """
     found = {}
     for file in (*sorted(_SHARED.iterdir()), *sorted(folder.iterdir())):
         if file.suffix in _TYPES:
-            path = "/" if file.name == "index.html" else f"/{file.name}"
-            found[path] = Route(path, _fixed(file.read_bytes(), _TYPES[file.suffix]))
+            path, head = ("/", HEAD) if file.name == "index.html" else (f"/{file.name}", b"")
+            found[path] = Route(path, _fixed(head + file.read_bytes(), _TYPES[file.suffix]))
     return list(found.values())
 
 

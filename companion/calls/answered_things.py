@@ -34,9 +34,9 @@ class AnsweredThings:
         return frozenset[Reason]().union(*(one.reasons for one in self.things if not one.blocked_by))
 
     def asked(self, seen: Assessment, reasons: frozenset[Reason]) -> tuple[Thing, Assessment]:
-        """Return the thing that `reasons` ask about, and the frame with the tile of it that is asked about.
+        """Return the thing that a call for `reasons` asks about, and the frame with the tile that shows it.
 
-        It lies outside of what was answered about, where another tile is over the threshold.
+        The tile lies outside of the answered things, if one out there is over the threshold.
         """
         seen = self.pointed(seen)
         numbers, thing = self._numbers, Thing(reasons, scene_of(seen))

@@ -33,15 +33,15 @@ OVERRIDE_WINDOW = 1.5
 SHOWN_WITHIN = 2.5
 """Seconds: a resume waits for a report of the mode that is no older."""
 RESUME_WAITS = 5.0
-"""Seconds that a go waits for a link that sends no resume: one that has come back asks for its script."""
+"""Seconds that a go waits while the link cannot resume: after a break it first looks for the script."""
 
 
 class HoldController:
     """Controls the one hold.
 
     go_at: when the go was given that the hold waits to fulfil, None without one.
-    go_counts: this go, or an earlier one that no other answer revoked, is in the journal, or the disk did not
-    take it in time.
+    go_counts: whether this go is in the journal, or the disk was too slow to store it. An earlier go that no
+    other answer revoked will do, too.
     revoked_at: when the newest answer that was not a go was given.
     offboard_release: the release of a hold that stood on our setpoints. Nothing else is commanded meanwhile.
     """

@@ -77,7 +77,7 @@ class ReasonFilter:
         self._ok = False
         self._debounced = {reason: Debounce(numbers.votes, numbers.window) for reason in Reason}
         self._not_accepted: frozenset[Reason] = frozenset()
-        """The newest frame's reasons that are not accepted, and those of things that block."""
+        """Reasons of the newest frame that no answer accepted, and reasons of things that block the way."""
 
     def add_frame(
         self, seen: Assessment, now: float, travelled: float | None, *, memory_stored: bool = True

@@ -259,7 +259,7 @@ def _light(seen: Assessment | None) -> str:
 
 
 def _place_figures(seen: Assessment | None) -> tuple[float | None, float | None, int | None]:
-    """Return how much a place is like the known one that it lacks least, how much it needs, which it is."""
+    """Return the similarity to the known place that nearly matches, what it needs to match, and its call."""
     if seen is None:
         return None, None, None
     if seen.likeness is not None:
@@ -269,7 +269,7 @@ def _place_figures(seen: Assessment | None) -> tuple[float | None, float | None,
 
 
 def _thing_figures(seen: Assessment | None) -> tuple[float | None, float | None, str]:
-    """Return how unknown a thing is, what calls, and where: of the yellow frame first, else of the region."""
+    """Return how unknown a thing is, the threshold, and where: in the yellow frame, else in the region."""
     bad = seen.bad if seen is not None else ()
     found = {one.figure: one for one in bad if one.reason is Reason.UNKNOWN_OBJECT}
     for figure, of in _PARTS.items():

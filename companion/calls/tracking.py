@@ -37,8 +37,8 @@ def track(
     blocks: the thing blocks the way, so that ground in the ROI that is not drivable belongs to it, too.
     at_once: take all connected uncertain pixels, as when the thing is accepted. Otherwise the mask grows
     straight down, and by less than `_REACH` to the sides, since a thing comes no nearer than that from
-    frame to frame. An uncertain area that reaches further is another thing that touches it: of that, only
-    what is straight below the mask is taken.
+    frame to frame. An uncertain area that reaches further belongs to another thing that touches this one.
+    Of that area the mask takes only the pixels straight below it.
 
     Above the horizon, only what is straight above the thing belongs to it: what rises above it touches all
     that is unknown there.

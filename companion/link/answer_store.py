@@ -82,13 +82,13 @@ class KnownAnswer:
 class AnswerStore:
     """Recognizes repeated answers, so that each is applied once and gets the same reply again.
 
-    - The transaction of a TUNNEL, or of an answer on the page, is a repetition for as long as it is known.
-    - A COMMAND is one within 5 s, when its confirmation count says so; else it is a new answer.
-    - AT_ANSWER has no such mark: the same "go" or "look again" within 5 s is one, with the call's id or with
-      0. So is "other place", until another place matches. "Stay" is always new, as it may follow a go. An
-      answer to id 0 that was stale counts as repeated for 5 s, too: ground stations set a refused parameter
-      again by themselves, and would otherwise answer a new call that the operator has not read.
-    - A TEXT is one only while it is undecided.
+    - A TUNNEL, or an answer on the page, is repeated when its transaction is known.
+    - A COMMAND is repeated when it comes within 5 s and its confirmation count is above 0.
+    - AT_ANSWER has no count. The same "go" or "look again" within 5 s is repeated, with the call's id or with
+      0. So is "other place", until another place matches. "Stay" is always new, as it may follow a go. A
+      stale answer to id 0 is repeated for 5 s, too: ground stations set a refused parameter again by
+      themselves, and would otherwise answer a new call that the operator has not read.
+    - A TEXT is repeated only while it is undecided.
 
     An answer that is sent again while it is undecided is a repetition in any case, except for a "stay" by
     AT_ANSWER.

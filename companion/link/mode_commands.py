@@ -208,9 +208,9 @@ class ModeCommands:
 
     @property
     def _patience(self) -> float:
-        """s that the script has for its answer to a hold: one that is on its way must not be overtaken.
+        """s that a hold waits for the script's answer before it is sent as DO_SET_MODE.
 
-        DO_SET_MODE would override a human who was faster than the hold.
+        No answer may be on its way then: DO_SET_MODE overrides a human who was faster than the hold.
         """
         return min(max(HOLD_UNANSWERED, self._script_takes + SCRIPT_LATER), LONGEST_UNANSWERED)
 

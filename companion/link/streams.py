@@ -27,10 +27,10 @@ class StuckError(OSError):
 
 
 class Stream:
-    """Writes whole frames to a device that may take only a part of one: the rest of that one waits here.
+    """Writes whole frames to a device. Where it takes a part of a frame, the rest waits here.
 
-    A frame that was cut would swallow the next ones, so after opening and after `recall` the first frame
-    follows filler, which ends any frame that the other end has begun.
+    The other end takes the next frames for the rest of one that was cut. So after opening and after `recall`
+    filler is written first, which ends any frame that the other end has begun.
     """
 
     datagrams = False
@@ -38,13 +38,13 @@ class Stream:
 
     def __init__(self) -> None:
         self._rest = b""
-        """What is left of a frame that the device has taken a part of."""
+        """The part of the newest frame that the device has not taken yet."""
         self._filler = FILLER
         self._refused = False
         self._tells = False
-        """Whether the kernel ever said that something waits, so that its 0 means nothing."""
+        """Whether the kernel has ever reported waiting bytes. Only then its 0 says that none wait."""
         self._taken = self._left = 0
-        """Bytes that the device took, and of these what has left this computer."""
+        """Bytes that the device took, and how many of these have left this computer."""
         self._revocable_to = 0
         """Bytes that the device has taken when it has taken the newest revocable frame."""
         self._moved_at: float | None = None

@@ -222,7 +222,7 @@ _STALLED = 10.0
 class BoundedConnection(H11Protocol):  # type: ignore[misc]  # it is Any for mypy
     """Ends a connection that is one too many, makes no request, or does not take what it is sent.
 
-    The oldest one that no request of the gate let in goes first, so that nobody is locked out by such.
+    Where there are too many, it ends the oldest without an admitted request: strangers lock nobody out.
     """
 
     app_state: dict[str, Any]

@@ -1,8 +1,8 @@
 """Tells which calls ask again about what an operator has just answered, for the demo and for benchmarks.
 
-A simulation or labels know what a call is about. A call repeats an answer if it is about a thing, or a patch
-of ground, that was answered less than `THING_AGAIN_M` before, or about a kind of ground that was answered
-less than `PLACE_AGAIN_M` before. Metres are those driven along the track: standing still ends nothing.
+A simulation or labels know what a call is about. A call asks again if its thing or patch of ground was
+answered less than `THING_AGAIN_M` before, or its kind of ground less than `PLACE_AGAIN_M` before. These are
+metres driven along the track, so that standing still ends nothing.
 """
 
 from __future__ import annotations

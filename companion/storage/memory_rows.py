@@ -22,8 +22,8 @@ OWNER_IN_USE = -1
 OWNER_CONFIGURED = -2
 OWNER_BEFORE_MATCH = -3
 OWNER_GIVEN = -4
-"""`owner` of the words in use, of the configured ones, of those in use before the newest match, and of those
-that were given and are out of use; a remembered scene's is its stamp, 0 or more."""
+"""`owner` of rows with words: words in use, configured words, words in use before the newest match, and words
+that an operator gave and that are out of use. The owner of a scene's words is its stamp, 0 or more."""
 
 Examples = Mapping[str, tuple[Example, ...]]
 Query = Callable[[str], list[tuple[Any, ...]]]

@@ -1,7 +1,7 @@
 """Has systemd start processes as users of their own, and end them: we may not.
 
-For each process there are a socket, at which systemd starts it for every connection, and a file in our
-runtime directory: while it is there, systemd kills all that were started so, and then removes it.
+Each process has a socket: systemd starts the process when we connect to it. And each has a file in our
+runtime directory: when we make the file, systemd kills what it started at the socket, then removes the file.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ def _count(fileno: int, request: int) -> int:
 
 
 _closing: dict[str, threading.Thread] = {}
-"""Serial ports that are being closed, by name: the kernel may wait 30 s for one that takes nothing."""
+"""Serial ports that are being closed, by name. The kernel may wait 30 s for a device that takes nothing."""
 
 _IN_USE = "{} is in use by another program: `fuser {}` finds it"
 _REMEDIES = {

@@ -122,7 +122,7 @@ def hold_refused(seconds: float | None) -> str:
 
 
 def fault_slow(seconds: float | None) -> str:
-    """Reports that policy hold cannot be given, so that it holds: the perceiver is too slow."""
+    """Reports the fault that policy hold is in force and the perceiver is too slow for it."""
     return fit(f"FAULT: {_seconds(seconds)} a frame: faster, or AT_POLICY 0")
 
 
@@ -137,7 +137,7 @@ def hold_outruns(speed: float | None, fits: float | None) -> str:
 
 
 def fault_outruns(speed: float | None, fits: float | None) -> str:
-    """Reports that policy hold cannot be given, so that it holds: the vehicle is too fast."""
+    """Reports the fault that policy hold is in force and the vehicle is too fast for it."""
     return fit(f"FAULT: {_fast(speed)} m/s: at most {_fast(fits)}, or AT_POLICY 0")
 
 
@@ -147,7 +147,7 @@ def hold_unchecked() -> str:
 
 
 def fault_unchecked() -> str:
-    """Reports that policy hold cannot be given, so that it holds: those figures are missing."""
+    """Reports the fault that policy hold is in force and those figures are missing."""
     return "FAULT: set [mount], [stopping], or AT_POLICY 0"
 
 
@@ -157,7 +157,7 @@ def hold_infrared() -> str:
 
 
 def fault_infrared() -> str:
-    """Reports that policy hold cannot be given, so that it holds: the camera shows infrared."""
+    """Reports the fault that policy hold is in force and the camera shows infrared."""
     return "FAULT: NoIR camera: change it, or AT_POLICY 0"
 
 

@@ -28,7 +28,7 @@ def turned(
     """Return a question for a person about the words that these changes turn, "" where they turn none.
 
     matched: word -> weight before and after the newest match, None: out of use. "other place" takes it back.
-    read: False while `in_force` and `given` may lack words: then one that they lack may turn, too.
+    read: whether `in_force` and `given` were read whole. If not, a word in neither may turn, too.
     """
     weights: list[tuple[str, float]] = []
     for change in changes:

@@ -35,7 +35,7 @@ from gcs_plugin.client.vehicle import Position, Vehicle
 FRESH_S = 3.0
 """The companion is alive while its last heartbeat is younger than this."""
 ANEW_S = 10.0
-"""A hold announced later by this than the known one of its id is another one: the rover's ids began anew."""
+"""A hold announced so much later than the known hold of the same id is another hold: the ids began anew."""
 ECHO_S = 5.0
 """The autopilot's script repeats a text of the companion within this time."""
 MAX_CALLS = 64

@@ -27,7 +27,7 @@ from gcs_plugin.console.rover_page import Download, RoverPage
 AGAIN_S = 3.0
 """Seconds between two readings of /incidents.json while an incident is packed."""
 FOLLOWED_S = 180.0
-"""Seconds for which a request is followed, and again from each time that the rover says that it packs."""
+"""Seconds for which a request is followed. They begin anew whenever the rover says that it packs."""
 MOST_STORED = 32
 """Files that stay in the folder, the newest ones."""
 _LARGEST_CONTENT = 512 << 20

@@ -14,8 +14,11 @@ from gcs_plugin.terminal.signing import Signing
 
 
 class _End:
-    """One connection's end of the client. Of a rover that several connections bring, it takes what comes on
-    the first of them that brings its companion, so that nothing counts twice."""
+    """One connection's end of the client.
+
+    Several connections may bring the same rover. Its messages are taken from the first connection that brings
+    its companion, and from no other, so that nothing counts twice.
+    """
 
     def __init__(self, links: Links, number: int) -> None:
         self._links = links

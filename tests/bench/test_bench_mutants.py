@@ -42,14 +42,14 @@ def test_the_tests_that_must_notice_are_there() -> None:
     assert [test for test in sorted(named) if not (ROOT / test).exists()] == []
 
 
-def test_what_is_gone_is_said() -> None:
+def test_a_mutant_whose_line_is_gone_says_so() -> None:
     with pytest.raises(LookupError, match="no function"):
         Mutant("anytraverse/roi.py", "gone", "condition", 0, "").source()
     with pytest.raises(LookupError, match="no condition 99"):
         replace(FIXED[0], kind="condition", nth=99).source()
 
 
-def test_what_is_gone_counts_as_caught_by_nobody() -> None:
+def test_a_mutant_whose_line_is_gone_counts_as_not_caught() -> None:
     assert figures({4: "gone: no function", 3: "survived", 2: "hung", 1: "caught"}) == {
         "mutants": 4,
         "caught": 2,

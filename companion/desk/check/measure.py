@@ -47,7 +47,7 @@ _SLOWEST = 0.3
 """m/s below which a stop is too short to measure."""
 _SILENT = "no speed is heard: stream GLOBAL_POSITION_INT here (SRn_POSITION or MAVn_POSITION 4)"
 ENOUGH = 1.5
-"""Speeds a second below which no stop is measured: at 1 Hz a late one breaks it off. 2 Hz give it within 1 %
+"""Least rate (Hz) of speeds to measure a stop. At 1 Hz one late speed breaks it off. 2 Hz give it within 1 %
 in the simulated field."""
 _ASKED_FOR = 4
 """Value of the parameter, Hz, that is asked for."""

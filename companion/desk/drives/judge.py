@@ -130,7 +130,7 @@ class DriveJudge:
 
 
 def row(name: str, seen: Assessment, reasons: Iterable[Reason], opened: int = 0) -> Row:
-    """Make the row of a judged frame. It keeps those of the frame's reasons that are in `reasons`."""
+    """Make the row of a judged frame. It has only those reasons that are in `reasons`."""
     roi, counts = seen.roi, frozenset(reasons)
     figures: dict[str, float | None] = dict.fromkeys(FIGURES)
     if roi is not None:

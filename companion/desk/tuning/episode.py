@@ -41,7 +41,7 @@ class Episode:
 
 
 def given_answers(drive: Drive, answers: str | None) -> tuple[GivenAnswer, ...]:
-    """Return the answers that were given on a drive: those of a file, else those that were recorded.
+    """Return the answers in the file `answers`; without one, those that the recording of the drive holds.
 
     Raises DriveError for a file without an answer to one of its frames, OSError.
     """

@@ -38,9 +38,9 @@ def go(_judge: DriveJudge, _call: Call, _frame: DriveFrame) -> Reply:
 class LabelOperator:
     """Answers as somebody who sees the labels of the frame, and says go.
 
-    Of an unknown thing it names the class that covers most of the place meant, of an unknown scene all
-    classes in the region of interest, where no word in use means them: 1 for drivable ones, else -1. A thing
-    whose class the perceiver cannot ground is tapped, each time that it is asked about.
+    It names the class that covers most of an unknown thing's tile, and of an unknown scene all classes in the
+    region of interest, but none that a word in use means already. Drivable classes get the weight 1, others
+    -1. A thing whose class the perceiver does not know is tapped, each time that a call asks about it.
     """
 
     def __init__(self, classes: Classes, labels_of: Callable[[str], Labels], drivable: Sequence[str]) -> None:

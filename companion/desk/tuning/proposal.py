@@ -71,9 +71,10 @@ def weighed(outcome: Outcome, named: Sequence[float], seconds: float) -> Candida
 def proposed(candidates: Sequence[Candidate], now: Combination, wanted: float) -> Candidate:
     """Return the best candidate. wanted: calls a minute, at most.
 
-    Of those that call no more often: the one that keeps most of the named things, of these the one that
-    calls most, of these the one with the fewest changes. Where none calls as rarely, the one that does most.
+    The best one calls no more often than wanted. Of several, it keeps the most named things, then it calls
+    most often, then it changes the fewest settings. Where all call too often, it calls least often.
     """
+    # More calls within the wanted rate are better: thresholds that call less let more pass unseen.
     within = [one for one in candidates if one.rate <= wanted]
     if not within:
         return min(candidates, key=lambda one: (one.rate, -one.kept, _changes(one.combination, now)))

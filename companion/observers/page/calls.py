@@ -50,16 +50,15 @@ def shown_calls(
     own: Mapping[int, OwnAnswers],
     incident: Callable[[int], dict[str, Any] | None] = lambda _call: None,
 ) -> dict[str, Any]:
-    """Return what the page shows of calls.
+    """Return what the page shows of calls: the open call or hold, the newest before it, and their words.
 
-    These are the open call or hold, the newest calls before it, and the names used in them; the result of
-    the newest answer that belongs to none of them, such as words alone; and the incident files of the last
-    minute.
+    With them come the result of the newest answer to no call, such as words alone, and the incident files of
+    the last minute.
 
-    state: what /state.json has. told_at: monotonic seconds when it was so. records: of the newest calls, the
-    newest first. address: makes the address of a picture from its path, "" where there is none. own: by call,
-    what was answered on the page. incident: returns what is shown of the incident files of a call, 0: of the
-    last minute; None where nobody may ask for one.
+    state: content of /state.json. told_at: when that was so, monotonic seconds. records: of the newest calls,
+    the newest first. address: makes the address of a picture from its path, "" where there is none. own:
+    answers on the page, by call. incident: returns the incident files of a call, or of the last minute for
+    id 0; None where nobody may ask for such files.
     """
     now, kept = state_from(state), {}
     for record in records:

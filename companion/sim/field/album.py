@@ -120,8 +120,8 @@ class Album:
 def shown_kind(labels: Labels, box: Box) -> str:
     """Return the label of the thing that a box shows, else of the ground there, "" where it shows neither.
 
-    labels: (H, W) uint8. A person who is asked about a box names what may stand on a path, else what stands
-    beside it, and the ground if neither is there, so that a thing need not cover most of the box.
+    labels: (H, W) uint8. It answers as a person who is asked about the box: a thing that may stand on a path
+    comes first, then a thing beside it, then the ground. So a thing need not cover most of the box.
     """
     inside = np.bincount(labels[box.slices(*labels.shape)].ravel(), minlength=len(LABELS))
     everywhere = np.bincount(labels.ravel(), minlength=len(LABELS))

@@ -32,7 +32,7 @@ class Mission:
 
     @property
     def state(self) -> int:
-        """MISSION_STATE of one that is not driven now, but for PAUSED, which not every autopilot reports."""
+        """MISSION_STATE while the mission is not driven. Never PAUSED, which not every autopilot reports."""
         if self.complete:
             return int(mavlink.MISSION_STATE_COMPLETE)
         return int(mavlink.MISSION_STATE_NOT_STARTED)

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from anytraverse.adoption import adopted_memory, refused_memory
-from anytraverse.answers import AnswerOutcome, Changes, changed_memory
+from anytraverse.answers import AnswerOutcome, changed_memory
 from anytraverse.assessment import Assessment, Finding, Map, Maps, Observation, Reason
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.findings import check_age, find, find_scene, make_maps, roi_figures
@@ -24,6 +25,7 @@ from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.light import measure_light
 from anytraverse.memory import Memory
+from anytraverse.operations import Operation, OtherPlace, teaches
 from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint, surroundings_of
 from anytraverse.roi import RoiFigures
 from anytraverse.scene_watch import SceneWatch
@@ -152,39 +154,46 @@ class AnyTraverse:
 
     def answer(
         self,
-        changes: Changes,
+        operations: Sequence[Operation],
         now: float,
         *,
         call: Observation | None = None,
         call_id: int = 0,
         go: bool = False,
         place: Place | None = None,
+        missing_ok: bool = False,
+        match: int | None = None,
     ) -> AnswerOutcome:
         """Apply an operator's answer, all or nothing, and judge the call's and the newest frame again.
 
         call: the frame of the call that is answered; None for words without a call, which teach no scene.
-        Only changes and go enter the scene into H and move the reference to it, the latter only if the newest
-        frame still resembles it: for these two an earlier frame's embedding will not do, and each gets its
-        own. A refused match is undone first, whatever else changes. Raises PreferencesError, ExampleError,
-        PerceiverError; then nothing has changed.
+        Only operations that teach and go enter the scene into H and move the reference to it, the latter only
+        if the newest frame still resembles it: for these two an earlier frame's embedding will not do, and
+        each gets its own. A refused match is undone first, whatever else changes.
+        missing_ok: as of `changed_memory`. match: the stamp of the match that is refused (`Adoption.clock`),
+        None: any. Raises PreferencesError, ExampleError, RegionError, PerceiverError; then nothing has
+        changed.
         """
         before = self.memory
-        teaches, refuses = changes.teaches or go, changes.other_place is not None
+        learns = go or teaches(operations)
+        refused = [one.id for one in operations if isinstance(one, OtherPlace)]
         undone, forgotten = tuple[str, ...](), tuple[int, ...]()
         try:
-            if call is not None and teaches:
+            if call is not None and learns:
                 self._see_scene(call)
-            if (call is not None and teaches) or refuses:
+            if (call is not None and learns) or refused:
                 self._see_scene(self.newest)
-            if changes.other_place is not None:
+            if refused:
                 newest = self.newest.embedding if self.newest is not None else None
                 limits, meaning = self.settings.thresholds, self.perceiver.meaning
                 self.memory, undone, forgotten = refused_memory(
-                    before, changes.other_place, newest, limits, meaning, stamp=changes.match
+                    before, refused[-1], newest, limits, meaning, stamp=match
                 )
-            self.memory, dropped = changed_memory(self.memory, changes, self.perceiver, call)
+            self.memory, dropped = changed_memory(
+                self.memory, operations, self.perceiver, call, missing_ok=missing_ok
+            )
             remembered = False
-            if call is not None and teaches and is_embedding(call.embedding):
+            if call is not None and learns and is_embedding(call.embedding):
                 self.memory = self.memory.remembering(
                     call.embedding,
                     call_id,
@@ -201,7 +210,7 @@ class AnyTraverse:
                 undone=undone,
                 forgotten=forgotten,
             )
-            if refuses:
+            if refused:
                 self._matched.clear()
             return outcome
         except Exception:

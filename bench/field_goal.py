@@ -13,16 +13,17 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
+from itertools import starmap
 
 import cv2
 
-from anytraverse.answers import Changes, Tap
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
+from anytraverse.operations import Operation, SetWord, Tap
 from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
@@ -106,21 +107,23 @@ class Drive:
     def _call(self, judged: Assessment, s: float, now: float, ahead: Thing | None, *, familiar: bool) -> None:
         left = self._left(ahead, s) if ahead is not None else math.inf
         asked = Reason.UNKNOWN_OBJECT in judged.reasons  # else the tile shows nothing that a tap could name
+        operations: tuple[Operation, ...]
         if ahead is not None and left < NEAR and judged.tile and asked:
-            changes = Changes(taps=(Tap(judged.frame.id, judged.tile.shown, ahead.kind, -1.0),))
+            operations = (Tap(judged.frame.id, astuple(judged.tile.shown), ahead.kind, -1.0),)
             self.tally.called.append((ahead.kind, round(left, 1)))
             self.world.remove(ahead.id)
         elif self._teach and judged.tile and Reason.UNKNOWN_SCENE not in judged.reasons:
-            changes = Changes(taps=(Tap(judged.frame.id, judged.tile.shown, self._teach, 1.0),))
+            operations = (Tap(judged.frame.id, astuple(judged.tile.shown), self._teach, 1.0),)
             self.tally.taught += 1
         else:
-            changes = Changes(weights=dict(Preferences.parse(WORDS[self.world.trail.zone(s + 4.0)])))
+            words = Preferences.parse(WORDS[self.world.trail.zone(s + 4.0)])
+            operations = tuple(starmap(SetWord, words.items()))
             self.tally.places += 1
         if familiar:
             why = "+".join(sorted(reason.value for reason in judged.reasons & CALLS_FOR_WORDS))
             self.tally.false.append(f"{self.world.trail.zone(s)} {s:.0f} m {why}")
         self._calls += 1
-        self.engine.answer(changes, now, call=judged.observation, call_id=self._calls, go=True)
+        self.engine.answer(operations, now, call=judged.observation, call_id=self._calls, go=True)
         self._reasons.restart_after_answer(now)
 
     def _hold(self, s: float, ahead: Thing | None, *, familiar: bool) -> None:

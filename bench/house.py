@@ -23,6 +23,7 @@ import numpy as np
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.frame import Frame
+from anytraverse.operations import SetWord
 from bench.link.lossy import STEP, Clock, virtual_time
 from bench.link.rover import Companion, make_engine, make_ready
 from bench.link.synthetic_frames import picture, thing
@@ -32,7 +33,7 @@ from companion.sim.loopback_link import Wire
 from companion.sim.loopback_vision import LoopbackVision
 from companion.tasks import VISION
 from companion.vision.client import VisionClient
-from companion.wire.answers import AnswerMessage, SetWord
+from companion.wire.answers import AnswerMessage
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, TUNNEL_SUMMARY, Motion
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -28,11 +28,12 @@ from random import Random
 from statistics import median
 from typing import Any
 
+from anytraverse.operations import SetWord
 from bench.commit import commit_of
 from bench.link.drive import at
 from bench.processes import children
 from companion.observers.recording.packing import kept
-from companion.wire.answers import PackIncident, SetWord
+from companion.wire.answers import PackIncident
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
 from gcs_plugin.client.client import OperatorClient

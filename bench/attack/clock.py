@@ -12,11 +12,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from bench.attack.outcome import Outcome, watched
 from bench.faults.standing import Standing
 from bench.faults.standing_wire import SYSTEM
 from companion.storage.journal_copy import read_stored_memory
-from companion.wire.answers import SetWord
 from companion.wire.ids import COMPONENT_ID, Motion
 from companion.wire.signing import MAX_STREAMS, SigningKey
 from gcs_plugin.client.client import OperatorClient

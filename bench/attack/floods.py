@@ -12,10 +12,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from bench.attack.outcome import Outcome, watched
 from bench.faults.standing import Standing
 from bench.link.frame import framed
-from companion.wire.answers import AnswerMessage, SetWord
+from companion.wire.answers import AnswerMessage
 from companion.wire.delivery import Pending
 from companion.wire.ids import TUNNEL_ANSWER, Motion
 

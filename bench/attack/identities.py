@@ -8,13 +8,13 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from bench.attack.outcome import Outcome, watched
 from bench.faults.standing import Standing
 from bench.faults.standing_wire import HOLD, SYSTEM
 from bench.link.frame import framed
 from companion.sim.demo.rehearsal import free_port
 from companion.storage.journal_copy import read_stored_memory
-from companion.wire.answers import SetWord
 from companion.wire.ids import COMPONENT_ID, Motion
 
 _LINK = 'unsigned_autopilot = true\n[link.more.radio]\nurl = "udpin:127.0.0.1:{port}"\n'

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 from anytraverse.assessment import Reason
 from anytraverse.evaluation.labels import fold
+from anytraverse.operations import Operation, SetWord, Tap
 from companion.calls.decisions import Call
 from companion.calls.summary import fractions
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.operators import LabelOperator, Operator, Reply, go
 from companion.sim.repeats import AskedBefore, ThingId
-from companion.wire.answers import Operation, SetWord, TapBox
 from companion.wire.ids import Motion
 
 OPERATORS = ("go", "word", "tap")
@@ -73,13 +73,13 @@ class WordOperator:
         if self._taps:
             assert call.seen is not None
             assert call.seen.tile is not None
-            tap = TapBox(call.frame_id, fractions(call.seen.tile.shown), word, weight)
+            tap = Tap(call.frame_id, fractions(call.seen.tile.shown), word, weight)
             operations = [tap, *(one for one in operations if _word(one) != word)]
         return operations, motion if weight > 0 else Motion.NONE
 
 
 def _word(operation: Operation) -> str | None:
-    return operation.word if isinstance(operation, SetWord | TapBox) else None
+    return operation.word if isinstance(operation, SetWord | Tap) else None
 
 
 def operator(name: str, labels: LabelOperator, drivable: Sequence[str]) -> Operator:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from anytraverse.answers import Changes
 from anytraverse.assessment import Reason
 from anytraverse.frame import Frame
 from bench.calls.engines import alone, of_the_field
@@ -148,11 +147,9 @@ class _Drive:
             call = self._calls.call
             observation = call.seen.observation if call is not None and call.seen is not None else None
             outcome = self._engine.answer(
-                Changes(), self._now, call=observation, call_id=self._calls.current_id, go=True
+                (), self._now, call=observation, call_id=self._calls.current_id, go=True
             )
-            self._obey(
-                self._calls.apply_answer(self._calls.current_id, Motion.GO, Changes(), outcome, self._now)[1]
-            )
+            self._obey(self._calls.apply_answer(self._calls.current_id, Motion.GO, (), outcome, self._now)[1])
         else:
             self._mode = _AUTO if way.startswith("AUTO") else _GUIDED
         return True

@@ -14,12 +14,13 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord, Tap
 from anytraverse.preferences import Preferences
 from bench.faults.row import Outcome, Work
 from bench.link.lossy import STEP, Clock, Radio, virtual_time
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Rover
-from companion.wire.answers import AnswerMessage, SetWord, TapBox
+from companion.wire.answers import AnswerMessage
 from companion.wire.ids import (
     ANSWER_COMMAND,
     COMPONENT_ID,
@@ -309,6 +310,6 @@ def _packed(transaction: int, call: int, word: bytes, weight: int) -> bytes:
 
 
 def _tapped(transaction: int, call: int, word: str) -> bytes:
-    tap = TapBox(1, (0.1, 0.2, 0.3, 0.4), "x", 1.0)
+    tap = Tap(1, (0.1, 0.2, 0.3, 0.4), "x", 1.0)
     packed = AnswerMessage(transaction, call, Motion.GO, (tap,)).pack()
     return packed[:-2] + bytes([len(word.encode())]) + word.encode()

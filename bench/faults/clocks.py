@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 
+from anytraverse.operations import SetWord
 from bench.faults.disk import stored_words
 from bench.faults.row import Outcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_calls import APPLIED, comes_back, drive_on, held_call, still_open
 from bench.shim import compile_shim, preloading
 from companion.system.atomic_write import write_atomically
-from companion.wire.answers import SetWord
 from companion.wire.ids import Motion
 
 DAY = 86_400

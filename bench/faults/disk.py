@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
+from anytraverse.operations import SetWord
 from bench.faults.row import Outcome, Row, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
@@ -17,7 +18,6 @@ from bench.shim import compile_shim, preloading
 from bench.stopping.slow_disk import SlowDisk
 from companion.storage import Journal
 from companion.system.atomic_write import write_atomically
-from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result, State
 
 _SOURCE = Path(__file__).with_name("failing_disk.c")

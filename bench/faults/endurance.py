@@ -31,6 +31,7 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Memory, first_memory
+from anytraverse.operations import SetWord
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
@@ -47,7 +48,6 @@ from companion.storage.journal import LARGEST
 from companion.storage.log_file import LONGEST, log_to_file
 from companion.tasks import VISION
 from companion.vision.client import VisionClient
-from companion.wire.answers import SetWord
 from companion.wire.ids import COMPONENT_ID, Motion, Result
 from companion.wire.parameters import SUMMARY_RATE
 from gcs_plugin.client import events as ev

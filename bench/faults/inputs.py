@@ -7,13 +7,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from bench.faults import bad_answers, mutated_configs
 from bench.faults.bad_answers import GROUND
 from bench.faults.row import Outcome, Row, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
 from bench.link.fuzz import Broken, Fuzz
-from companion.wire.answers import AnswerMessage, SetWord
+from companion.wire.answers import AnswerMessage
 from companion.wire.ids import (
     COMPONENT_ID,
     TUNNEL_ANSWER,

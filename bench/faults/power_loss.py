@@ -29,6 +29,7 @@ import cv2
 import numpy as np
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from bench.faults.disk_replay import Change, Disk, lay_out, read_record
 from bench.link.lossy import Radio, drive_in_virtual_time, virtual_time
 from bench.link.operator import Operator
@@ -36,7 +37,6 @@ from bench.link.radio_model import LinkConditions
 from bench.link.rover import Rover
 from bench.shim import compile_shim, preloading
 from companion.storage import Journal, JournalError
-from companion.wire.answers import SetWord
 from companion.wire.ids import COMPONENT_ID, Result
 from companion.wire.parameters import SUMMARY_RATE
 from gcs_plugin.client import events as ev

@@ -9,6 +9,7 @@ import time
 from functools import partial
 from typing import Any
 
+from anytraverse.operations import SetWord
 from bench.faults.disk import FailingDisk
 from bench.faults.row import Outcome, Work
 from bench.faults.standing import Standing, repeating
@@ -17,7 +18,6 @@ from bench.processes import children
 from companion.observers.recording.reading import messages, whole
 from companion.observers.recording.recorder import missing
 from companion.observers.recording.ring import FOLDER
-from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result, State
 
 _MB = 20

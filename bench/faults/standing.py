@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from anytraverse.operations import Operation
 from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Outcome, Row, Work
 from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.demo.child import Child
-from companion.wire.answers import Acknowledgement, Operation
+from companion.wire.answers import Acknowledgement
 from companion.wire.delivery import Pending
 from companion.wire.ids import Kind, Motion, State
 from companion.wire.payloads import CallData

@@ -7,13 +7,13 @@ import sqlite3
 import time
 from pathlib import Path
 
+from anytraverse.operations import SetWord
 from bench.faults import clocks
 from bench.faults.row import Outcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_calls import comes_back, drive_on, held_call, still_open
 from bench.faults.standing_wire import HOLD
 from companion.storage.database import VERSION
-from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Result
 
 

@@ -18,11 +18,11 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from bench.faults.standing import NotSeen, Standing
 from bench.faults.standing_calls import drive_on, held_call
 from bench.series import Series
 from companion.sim.demo.rehearsal import free_port
-from companion.wire.answers import SetWord
 from companion.wire.ids import COMPONENT_ID, Motion
 from companion.wire.parameters import SUMMARY_RATE
 

@@ -12,13 +12,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
 from anytraverse.regions import Box
 from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
 from companion.calls.mode_monitor import ModeAnswer
 from companion.config.link_settings import MAIN, LinkSettings
 from companion.config.video import CameraSettings
 from companion.link.answer import Answer, Via
-from companion.link.camera import Tap
+from companion.link.camera import Tapped
 from companion.link.inbound import (
     InboundEvent,
     ParameterRequest,
@@ -32,17 +33,7 @@ from companion.link.parser import Parser
 from companion.sim.loopback_link import pair
 from companion.storage.served_tree import Document, Documents, Tree
 from companion.vehicle.ardupilot import ScriptHold
-from companion.wire.answers import (
-    Acknowledgement,
-    CancelIncident,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    OtherPlace,
-    PackIncident,
-    SetWord,
-    TapBox,
-)
+from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident
 from companion.wire.ids import (
     AUTOPILOT_COMPONENT_ID,
     CAMERA_COMPONENT_ID,
@@ -239,7 +230,7 @@ def _is_operation(operation: object) -> bool:
     match operation:
         case SetWord(word, weight):
             return isinstance(word, str) and -1.0 <= weight <= 1.0
-        case TapBox(frame_id, box, word, weight):
+        case Tap(frame_id, box, word, weight):
             left, top, right, bottom = box
             inside = 0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0
             return inside and frame_id >= 0 and isinstance(word, str) and -1.0 <= weight <= 1.0
@@ -265,12 +256,13 @@ def _granted(request: Answer) -> Acknowledgement:
     )
 
 
-def _tapped(tap: Tap, _now: float) -> Answer | str:
-    if tap.x < 0.1:
+def _tapped(tapped: Tapped, _now: float) -> Answer | str:
+    x, y = tapped.centre if isinstance(tapped, Box) else tapped
+    if x < 0.1:
         return "no call is open"
-    box = tap.box or Box(0.9 * tap.x, 0.9 * tap.y, 0.9 * tap.x + 0.1, 0.9 * tap.y + 0.1)
+    box = tapped if isinstance(tapped, Box) else Box(0.9 * x, 0.9 * y, 0.9 * x + 0.1, 0.9 * y + 0.1)
     sides = box.left, box.top, box.right, box.bottom
-    return Answer((0, 0), Via.TRACK_POINT, 7, Motion.NONE, (TapBox(3, sides, "obstacle", -1.0),))
+    return Answer((0, 0), Via.TRACK_POINT, 7, Motion.NONE, (Tap(3, sides, "obstacle", -1.0),))
 
 
 def _tree() -> Tree:

@@ -9,7 +9,8 @@ from typing import Any, Literal
 from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
-from companion.wire.answers import AnswerMessage, ForgetWord, NewEpisode, SetWord, TapBox
+from anytraverse.operations import ForgetWord, NewEpisode, SetWord, Tap
+from companion.wire.answers import AnswerMessage
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import ANSWER_COMMAND, CAMERA_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER, Motion
 
@@ -126,7 +127,7 @@ def _templates() -> list[Any]:
     answers = (
         AnswerMessage(7, 1, Motion.GO),
         AnswerMessage(8, 1, Motion.NONE, (SetWord("drum", -1.0), ForgetWord("grass"))),
-        AnswerMessage(9, 1, Motion.NONE, (TapBox(3, (0.1, 0.2, 0.3, 0.4), "drum", -1.0), NewEpisode())),
+        AnswerMessage(9, 1, Motion.NONE, (Tap(3, (0.1, 0.2, 0.3, 0.4), "drum", -1.0), NewEpisode())),
         AnswerMessage(10, 1, Motion.STAY, (NewEpisode(),), 0, 2),
         AnswerMessage(10, 1, Motion.STAY, (NewEpisode(),), 1, 2),
     )

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from random import Random
 
+from anytraverse.operations import Operation, SetWord
 from bench.link.synthetic_frames import thing
-from companion.wire.answers import Operation, SetWord
 from companion.wire.delivery import Pending, Status
 from companion.wire.ids import Motion, Result
 from companion.wire.payloads import CallData

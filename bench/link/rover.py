@@ -6,17 +6,18 @@ In virtual time (`Rover`) the vision process is simulated, too; `Companion` take
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from msgspec.structs import replace
 
-from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.answers import AnswerOutcome
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory, first_memory
+from anytraverse.operations import Operation
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from bench.link.synthetic_frames import GRASS, NumberPerceiver, picture
@@ -62,14 +63,14 @@ class CountedCalls(OperatorCalls):
         self,
         target: int,
         motion: Motion,
-        changes: Changes,
+        operations: Sequence[Operation],
         outcome: AnswerOutcome | None,
         now: float,
         *,
         go_at: float | None = None,
     ) -> tuple[Result, list[Decision]]:
         """Handles an answer as usual, and stores it in `applied`."""
-        result, decisions = super().apply_answer(target, motion, changes, outcome, now, go_at=go_at)
+        result, decisions = super().apply_answer(target, motion, operations, outcome, now, go_at=go_at)
         self.applied.append(Applied(now, target, motion, result))
         return result, decisions
 
@@ -79,9 +80,9 @@ class CountedVision(VisionClient):
 
     asked: list[object]
 
-    def answer(self, token: object, changes: Any, **given: Any) -> bool:
+    def answer(self, token: object, operations: Any, **given: Any) -> bool:
         """Passes an answer to vision as usual, and stores it in `asked` if it was accepted."""
-        taken = super().answer(token, changes, **given)
+        taken = super().answer(token, operations, **given)
         if taken:
             self.asked.append(token)
         return taken

@@ -34,6 +34,7 @@ _JOURNAL = (
     *_tests("storage", "journal_salvaged", "journal_copy"),
 )
 SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
+    "anytraverse/answers.py": _ALGORITHM,
     "anytraverse/findings.py": _ALGORITHM,
     "anytraverse/judging.py": _ALGORITHM,
     "anytraverse/roi.py": _ALGORITHM,
@@ -62,7 +63,6 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/daemon/health.py": _DAEMON,
     "companion/daemon/persistence.py": _DAEMON,
     "companion/daemon/records.py": _DAEMON,
-    "companion/link/answer.py": (*_CALLS, *_DAEMON),
     "companion/daemon/answers/handler.py": (*_CALLS, *_DAEMON),
     "companion/daemon/answers/outcome.py": (*_CALLS, *_DAEMON),
     "companion/vision/checks.py": _VISION,

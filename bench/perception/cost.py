@@ -18,14 +18,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from anytraverse.answers import Changes, Tap
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame, Image
 from anytraverse.memory import first_memory
+from anytraverse.operations import Tap
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
-from anytraverse.regions import Box
 from bench.perception.judged import shipped
 
 WORDS = "trail: 1; grass: 1; dirt: 1; gravel: 1; bush: -1; tree: -1; sky: -0.5; water: -1"
@@ -76,8 +75,8 @@ def _measure(name: str, count: int) -> dict[str, Any]:
     )
     pictures = _pictures(np.random.default_rng(8))
     called = engine.observe(Frame(1, 0.0, pictures[0]))
-    taps = (Tap(1, Box(0.1, 0.5, 0.3, 0.8), "drum", -1.0), Tap(1, Box(0.6, 0.5, 0.8, 0.8), "log", -1.0))
-    engine.answer(Changes(taps=taps), 0.0, call=called, go=True)
+    taps = (Tap(1, (0.1, 0.5, 0.3, 0.8), "drum", -1.0), Tap(1, (0.6, 0.5, 0.8, 0.8), "log", -1.0))
+    engine.answer(taps, 0.0, call=called, go=True)
     assert len(engine.memory.preferences) == 10
     spent, wall, shares = [], [], [_pss_mb()]
     for number in range(_WARM + count):

@@ -11,8 +11,9 @@ from itertools import cycle
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from bench.stopping.stage import Stage
-from companion.wire.answers import AnswerMessage, SetWord
+from companion.wire.answers import AnswerMessage
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, Motion
 
 DISK_DELAY = 8.0

@@ -31,13 +31,14 @@ from unittest import mock
 import cv2
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from bench.link.synthetic_frames import picture
 from bench.vision.synthetic import COMMAND, register
 from companion import run
 from companion.config import load_config
 from companion.storage import Journal
 from companion.tasks import VISION
-from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
+from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import (
     CHANGING_RESULTS,
     COMPONENT_ID,

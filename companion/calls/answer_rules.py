@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Reason
+from anytraverse.operations import Operation, taps_of, weights_of
 from anytraverse.preferences import clean_word
+from anytraverse.regions import Box
 from companion.calls.answered_things import MOST
 from companion.calls.decisions import Call, CallState
 from companion.calls.reason_filter import ReasonFilter
@@ -19,7 +22,7 @@ def answer_call(
     call: Call,
     reason_filter: ReasonFilter,
     motion: Motion,
-    changes: Changes,
+    operations: Sequence[Operation],
     outcome: AnswerOutcome | None,
     now: float,
     travelled: float | None,
@@ -36,17 +39,17 @@ def answer_call(
     clear: the reasons are gone, and "clear now, go?" is asked. Then a go with any words answers the call,
     even if they do not cover the thing that is gone. Words of 0 or below accept nothing: it may come back.
     """
-    things, changed = reason_filter.things, bool(changes)
+    things, changed = reason_filter.things, bool(operations)
     call.quiet = call.quiet or motion is Motion.STAY
     call.learnt = call.learnt or (outcome is not None and outcome.remembered)
     judged = outcome is not None and outcome.call is not None
     if outcome is not None and outcome.call is not None:
         call.seen = things.pointed(outcome.call)
-    word = _forbidding(call, changes, judged=judged)
+    word = _forbidding(call, operations, judged=judged)
     if word and call.thing is not None:
         things.name(call.thing, word, now, travelled)
     covered = (judged or bool(word)) and not _uncovered_reasons(call, blocked=things.blocking(call.id))
-    accepts = not changed or _drivable(call, changes)
+    accepts = not changed or _drivable(call, operations)
     if motion is Motion.GO and (accepts or clear):
         if not call.answered:
             call.state = CallState.ANSWERED if changed and covered else CallState.ACCEPTED
@@ -68,20 +71,21 @@ def answer_call(
     return Result.NOT_COVERED if call.state is CallState.NOT_COVERED else Result.APPLIED
 
 
-def _drivable(call: Call, changes: Changes) -> bool:
+def _drivable(call: Call, operations: Sequence[Operation]) -> bool:
     """Whether this answer says of the call's thing that it is drivable: words above 0, and nothing else.
 
     In a new place words may name the place and not the thing in it, so there the thing must be tapped.
     """
-    weights = [*changes.weights.values(), *(tap.weight for tap in changes.taps)]
+    taps = taps_of(operations)
+    weights = [*weights_of(operations).values(), *(tap.weight for tap in taps)]
     if not weights or min(weights) <= 0.0:
         return False
     if call.reasons == {Reason.UNKNOWN_OBJECT} or Reason.UNKNOWN_OBJECT not in call.reasons:
         return True
-    return call.thing is not None and any(call.thing.is_meant(tap.box, asked=True) for tap in changes.taps)
+    return call.thing is not None and any(call.thing.is_meant(Box(*tap.box), asked=True) for tap in taps)
 
 
-def _forbidding(call: Call, changes: Changes, *, judged: bool) -> str:
+def _forbidding(call: Call, operations: Sequence[Operation], *, judged: bool) -> str:
     """Return the word of this answer that says of the call's thing that it is not drivable, "" without one.
 
     It was tapped so, or the call's frame, judged again, finds the word in some of it.
@@ -89,14 +93,14 @@ def _forbidding(call: Call, changes: Changes, *, judged: bool) -> str:
     thing, seen = call.thing, call.seen
     if thing is None or Reason.UNKNOWN_OBJECT not in call.reasons:
         return ""
-    for tap in changes.taps:
-        if tap.weight <= 0.0 and thing.overlap(tap.box, asked=True) > 0.0:
+    for tap in taps_of(operations):
+        if tap.weight <= 0.0 and thing.overlap(Box(*tap.box), asked=True) > 0.0:
             return clean_word(tap.word)
     named = seen.roi.named_tile if judged and seen is not None and seen.roi is not None else None
     if seen is None or named is None or Reason.BLOCKED not in seen.reasons:
         return ""
     word = list(seen.words)[named.word]
-    forbidden = {clean_word(name) for name, weight in changes.weights.items() if weight <= 0.0}
+    forbidden = {clean_word(name) for name, weight in weights_of(operations).items() if weight <= 0.0}
     return word if word in forbidden and thing.overlap(named.tile.box, asked=True) > 0.0 else ""
 
 

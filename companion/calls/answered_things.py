@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.findings import tile_outside
+from anytraverse.operations import Operation, taps_of, weights_of
 from anytraverse.preferences import clean_word
+from anytraverse.regions import Box
 from companion.calls.cover import Cover
 from companion.calls.numbers import Numbers
 from companion.calls.thing import REASONS_OF_THINGS, Thing, boxes_of, scene_of
@@ -110,10 +111,10 @@ class AnsweredThings:
         """Forget what blocks."""
         self._forget(lambda one: bool(one.blocked_by))
 
-    def unblock(self, changes: Changes) -> None:
+    def unblock(self, operations: Sequence[Operation]) -> None:
         """Forget what blocks where an answer gives its word a weight above 0, or taps it with one."""
-        words = {clean_word(word) for word, weight in changes.weights.items() if weight > 0.0}
-        taps = [tap.box for tap in changes.taps if tap.weight > 0.0]
+        words = {clean_word(word) for word, weight in weights_of(operations).items() if weight > 0.0}
+        taps = [Box(*tap.box) for tap in taps_of(operations) if tap.weight > 0.0]
 
         def drivable(one: Thing) -> bool:
             return one.blocked_by in words or any(map(one.is_meant, taps))

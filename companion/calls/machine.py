@@ -8,13 +8,14 @@ must not be used any more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
+from anytraverse.operations import Operation
 from companion.calls.answer_rules import accept_taken_over, answer_call
 from companion.calls.call_rules import CallController
 from companion.calls.decisions import Call, Decision, FaultAcceptanceEnds, FaultAccepted, HoldMoved, Unasked
@@ -145,7 +146,7 @@ class OperatorCalls:
         self,
         target: int,
         motion: Motion,
-        changes: Changes,
+        operations: Sequence[Operation],
         outcome: AnswerOutcome | None,
         now: float,
         *,
@@ -153,20 +154,19 @@ class OperatorCalls:
     ) -> tuple[Result, list[Decision]]:
         """Apply an answer to `target`, an id that `resolve` returned. Returns its result, too.
 
-        changes: what it taught. outcome: the call's frame and the newest frame, judged again; None where
-        neither was. go_at: when the answer was received. A go in it then has no effect before `confirm_go`.
-        None: it counts at once.
+        outcome: the call's frame and the newest frame, judged again; None where neither was. go_at: when the
+        answer was received. A go in it then has no effect before `confirm_go`. None: it counts at once.
         """
         if target == 0 or target != self.current_id:
             return Result.STALE, []
         result, clear = Result.APPLIED, self.stage() is Stage.CLEAR
-        self.reason_filter.things.unblock(changes)
+        self.reason_filter.things.unblock(operations)
         if self.call is not None:
             result = answer_call(
                 self.call,
                 self.reason_filter,
                 motion,
-                changes,
+                operations,
                 outcome,
                 now,
                 self.monitor.newest.travelled,

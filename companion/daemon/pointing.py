@@ -6,16 +6,17 @@ import math
 from collections.abc import Callable
 
 from anytraverse.assessment import Assessment
+from anytraverse.operations import Tap
 from anytraverse.regions import Box
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import place_of
 from companion.daemon.answers.outcome import stale_text
 from companion.link.answer import COMMANDS, Answer, Via
-from companion.link.camera import Tap
+from companion.link.camera import Tapped
 from companion.link.link import Link
 from companion.vision.messages import VideoMarks
 from companion.wire import texts
-from companion.wire.answers import Acknowledgement, TapBox
+from companion.wire.answers import Acknowledgement
 from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Stage
 from companion.wire.parameters import NOT_IN_USE, OBSTACLE, TAP_WORD
 
@@ -79,8 +80,8 @@ class Pointing:
             note = f"Tap it: {word} {weight:g}. Then go, or stay"
         return VideoMarks(self._place(), self._taps, f"STILL PICTURE. {note}")
 
-    def resolve(self, tap: Tap, now: float) -> Answer | str:
-        """Return the answer that a tap means, without its sender, or why it means none."""
+    def resolve(self, tapped: Tapped, now: float) -> Answer | str:
+        """Return the answer that is meant by what was tapped, without its sender, or why it means none."""
         number = self._calls.resolve(0, now)
         if number is None:
             return stale_text(self._calls, 0)
@@ -91,14 +92,14 @@ class Pointing:
             return texts.needs_no_tap(kind, number)
         if self.shown_for(self.picture(), now) < self._calls.numbers.announce_guard:
             return texts.not_shown(kind, number)
-        box = tap.box or _around(tap, seen, self._place())
-        operation = TapBox(seen.frame.id, (box.left, box.top, box.right, box.bottom), *self.word)
+        box = tapped if isinstance(tapped, Box) else _around(*tapped, seen, self._place())
+        operation = Tap(seen.frame.id, (box.left, box.top, box.right, box.bottom), *self.word)
         return Answer((0, 0), Via.TRACK_POINT, number, Motion.NONE, (operation,))
 
     def answered(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
         """Mark what an acknowledged tap has taught. The next one is an obstacle again."""
         match answer.operations:
-            case (TapBox(box=sides),) if answer.via in COMMANDS and ack.result in CHANGING_RESULTS:
+            case (Tap(box=sides),) if answer.via in COMMANDS and ack.result in CHANGING_RESULTS:
                 box = Box(*sides)
                 self._taps = (*(self._taps if ack.target == self._tapped else ()), box)[-4:]
                 self._tapped, self._tapped_at = ack.target, now
@@ -126,10 +127,10 @@ class Pointing:
         return hold.seen if hold is not None else None
 
 
-def _around(tap: Tap, seen: Assessment, place: Box | None) -> Box:
+def _around(x: float, y: float, seen: Assessment, place: Box | None) -> Box:
     """Return the place that is asked about where the point lies in it, else a square around the point."""
-    if place is not None and place.left <= tap.x <= place.right and place.top <= tap.y <= place.bottom:
+    if place is not None and place.contains(x, y):
         return place
     height, width = seen.frame.image.shape[:2] if seen.frame.image.size else (3, 4)
     high = HALF * width / height
-    return Box(max(0.0, tap.x - HALF), max(0.0, tap.y - high), min(1.0, tap.x + HALF), min(1.0, tap.y + high))
+    return Box(max(0.0, x - HALF), max(0.0, y - high), min(1.0, x + HALF), min(1.0, y + high))

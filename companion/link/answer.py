@@ -7,17 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from anytraverse.answers import Changes, Tap
-from anytraverse.regions import Box
-from companion.wire.answers import (
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    OtherPlace,
-    SetWord,
-    TapBox,
-)
+from anytraverse.operations import Operation, OtherPlace
+from companion.wire.answers import AnyOperation, IncidentRequest
 from companion.wire.ids import Motion, SenderId
 
 
@@ -53,7 +44,7 @@ class Answer:
     via: Via
     target: int
     motion: Motion
-    operations: tuple[Operation, ...] = ()
+    operations: tuple[AnyOperation, ...] = ()
     transaction: int = 0
     confirmation: int = 0
     name: str = ""
@@ -74,25 +65,6 @@ class Answer:
         return alone and all(isinstance(one, OtherPlace) for one in self.operations)
 
 
-def changes_of(operations: Iterable[Operation]) -> Changes:
-    """Convert the operations of a payload to changes. Raises AnyTraverseError for an invalid box."""
-    weights: dict[str, float] = {}
-    taps: list[Tap] = []
-    words: list[str] = []
-    calls: list[int] = []
-    new_episode, other_place = False, None
-    for operation in operations:
-        match operation:
-            case SetWord(word, weight):
-                weights[word] = weight
-            case TapBox(frame_id, box, word, weight):
-                taps.append(Tap(frame_id, Box(*box), word, weight))
-            case ForgetWord(word):
-                words.append(word)
-            case ForgetCall(call_id):
-                calls.append(call_id)
-            case NewEpisode():
-                new_episode = True
-            case OtherPlace(call_id):
-                other_place = call_id
-    return Changes(weights, tuple(taps), tuple(words), tuple(calls), new_episode, other_place=other_place)
+def algorithms(operations: Iterable[AnyOperation]) -> tuple[Operation, ...]:
+    """Return the operations that concern the algorithm: all but those about incident files."""
+    return tuple(one for one in operations if not isinstance(one, IncidentRequest))

@@ -10,6 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import ForgetWord, Operation, OtherPlace, SetWord
 from companion.link import encode
 from companion.link.access_control import REQUESTS_AT_ONCE, REQUESTS_PER_SECOND, AccessControl
 from companion.link.alerts import TextSender
@@ -22,14 +23,7 @@ from companion.link.parameter_server import ParameterServer
 from companion.link.reassembly import Reassembly
 from companion.link.text_parameters import TextParameters
 from companion.wire import notices
-from companion.wire.answers import (
-    Acknowledgement,
-    AnswerMessage,
-    ForgetWord,
-    Operation,
-    OtherPlace,
-    SetWord,
-)
+from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import (
     ANSWER_COMMAND,
     CHANGING_RESULTS,

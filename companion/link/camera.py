@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -63,16 +63,10 @@ _LATER: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 
 
-class Tap(NamedTuple):
-    """A tap in the video. x, y: its middle, shares of the picture. box: None for a point."""
-
-    x: float
-    y: float
-    box: Box | None
-
-
-Resolver = Callable[[Tap, float], "Answer | str"]
-"""Makes an answer of a tap, whose sender and message are filled in later, or says why it changes nothing."""
+Tapped = Box | tuple[float, float]
+"""What was tapped in the video: a box, or a point x, y; shares of the picture."""
+Resolver = Callable[[Tapped, float], "Answer | str"]
+"""Makes an answer, yet without sender and message, of what was tapped, or says why it changes nothing."""
 
 
 class CameraService:
@@ -186,12 +180,12 @@ class CameraService:
         known = self._answered.get(key) if getattr(message, "confirmation", 0) else None
         if known is not None and now - known[1] <= _REPEATED_WITHIN:
             return self._answers.admit(replace(known[0], confirmation=message.confirmation), now)
-        tap = read_tap(via, message)
-        if tap is None:
+        tapped = read_tap(via, message)
+        if tapped is None:
             self._access.rejected["command"] += 1
             self._acknowledge(message.command, _DENIED, sender, now)
             return None
-        resolved = self.resolve(tap, now)
+        resolved = self.resolve(tapped, now)
         if isinstance(resolved, str):
             self._text_sender.refuse(resolved, now)
             self._acknowledge(message.command, _LATER, sender, now)
@@ -245,20 +239,19 @@ class CameraService:
         self._outbox.push("camera ack", encode.command_ack(command, result, sender), now, to=sender)
 
 
-def read_tap(via: Via, message: Any) -> Tap | None:
+def read_tap(via: Via, message: Any) -> Tapped | None:
     """Read the parameters of a tracking command; None where they are no place in the picture."""
     sides: tuple[float, ...] = (message.param1, message.param2, message.param3, message.param4)
     if via is Via.TRACK_POINT:
         x, y = sides[:2]
-        return Tap(x, y, None) if _share(x) and _share(y) else None
+        return (x, y) if _share(x) and _share(y) else None
     if not all(map(_share, sides)):
         return None
     left, right = sorted((sides[0], sides[2]))
     top, bottom = sorted((sides[1], sides[3]))
-    x, y = (left + right) / 2, (top + bottom) / 2
     if right - left < SMALLEST or bottom - top < SMALLEST:
-        return Tap(x, y, None)
-    return Tap(x, y, Box(left, top, right, bottom))
+        return (left + right) / 2, (top + bottom) / 2
+    return Box(left, top, right, bottom)
 
 
 def _share(value: float) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import PreferencesError
+from anytraverse.operations import Operation
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
@@ -15,7 +16,6 @@ from companion.link.answer import Answer, Via
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ListSender, ParameterServer
 from companion.wire import notices
-from companion.wire.answers import Operation
 from companion.wire.ids import Motion, SenderId
 from companion.wire.parameters import WORDS_TEXT
 from companion.wire.refusals import Rejected

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from anytraverse.operations import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, Tap
 from companion.pages.wording import without_box
-from companion.wire.answers import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, TapBox
+from companion.wire.answers import AnyOperation
 from companion.wire.delivery import Pending, Status
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.words_text import operation_text
@@ -55,7 +56,7 @@ def undoing(answers: Sequence[Answered], undone: Pending | None) -> tuple[Operat
         change.word: None
         for one in taught
         for change in one.pending.operations
-        if isinstance(change, SetWord | TapBox)
+        if isinstance(change, SetWord | Tap)
     }
     restored = (SetWord(word, before[word]) if word in before else ForgetWord(word) for word in touched)
     return (ForgetCall(taught[0].pending.target), *restored)
@@ -69,11 +70,11 @@ def undone_words(operations: Sequence[Operation]) -> dict[str, float] | None:
     return {one.word: one.weight for one in operations if isinstance(one, SetWord)} if operations else None
 
 
-def said(motion: Motion, operations: Sequence[Operation]) -> str:
+def said(motion: Motion, operations: Sequence[AnyOperation]) -> str:
     """Word an answer."""
     driving = [motion.name.lower().replace("_", " ")] if motion is not Motion.NONE else []
     return ", ".join([*map(_operation, operations), *driving])
 
 
-def _operation(operation: Operation) -> str:
+def _operation(operation: AnyOperation) -> str:
     return "another place" if isinstance(operation, OtherPlace) else without_box(operation_text(operation))

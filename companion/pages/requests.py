@@ -7,18 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from anytraverse.errors import PreferencesError
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
 from anytraverse.preferences import check_weight, clean_word
 from companion.wire import json_values
-from companion.wire.answers import (
-    CancelIncident,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    OtherPlace,
-    SetWord,
-    TapBox,
-)
+from companion.wire.answers import AnyOperation, CancelIncident
 from companion.wire.ids import Motion, Stage
 from companion.wire.packing import Fractions
 from companion.wire.payloads import CallData
@@ -46,14 +38,14 @@ class AnswerRequest:
 
     call: int
     motion: Motion
-    operations: tuple[Operation, ...]
+    operations: tuple[AnyOperation, ...]
 
     def check(self, call: CallData | None, current: int) -> None:
         """Check it against the call that it names, None for one that is not known.
 
         current: id of the open call or hold, 0 for none. Raises RequestError where it may not be sent.
         """
-        frames = {one.frame_id for one in self.operations if isinstance(one, TapBox)}
+        frames = {one.frame_id for one in self.operations if isinstance(one, Tap)}
         if frames and (call is None or frames != {call.frame_id}):
             raise RequestError("you tapped in an older picture, so nothing was sent: tap in the new one")
         if self.call and (call is None or call.stage is Stage.CLOSED):
@@ -84,11 +76,11 @@ def read_answer(told: Mapping[str, Any]) -> AnswerRequest:
     if not isinstance(raw, list) or len(raw) > MOST_CHANGES:
         raise RequestError(f"changes is a list of {MOST_CHANGES} at most")
     operations = tuple(map(_operation, raw))
-    words = [one.word for one in operations if isinstance(one, SetWord | TapBox | ForgetWord)]
+    words = [one.word for one in operations if isinstance(one, SetWord | Tap | ForgetWord)]
     twice = next((word for word in words if words.count(word) > 1), None)
     if twice is not None:
         raise RequestError(f'"{twice}" stands twice: keep one')
-    taps = sum(isinstance(one, TapBox) for one in operations)
+    taps = sum(isinstance(one, Tap) for one in operations)
     if taps > 1:
         raise RequestError("one tap in an answer")
     call = 0 if told.get("call") is None else whole(told, "call", 1, 0xFFFF)
@@ -112,10 +104,10 @@ def whole(told: Mapping[str, Any], name: str, low: int, high: int) -> int:
     return value
 
 
-def _operation(told: Any) -> Operation:
+def _operation(told: Any) -> AnyOperation:
     if not isinstance(told, dict):
         raise RequestError("a change is an object")
-    kinds: dict[str, Callable[[Mapping[str, Any]], Operation]] = {
+    kinds: dict[str, Callable[[Mapping[str, Any]], AnyOperation]] = {
         "tap": _tap,
         "word": lambda one: SetWord(_word(one["word"]), _weight(one)),
         "forget": lambda one: ForgetWord(_word(one["forget"])),
@@ -130,9 +122,9 @@ def _operation(told: Any) -> Operation:
     return kinds[named[0]](told)
 
 
-def _tap(told: Mapping[str, Any]) -> TapBox:
+def _tap(told: Mapping[str, Any]) -> Tap:
     box, word, weight = _box(told.get("box")), _word(told["tap"]), _weight(told)
-    return TapBox(whole(told, "frame", 0, 0xFFFFFFFF), box, word, weight)
+    return Tap(whole(told, "frame", 0, 0xFFFFFFFF), box, word, weight)
 
 
 def _word(raw: Any) -> str:

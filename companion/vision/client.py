@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 from msgspec import structs
 
-from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment, Finding
 from anytraverse.history import Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
+from anytraverse.operations import Operation
 from anytraverse.preferences import Preferences
 from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraState, CameraStatus
@@ -215,24 +215,29 @@ class VisionClient:
     def answer(
         self,
         token: object,
-        changes: Changes,
+        operations: tuple[Operation, ...],
         *,
         frame_id: int = 0,
         call_id: int = 0,
         go: bool = False,
         place: Place | None = None,
+        missing_ok: bool = False,
+        match: int | None = None,
         owner: object = None,
     ) -> bool:
         """Request that an answer be applied; a `Done` with `token` follows.
 
         frame_id: of the call's or hold's frame, 0: words alone. place: the call's, by default the vehicle's.
+        missing_ok, match: as of `AnyTraverse.answer`.
         owner: whose answers are bounded together, None: no one's. False when too many answers wait, in all or
         of this owner, or the process hangs or is not ready.
         """
         if owner is not None and sum(one.owner == owner for one in self._unanswered.values()) >= OF_AN_OWNER:
             return False
         return self._ask(
-            token, lambda number: Apply(number, changes, frame_id, call_id, go, place), owner=owner
+            token,
+            lambda number: Apply(number, operations, frame_id, call_id, go, place, missing_ok, match),
+            owner=owner,
         )
 
     def restore(self, token: object, frame_id: int, png: bytes) -> bool:

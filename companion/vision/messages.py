@@ -8,11 +8,12 @@ from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 
-from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment
 from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
+from anytraverse.operations import Operation
 from anytraverse.perception import Perceiver, handles_infrared
 from anytraverse.regions import Box
 from anytraverse.roi import RoiFigures
@@ -127,15 +128,17 @@ class Apply:
     """Apply an answer; a `Done` of the same number follows.
 
     frame_id: of the stored frame of the call or hold, 0: words without a frame. place: the call's, None: the
-    vehicle's.
+    vehicle's. missing_ok, match: as of `AnyTraverse.answer`.
     """
 
     number: int
-    changes: Changes
+    operations: tuple[Operation, ...]
     frame_id: int
     call_id: int
     go: bool
     place: Place | None
+    missing_ok: bool = False
+    match: int | None = None
 
 
 @dataclass(frozen=True)

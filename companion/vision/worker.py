@@ -7,7 +7,7 @@ import time
 from collections import OrderedDict
 from dataclasses import replace
 
-from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
@@ -132,12 +132,14 @@ class Worker:
             if request.frame_id and subject is None:
                 raise AnyTraverseError("its frame is lost: send it again when there is a new picture")
             outcome = self._engine.answer(
-                request.changes,
+                request.operations,
                 time.monotonic(),
                 call=subject.observation if subject is not None else None,
                 call_id=request.call_id,
                 go=request.go,
                 place=request.place or self._situation.place,
+                missing_ok=request.missing_ok,
+                match=request.match,
             )
         except AnyTraverseError as error:
             return Done(request.number, None, error_text(error), None)
@@ -149,7 +151,7 @@ class Worker:
     def _restore(self, request: Restore) -> Done:
         try:
             frame = Frame(request.frame_id, time.monotonic(), pictures.from_png(request.png))
-            outcome = self._engine.answer(Changes(), time.monotonic(), call=self._engine.observe(frame))
+            outcome = self._engine.answer((), time.monotonic(), call=self._engine.observe(frame))
         except Exception as error:
             log.exception("a stored frame could not be judged")
             return Done(request.number, None, error_text(error), None)

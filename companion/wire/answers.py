@@ -6,10 +6,18 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
+from anytraverse.operations import (
+    ForgetCall,
+    ForgetWord,
+    NewEpisode,
+    Operation,
+    OtherPlace,
+    SetWord,
+    Tap,
+)
 from companion.wire import layouts
 from companion.wire.ids import VERSION, Motion, Outcome, Reasons, Result, Stage
 from companion.wire.packing import (
-    Fractions,
     PayloadError,
     Reader,
     box_to_u16,
@@ -40,53 +48,6 @@ class _Code(IntEnum):
 
 
 @dataclass(frozen=True)
-class SetWord:
-    """Give `word` a weight in [-1, 1]."""
-
-    word: str
-    weight: float
-
-
-@dataclass(frozen=True)
-class TapBox:
-    """Make the contents of `box` in frame `frame_id` an example of `word`, with a weight in [-1, 1].
-
-    box: left, top, right, bottom in fractions of the frame.
-    """
-
-    frame_id: int
-    box: Fractions
-    word: str
-    weight: float
-
-
-@dataclass(frozen=True)
-class ForgetWord:
-    """Take `word` out of use."""
-
-    word: str
-
-
-@dataclass(frozen=True)
-class ForgetCall:
-    """Remove from the history what the answer to call `id` taught."""
-
-    id: int
-
-
-@dataclass(frozen=True)
-class NewEpisode:
-    """Remove all answered scenes from the history."""
-
-
-@dataclass(frozen=True)
-class OtherPlace:
-    """Refuse the newest match. id: the call whose scene matched, 0: whichever did."""
-
-    id: int = 0
-
-
-@dataclass(frozen=True)
 class PackIncident:
     """Have an incident file packed about the call or hold `id`; 0: about the last minute. It stands alone."""
 
@@ -101,10 +62,10 @@ class CancelIncident:
 
 
 IncidentRequest = PackIncident | CancelIncident
-Operation = SetWord | TapBox | ForgetWord | ForgetCall | NewEpisode | OtherPlace | IncidentRequest
+AnyOperation = Operation | IncidentRequest
 
 
-def _pack_operation(operation: Operation) -> bytes:
+def _pack_operation(operation: AnyOperation) -> bytes:
     match operation:
         case SetWord(word, weight):
             return (
@@ -112,7 +73,7 @@ def _pack_operation(operation: Operation) -> bytes:
                 + layouts.SET.struct.pack(signed_to_i16(weight))
                 + text_to_bytes(word, MAX_WORD_BYTES)
             )
-        case TapBox(frame_id, box, word, weight):
+        case Tap(frame_id, box, word, weight):
             tap = layouts.TAP.struct.pack(frame_id & 0xFFFFFFFF, *box_to_u16(box), signed_to_i16(weight))
             return _CODE.pack(_Code.TAP) + tap + text_to_bytes(word, MAX_WORD_BYTES)
         case ForgetWord(word):
@@ -136,7 +97,7 @@ def _weight(raw: int) -> float:
     return weight
 
 
-def _read_operation(reader: Reader) -> Operation:
+def _read_operation(reader: Reader) -> AnyOperation:
     (code,) = reader.take(_CODE)
     if code == _Code.SET:
         (raw,) = reader.take(layouts.SET.struct)
@@ -146,7 +107,7 @@ def _read_operation(reader: Reader) -> Operation:
         box = u16_to_box((left, top, right, bottom))
         if box is None:
             raise PayloadError("a tap has no box")
-        return TapBox(frame_id, box, reader.text(), _weight(raw))
+        return Tap(frame_id, box, reader.text(), _weight(raw))
     if code == _Code.FORGET_WORD:
         return ForgetWord(reader.text())
     if code == _Code.FORGET_CALL:
@@ -178,7 +139,7 @@ class AnswerMessage:
     transaction: int
     target: int
     motion: Motion
-    operations: tuple[Operation, ...] = ()
+    operations: tuple[AnyOperation, ...] = ()
     part: int = 0
     parts: int = 1
 

@@ -12,9 +12,9 @@ from companion.wire.answers import (
     MAX_WORD_BYTES,
     Acknowledgement,
     AnswerMessage,
+    AnyOperation,
     CancelIncident,
     IncidentRequest,
-    Operation,
     PackIncident,
 )
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
@@ -75,12 +75,12 @@ def result_text(ack: Acknowledgement) -> str:
     return f"{_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
 
 
-def split(transaction: int, target: int, motion: Motion, operations: Sequence[Operation]) -> list[bytes]:
+def split(transaction: int, target: int, motion: Motion, operations: Sequence[AnyOperation]) -> list[bytes]:
     """Pack an answer into as few payloads as possible, in order, each of at most 128 bytes.
 
     Raises PayloadError for more than four parts, or a word of more than 96 bytes.
     """
-    groups: list[list[Operation]] = [[]]
+    groups: list[list[AnyOperation]] = [[]]
     size = empty = len(AnswerMessage(transaction, target, motion).pack())
     for operation in operations:
         word = getattr(operation, "word", "")
@@ -115,7 +115,7 @@ class Pending:
     system: int
     target: int
     motion: Motion
-    operations: tuple[Operation, ...]
+    operations: tuple[AnyOperation, ...]
     transaction: int
     created: float
     status: Status = Status.WAITING

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
 from anytraverse.preferences import check_weight, clean_word
-from companion.wire.answers import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, TapBox
+from companion.wire.answers import AnyOperation
 from companion.wire.ids import Motion
 from companion.wire.packing import Fractions
 from companion.wire.payloads import CallData
@@ -25,6 +26,9 @@ MOTIONS = {
     "look again": Motion.LOOK_AGAIN,
 }
 _TYPED = {Motion.NONE: "", Motion.GO: "go", Motion.STAY: "stay", Motion.LOOK_AGAIN: "look"}
+NO_FRAME = 0
+NO_BOX = (0.0, 0.0, 0.0, 0.0)
+"""Frame and box of a tap as it is typed, `tap drum -1`, until `placed` finds them. No rover takes the box."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)\Z", re.ASCII)
 _ENDS_WITH_MOTION = re.compile(
     r"(.*[^\s,])[\s,]+(go|ok|stay|look(?:\s+again)?)\s*\Z", re.IGNORECASE | re.DOTALL
@@ -53,19 +57,6 @@ class WeightMissingError(CommandError):
         self.word = word
 
 
-@dataclass(frozen=True)
-class Tap:
-    """Makes a tap: `tap drum -1`. box: left, top, right, bottom; None: the call's worst tile."""
-
-    word: str
-    weight: float
-    box: Fractions | None = None
-
-
-Change = SetWord | Tap | ForgetWord | ForgetCall | NewEpisode | OtherPlace
-"""An operation of an answer, or a tap, whose place may have to be found."""
-
-
 def in_range(name: str, value: int, low: int, high: int) -> int:
     """Return `value`. Raises CommandError where it is not in low..high."""
     if not low <= value <= high:
@@ -73,19 +64,20 @@ def in_range(name: str, value: int, low: int, high: int) -> int:
     return value
 
 
-def read_typed(text: str) -> tuple[Motion, tuple[Change, ...]]:
-    """Parse an answer. Without a motion it is words alone: Motion.NONE. Raises CommandError."""
+def read_typed(text: str) -> tuple[Motion, tuple[Operation, ...]]:
+    """Parse an answer. Without a motion it is words alone: Motion.NONE. Taps have `NO_FRAME`.
+
+    Raises CommandError.
+    """
     motion, rest = _trailing_motion(text)
     return motion, _changes(rest)
 
 
-def typed(motion: Motion, operations: Sequence[Operation]) -> str:
+def typed(motion: Motion, operations: Sequence[AnyOperation]) -> str:
     """Format an answer as an operator types it. Raises CommandError for one that would be read otherwise."""
     changes = "; ".join(map(operation_text, operations))
     line = ", ".join(filter(None, (changes, _TYPED[motion])))
-    meant = tuple(
-        Tap(one.word, one.weight, one.box) if isinstance(one, TapBox) else one for one in operations
-    )
+    meant = tuple(replace(one, frame_id=NO_FRAME) if isinstance(one, Tap) else one for one in operations)
     try:
         if read_typed(line) == (motion, meant):
             return line
@@ -94,23 +86,23 @@ def typed(motion: Motion, operations: Sequence[Operation]) -> str:
     raise CommandError(f'"{line[:40]}" would be read otherwise: use another word')
 
 
-def operation_of(change: Change, call: CallData | None) -> Operation:
-    """Return the operation that a change means. call: what it answers, None where that is not known.
+def placed(operation: Operation, call: CallData | None) -> Operation:
+    """Return an operation that was typed with its tap in the call's frame: in its box, or in the worst tile.
 
-    Raises CommandError for a tap without a place.
+    call: what it answers, None where that is not known. Raises CommandError for a tap without a place.
     """
-    if not isinstance(change, Tap):
-        return change
+    if not isinstance(operation, Tap):
+        return operation
     if call is None:
         raise CommandError(
-            f"no call is open, so there is no picture to tap; a word works: `{change.word}: -1`"
+            f"no call is open, so there is no picture to tap; a word works: `{operation.word}: -1`"
         )
-    box = change.box or call.worst_tile_box
+    box = operation.box if operation.box != NO_BOX else call.worst_tile_box
     if box is None:
         raise CommandError(
-            f"call {call.id} points at no place: give the box, `tap {change.word} -1 0.4 0.5 0.6 0.8`"
+            f"call {call.id} points at no place: give the box, `tap {operation.word} -1 0.4 0.5 0.6 0.8`"
         )
-    return TapBox(call.frame_id, box, change.word, change.weight)
+    return replace(operation, frame_id=call.frame_id, box=box)
 
 
 def _trailing_motion(rest: str) -> tuple[Motion, str]:
@@ -123,7 +115,7 @@ def _trailing_motion(rest: str) -> tuple[Motion, str]:
     return MOTIONS[" ".join(found[2].lower().split())], found[1]
 
 
-def _changes(rest: str) -> tuple[Change, ...]:
+def _changes(rest: str) -> tuple[Operation, ...]:
     segments = [segment.strip() for segment in rest.split(";")]
     if not segments[-1]:
         segments.pop()
@@ -135,7 +127,7 @@ def _changes(rest: str) -> tuple[Change, ...]:
     return changes
 
 
-def _change(segment: str) -> Change:
+def _change(segment: str) -> Operation:
     if _NEW_EPISODE.match(segment):
         return NewEpisode()
     if found := _OTHER_PLACE.match(segment):
@@ -170,8 +162,8 @@ def _tap(rest: str) -> Tap:
             f'"tap {rest[:40]}": write it as `tap drum -1` or `tap drum -1 0.40 0.55 0.60 0.80`'
             " (left top right bottom)"
         )
-    box = _box([float(number) for number in numbers[1:]]) if len(numbers) == 5 else None
-    return Tap(_word(name), _weight(name, numbers[0]), box)
+    box = _box([float(number) for number in numbers[1:]]) if len(numbers) == 5 else NO_BOX
+    return Tap(NO_FRAME, box, _word(name), _weight(name, numbers[0]))
 
 
 def _box(sides: list[float]) -> Fractions:

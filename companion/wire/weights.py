@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from anytraverse.operations import OtherPlace, SetWord, Tap
 from anytraverse.preferences import turns_sign
-from companion.wire.answers import OtherPlace, SetWord, TapBox
-from companion.wire.typed_answers import Tap
+from companion.wire.answers import AnyOperation
 
 
 def own_weight(word: str, in_force: Mapping[str, float], given: Mapping[str, float]) -> float | None:
@@ -18,7 +18,7 @@ def own_weight(word: str, in_force: Mapping[str, float], given: Mapping[str, flo
 
 
 def turned(
-    changes: Iterable[object],
+    changes: Iterable[AnyOperation],
     in_force: Mapping[str, float],
     given: Mapping[str, float],
     matched: Mapping[str, tuple[float | None, float | None]],
@@ -32,7 +32,7 @@ def turned(
     """
     weights: list[tuple[str, float]] = []
     for change in changes:
-        if isinstance(change, SetWord | Tap | TapBox):
+        if isinstance(change, SetWord | Tap):
             weights.append((change.word, change.weight))
         elif isinstance(change, OtherPlace):
             both = matched.items()

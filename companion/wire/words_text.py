@@ -5,18 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from anytraverse.errors import PreferencesError
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
 from anytraverse.preferences import MAX_WORDS, check_weight, clean_word
-from companion.wire.answers import (
-    CancelIncident,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    OtherPlace,
-    PackIncident,
-    SetWord,
-    TapBox,
-)
+from companion.wire.answers import AnyOperation, CancelIncident, PackIncident
 from companion.wire.parameters import NOT_IN_USE
 
 MAX_TEXT_VALUE = 128
@@ -40,12 +31,12 @@ def weight_text(weight: float) -> str:
     return f"{round(weight, _PLACES):g}"
 
 
-def operation_text(operation: Operation) -> str:
+def operation_text(operation: AnyOperation) -> str:
     """Format an answer's operation as an operator types it."""
     match operation:
         case SetWord(word, weight):
             return f"{word}: {weight_text(weight)}"
-        case TapBox(_, box, word, weight):
+        case Tap(_, box, word, weight):
             sides = " ".join(f"{side:.4f}" for side in box)
             return f"tap {word}: {weight_text(weight)} {sides}"
         case ForgetWord(word):

@@ -12,7 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Operation
+from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, AnyOperation
 from companion.wire.delivery import Pending, Status, random_transaction
 from companion.wire.ids import (
     ANSWER_COMMAND,
@@ -126,7 +126,7 @@ class OperatorClient:
         return new_events
 
     def answer(
-        self, system: int, target: int, motion: Motion, operations: Sequence[Operation], now: float
+        self, system: int, target: int, motion: Motion, operations: Sequence[AnyOperation], now: float
     ) -> Pending:
         """Send an answer to call or hold `target` (0: words alone) of the rover `system`.
 

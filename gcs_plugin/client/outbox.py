@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.wire.answers import MAX_PAYLOAD, Operation
+from companion.wire.answers import MAX_PAYLOAD, AnyOperation
 from companion.wire.delivery import Pending
 from companion.wire.ftp import FtpPayload
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, Motion, Policy
@@ -59,7 +59,7 @@ class Outbox:
         system: int,
         target: int,
         motion: Motion,
-        operations: Sequence[Operation],
+        operations: Sequence[AnyOperation],
         now: float,
         *,
         heard: bool,

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from anytraverse.operations import Operation
 from anytraverse.picture_size import jpeg_size
 from companion.pages import wording as browser_wording
 from companion.pages.given import Answered, undoing, undone_words
-from companion.wire.answers import Operation
 from companion.wire.call_figures import asked
 from companion.wire.delivery import Pending
 from companion.wire.documents import CallRecord

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from anytraverse.operations import SetWord, Tap
 from companion.pages.requests import AnswerRequest, RequestError
-from companion.wire.answers import SetWord, TapBox
 from companion.wire.ids import Motion
 from companion.wire.packing import PayloadError
 from companion.wire.typed_answers import CommandError
@@ -145,7 +145,7 @@ class Console:
         request.check(call.data if call is not None else None, current_call(rover))
         pending = self.client.answer(desk.system, request.call, request.motion, request.operations, now)
         desk.stories.answered(pending, desk.fetched.words, wall)
-        named = (one for one in request.operations if isinstance(one, SetWord | TapBox))
+        named = (one for one in request.operations if isinstance(one, SetWord | Tap))
         desk.fetched.note_named({one.word: one.weight for one in named})
         return "sent" if rover.alive(now) else "the rover is not heard: it is sent as soon as it is"
 

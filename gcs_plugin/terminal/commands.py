@@ -13,9 +13,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from anytraverse.operations import Operation
 from companion.wire.answers import CancelIncident, IncidentRequest, PackIncident
 from companion.wire.ids import Motion, Policy
-from companion.wire.typed_answers import Change, CommandError, in_range, read_typed
+from companion.wire.typed_answers import CommandError, in_range, read_typed
 
 MAX_LINE = 1000
 _ROVER = re.compile(r"rover\s+(\d{1,3})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
@@ -30,7 +31,7 @@ class Reply:
     """Holds an answer. call_id, rover: None when not named. motion NONE: words alone."""
 
     motion: Motion
-    changes: tuple[Change, ...] = ()
+    changes: tuple[Operation, ...] = ()
     call_id: int | None = None
     rover: int | None = None
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from companion.wire.answers import (
-    Operation,
-    OtherPlace,
-)
+from anytraverse.operations import Operation, OtherPlace, Tap
 from companion.wire.ids import Motion
-from companion.wire.typed_answers import Change, CommandError, Tap, operation_of
+from companion.wire.typed_answers import CommandError, placed
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.terminal.commands import Picture, Reply
 
@@ -86,9 +83,9 @@ def address(reply: Reply, rover: Rover, now: float) -> Addressed:
     return Addressed(rover.system, target, reply.motion, operations)
 
 
-def _operation(change: Change, target: int, call: Call | None) -> Operation:
+def _operation(change: Operation, target: int, call: Call | None) -> Operation:
     if isinstance(change, Tap) and target and call is None:
         raise CommandError(
             f"call {target} is not told in full yet: wait a moment, or use `{change.word}: -1`"
         )
-    return operation_of(change, call.data if call is not None else None)
+    return placed(change, call.data if call is not None else None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,14 @@ import pytest
 from hypothesis import settings
 from numpy.typing import NDArray
 
-from anytraverse.answers import AnswerOutcome, Changes, Tap
+from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Observation
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import UnknownWordError
 from anytraverse.frame import Frame, Image
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory, first_memory
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
@@ -145,8 +147,17 @@ class Rover:
         other_place: int | None = None,
     ) -> AnswerOutcome:
         """Answer as the operator would."""
-        changes = Changes(weights or {}, taps, forget, forget_calls, new_episode, missing_ok, other_place)
-        return self.engine.answer(changes, self.now, call=call, call_id=call_id, go=go)
+        operations = (
+            *starmap(SetWord, (weights or {}).items()),
+            *taps,
+            *map(ForgetWord, forget),
+            *map(ForgetCall, forget_calls),
+            *((NewEpisode(),) if new_episode else ()),
+            *((OtherPlace(other_place),) if other_place is not None else ()),
+        )
+        return self.engine.answer(
+            operations, self.now, call=call, call_id=call_id, go=go, missing_ok=missing_ok
+        )
 
 
 @pytest.fixture(scope="session")

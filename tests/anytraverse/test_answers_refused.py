@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from anytraverse.answers import Tap
 from anytraverse.errors import AnyTraverseError, ExampleError, PreferencesError, UnknownWordError
+from anytraverse.operations import Tap
 from anytraverse.perception import Example
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def test_a_tap_on_another_frame_is_refused(rover: Rover, ahead: Box) -> None:
     call = rover.call(thing="gnome")
     rover.see(thing="gnome")
     memory = rover.memory
-    tap = Tap(call.frame.id + 1, ahead, "gnome", -1)
+    tap = Tap(call.frame.id + 1, astuple(ahead), "gnome", -1)
     with pytest.raises(PreferencesError, match="tap the call's picture again"):
         rover.answer({}, call, 7, taps=(tap,))
     assert rover.memory is memory
@@ -103,7 +104,7 @@ def test_a_tap_on_another_frame_is_refused(rover: Rover, ahead: Box) -> None:
 def test_a_tap_without_a_call_is_refused(rover: Rover, ahead: Box) -> None:
     seen = rover.see(thing="gnome")
     with pytest.raises(PreferencesError, match="not the call's"):
-        rover.answer(taps=(Tap(seen.frame.id, ahead, "gnome", -1),))
+        rover.answer(taps=(Tap(seen.frame.id, astuple(ahead), "gnome", -1),))
 
 
 def test_an_example_made_by_another_model_is_refused(rover: Rover, ahead: Box) -> None:
@@ -112,7 +113,7 @@ def test_an_example_made_by_another_model_is_refused(rover: Rover, ahead: Box) -
     rover.eyes.spoil_example = lambda _: foreign
     memory = rover.memory
     with pytest.raises(ExampleError, match="other-2"):
-        rover.answer({}, call, 7, taps=(Tap(call.frame.id, ahead, "gnome", -1),))
+        rover.answer({}, call, 7, taps=(Tap(call.frame.id, astuple(ahead), "gnome", -1),))
     assert rover.memory is memory
 
 

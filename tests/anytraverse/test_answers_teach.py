@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from anytraverse.answers import Changes
 from anytraverse.assessment import Reason
 from anytraverse.history import Place
+from anytraverse.operations import SetWord
 from anytraverse.preferences import Preferences
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def test_the_scene_is_remembered_with_all_words_after_the_answer(rover: Rover) -
 
 def test_where_and_when_is_remembered(rover: Rover) -> None:
     place = Place(heading=12.0)
-    rover.engine.answer(Changes({"trail": 1}), rover.now, call=rover.call(90), call_id=7, place=place)
+    rover.engine.answer((SetWord("trail", 1),), rover.now, call=rover.call(90), call_id=7, place=place)
     assert rover.memory.history[-1].place == place
 
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from anytraverse.answers import Tap
 from anytraverse.assessment import Reason
 from anytraverse.errors import PreferencesError
 from anytraverse.memory import Memory, resumed_memory
+from anytraverse.operations import Tap
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
-from anytraverse.regions import Box
 
 if TYPE_CHECKING:
     from tests.anytraverse.conftest import Rover
@@ -33,7 +32,7 @@ def resumed(
 def taught(rover: Rover) -> Rover:
     """A rover that learnt a word, was shown a gnome, and had a configured weight changed."""
     call = rover.call(90, thing="gnome")
-    tap = Tap(call.frame.id, Box(0.4, 0.65, 0.6, 0.9), "gnome", -1)
+    tap = Tap(call.frame.id, (0.4, 0.65, 0.6, 0.9), "gnome", -1)
     rover.answer({"trail": 1}, call, 7, taps=(tap,))
     rover.answer({"grass": 0.5})
     return rover

@@ -10,17 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.adoption import adopted_memory, refused_memory
-from anytraverse.answers import Changes
 from anytraverse.assessment import Reason
 from anytraverse.errors import PreferencesError, UnknownWordError
 from anytraverse.history import MAX_REFUSED, Entry, History, Place
 from anytraverse.judging import Thresholds
 from anytraverse.memory import resumed_memory
+from anytraverse.operations import OtherPlace, SetWord
 from anytraverse.preferences import Preferences
 from tests.anytraverse.conftest import MEANINGS, Rover
 from tests.anytraverse.test_remembered_scenes import GNOME, GRASS, TRAIL_TOO, at, entry, memory, stamped
 
-REFUSED = Changes(other_place=0)
+REFUSED = (OtherPlace(),)
 
 
 def matched(*others: Entry, words: Preferences = GRASS, of: Entry | None = None) -> Rover:
@@ -113,9 +113,7 @@ def test_a_scene_that_was_imported_since_keeps_its_words() -> None:
 def test_with_words_for_the_place_the_frame_of_the_call_is_remembered_without_those_of_the_match() -> None:
     rover = matched()
     call = rover.call(90, "grass", thing="drum")
-    outcome = rover.engine.answer(
-        replace(REFUSED, weights={"drum": -1}), rover.now, call=call, call_id=9, go=True
-    )
+    outcome = rover.engine.answer((*REFUSED, SetWord("drum", -1)), rover.now, call=call, call_id=9, go=True)
     assert outcome.remembered
     assert dict(rover.memory.history[-1].preferences) == {"grass": 1, "drum": -1}
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.errors import PerceiverError, SettingsError
 from anytraverse.history import Embedding
 from anytraverse.judging import Settings, Thresholds
+from anytraverse.operations import SetWord
 from anytraverse.perception import DefaultThresholds
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def test_an_answer_whose_scene_cannot_be_embedded_changes_nothing(
 def test_words_alone_cost_no_embedding(rover: Rover) -> None:
     rover.see()
     before = rover.eyes.embedded
-    rover.engine.answer(Changes({"grass": 0.5}), rover.now)
+    rover.engine.answer((SetWord("grass", 0.5),), rover.now)
     assert rover.eyes.embedded == before
 
 

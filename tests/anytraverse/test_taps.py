@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 import pytest
 
-from anytraverse.answers import MAX_EXAMPLES, Tap
+from anytraverse.answers import MAX_EXAMPLES
 from anytraverse.assessment import Observation, Reason
 from anytraverse.errors import UnknownWordError
+from anytraverse.operations import Tap
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 
@@ -20,7 +22,7 @@ AHEAD = Box(0.4, 0.65, 0.6, 0.9)
 
 def tap(call: Observation, word: str = "gnome", weight: float = -1) -> tuple[Tap, ...]:
     """A tap on the thing ahead."""
-    return (Tap(call.frame.id, AHEAD, word, weight),)
+    return (Tap(call.frame.id, astuple(AHEAD), word, weight),)
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anytraverse.answers import Changes
 from anytraverse.assessment import Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame, Image
@@ -44,7 +43,7 @@ class Taught:
             self.engine.step(frame, frame.captured_at)
             if number:
                 call = self.engine.newest
-                self.engine.answer(Changes(), frame.captured_at, call=call, call_id=number, go=True)
+                self.engine.answer((), frame.captured_at, call=call, call_id=number, go=True)
 
     def calls(self, image: Image) -> bool:
         """Whether a frame shows a new place."""

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement, AnswerMessage, Operation
+from companion.wire.answers import Acknowledgement, AnswerMessage, AnyOperation
 from companion.wire.delivery import Pending
 from companion.wire.ftp import FtpError, FtpPayload, Opcode
 from companion.wire.payloads import CallData, Summary
@@ -94,7 +94,7 @@ class TinyRover:
         self.call = call
         self.result = ids.Result.APPLIED
         self.stage_after = ids.Stage.CLOSED
-        self.applied: list[tuple[int, ids.Motion, tuple[Operation, ...]]] = []
+        self.applied: list[tuple[int, ids.Motion, tuple[AnyOperation, ...]]] = []
         self.heard_ground = False
         self.lists_asked = 0
         self.policy = ids.Policy.HOLD
@@ -274,7 +274,9 @@ class Sky:
             if not self.lose_up(self._up):
                 self.hear(frame)
 
-    def answer(self, *operations: Operation, motion: ids.Motion = ids.Motion.GO, target: int = 7) -> Pending:
+    def answer(
+        self, *operations: AnyOperation, motion: ids.Motion = ids.Motion.GO, target: int = 7
+    ) -> Pending:
         return self.client.answer(1, target, motion, operations, self.now)
 
     def of(self, kind: type[Any]) -> list[Any]:

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from anytraverse.operations import ForgetWord, SetWord
 from companion.wire import ids
-from companion.wire.answers import ForgetWord, SetWord
 from companion.wire.payloads import CallData
 from gcs_plugin.terminal.commands import parse
 

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
+from anytraverse.operations import Operation, SetWord
 from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement, Operation, SetWord
+from companion.wire.answers import Acknowledgement
 from companion.wire.delivery import Status
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, cast
 
-from anytraverse.answers import Changes
 from anytraverse.assessment import Assessment
-from anytraverse.errors import AnyTraverseError
+from anytraverse.errors import RegionError
 from anytraverse.memory import Memory
+from anytraverse.operations import Operation, OtherPlace, taps_of
+from anytraverse.regions import Box
 from companion.calls.decisions import Call, Decision
 from companion.calls.hold import Hold
 from companion.calls.machine import OperatorCalls
@@ -22,12 +23,12 @@ from companion.daemon.answers.outcome import (
     stale_text,
     unremembered,
 )
-from companion.link.answer import Answer, changes_of
+from companion.link.answer import Answer, algorithms
 from companion.link.answer_store import AnswerStore
 from companion.vision.client import VISION_LOST, VisionClient, VisionResult
 from companion.vision.messages import Done
 from companion.wire import notices, texts
-from companion.wire.answers import Acknowledgement, Operation, OtherPlace
+from companion.wire.answers import Acknowledgement, AnyOperation
 from companion.wire.ids import Kind, Motion, Outcome, Result, SenderId, Stage, words_hash
 
 _VISION_BUSY = "vision is busy: send it again"
@@ -69,13 +70,12 @@ class Handled:
 class _PendingAnswer:
     """An answer that waits for the vision process.
 
-    target: the id that the answer was resolved to, 0 for words alone. changes: what it teaches. number: its
-    running number. at: when it was received, monotonic seconds.
+    target: the id that the answer was resolved to, 0 for words alone. number: its running number. at: when it
+    was received, monotonic seconds.
     """
 
     answer: Answer
     target: int
-    changes: Changes
     number: int
     at: float
 
@@ -127,38 +127,36 @@ class AnswerHandler:
             self._last_cancelled = self._last_sent
             # The words may wait for the vision process; the stay must not.
             if answer.operations and target:
-                _, decisions = self._calls.apply_answer(target, Motion.STAY, Changes(), None, now)
+                _, decisions = self._calls.apply_answer(target, Motion.STAY, (), None, now)
         handled = self._apply(answer, target, now)
         handled.decisions[:0] = decisions
         return handled
 
     def _apply(self, answer: Answer, target: int | None, now: float) -> Handled:
+        operations = algorithms(answer.operations)
+        taps = taps_of(operations)
         try:
-            changes = changes_of(answer.operations)
-        except AnyTraverseError as error:
+            for tap in taps:
+                Box(*tap.box)
+        except RegionError as error:
             return self._reply(answer, target or 0, Result.REFUSED, str(error))
-        if changes.other_place == 0 and now - self._matched_at < self._calls.numbers.announce_guard:
+        if _refuses_any(operations) and now - self._matched_at < self._calls.numbers.announce_guard:
             # What a ground station repeats by itself must not count then: that is known of stale answers.
             result = Result.STALE if answer.refuses_match else Result.REFUSED
             return self._reply(answer, target or 0, result, _JUST_MATCHED)
-        if changes.other_place == 0 and (adoption := self._vision.memory.adoption) is not None:
-            # Another place may match before the vision process has this answer.
-            changes = replace(changes, match=adoption.clock)
         call = self._calls.call if target and self._calls.kind is Kind.CALL else None
         subject: Call | Hold | None = call
-        if changes.taps and call is None:
+        if taps and call is None:
             subject = self._calls.hold if target else None
             if subject is None or subject.seen is None:
                 return self._reply(answer, target or 0, Result.REFUSED, _NO_PICTURE)
         # A motion must not overtake an earlier answer that still waits for the vision process.
         in_order = call is None and self._last_sent == self._last_applied
-        if not changes and (in_order or answer.motion is Motion.STAY):
+        if not operations and (in_order or answer.motion is Motion.STAY):
             return self._apply_motion(answer, target or 0, now)
-        return self._ask(answer, target or 0, changes, subject, now)
+        return self._ask(answer, target or 0, subject, now)
 
-    def _ask(
-        self, answer: Answer, target: int, changes: Changes, subject: Call | Hold | None, now: float
-    ) -> Handled:
+    def _ask(self, answer: Answer, target: int, subject: Call | Hold | None, now: float) -> Handled:
         """Send an answer to the vision process. subject: its call or hold, None for words alone."""
         call = subject if isinstance(subject, Call) else None
         observation = subject.seen.observation if subject is not None and subject.seen is not None else None
@@ -166,18 +164,22 @@ class AnswerHandler:
             return self._reply(
                 answer, call.id, Result.BUSY, "the call's frame is being judged: send it again"
             )
-        pending = _PendingAnswer(answer, target, changes, self._last_sent + 1, now)
+        pending = _PendingAnswer(answer, target, self._last_sent + 1, now)
         go = answer.motion is Motion.GO
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
         frame_id = observation.frame.id if observation is not None else 0
+        operations = algorithms(answer.operations)
+        # Another place may match before the vision process has this answer.
+        adoption = self._vision.memory.adoption if _refuses_any(operations) else None
         if not self._vision.answer(
             pending,
-            changes,
+            operations,
             frame_id=frame_id,
             call_id=number,
             go=go,
             place=place,
+            match=adoption.clock if adoption is not None else None,
             owner=self._share(answer.sender),
         ):
             return self._reply(answer, target, Result.BUSY, _VISION_BUSY)
@@ -189,13 +191,13 @@ class AnswerHandler:
         self._matched_at = now
         self._store.forget_refused_matches()
 
-    def set_words(self, request: Sent, operations: Iterable[Operation]) -> bool:
+    def set_words(self, request: Sent, operations: Iterable[AnyOperation]) -> bool:
         """Set words and weights without a call. False where too many requests wait, or vision hangs.
 
         request: the token of its `Done`.
         """
-        changes = replace(changes_of(operations), missing_ok=True)
-        return self._vision.answer(request, changes, owner=self._share(request.sender))
+        owner = self._share(request.sender)
+        return self._vision.answer(request, algorithms(operations), missing_ok=True, owner=owner)
 
     def applied(self, done: Done, result: VisionResult, now: float) -> Handled:
         """Handle the vision process's report for an answer or for words alone: applied or refused."""
@@ -220,7 +222,7 @@ class AnswerHandler:
         if pending.target:
             motion = Motion.NONE if late or cancelled else pending.answer.motion
             result, decisions = self._calls.apply_answer(
-                pending.target, motion, pending.changes, outcome, now, go_at=pending.at
+                pending.target, motion, algorithms(pending.answer.operations), outcome, now, go_at=pending.at
             )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None
@@ -277,7 +279,7 @@ class AnswerHandler:
 
     def _apply_motion(self, answer: Answer, target: int, now: float) -> Handled:
         """Apply an answer without words at once, since no frame needs to be judged again."""
-        result, decisions = self._calls.apply_answer(target, answer.motion, Changes(), None, now, go_at=now)
+        result, decisions = self._calls.apply_answer(target, answer.motion, (), None, now, go_at=now)
         newest = self._calls.reason_filter.newest
         text = outcome_text(self._calls, target, result, decisions, None, newest, None)
         changed, go = result is not Result.STALE, self._go(answer, now)
@@ -314,3 +316,8 @@ class AnswerHandler:
             text=text,
         )
         return Handled(list(decisions), [Reply(answer, acknowledgement, changed, go)])
+
+
+def _refuses_any(operations: Iterable[Operation]) -> bool:
+    """Whether the newest match is refused, whichever it is."""
+    return [one.id for one in operations if isinstance(one, OtherPlace)][-1:] == [0]

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import SettingsError
+from anytraverse.operations import ForgetWord, Operation, SetWord
 from anytraverse.preferences import Preferences
 from companion.calls.machine import OperatorCalls
 from companion.daemon.answers.handler import AnswerHandler, Handled
@@ -22,7 +23,7 @@ from companion.link.link import Link
 from companion.vision.client import VisionClient, VisionResult
 from companion.vision.messages import Done
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement, ForgetWord, Operation, SetWord
+from companion.wire.answers import Acknowledgement
 from companion.wire.ids import WARNING, Policy, Result
 from companion.wire.parameters import (
     ANSWER,

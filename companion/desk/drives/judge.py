@@ -8,6 +8,7 @@ from typing import NamedTuple
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
+from anytraverse.operations import Operation
 from companion.calls.decisions import Call, CallOpened, WouldHold
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
@@ -17,8 +18,6 @@ from companion.config import Config
 from companion.daemon.answers.outcome import outcome_text
 from companion.daemon.settings.mapping import call_numbers
 from companion.desk.drives.drive import DriveFrame
-from companion.link.answer import changes_of
-from companion.wire.answers import Operation
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Stage
 from companion.wire.payloads import CallData
 
@@ -108,13 +107,12 @@ class DriveJudge:
         call = self._calls.call
         if call is None:
             return "no call is open", False
-        changes = changes_of(operations)
         observation = call.seen.observation if call.seen is not None else None
         outcome = self.engine.answer(
-            changes, now, call=observation, call_id=call.id, go=motion is Motion.GO, place=call.place
+            operations, now, call=observation, call_id=call.id, go=motion is Motion.GO, place=call.place
         )
-        result, decisions = self._calls.apply_answer(call.id, motion, changes, outcome, now)
-        memory = self.engine.memory if changes else None
+        result, decisions = self._calls.apply_answer(call.id, motion, operations, outcome, now)
+        memory = self.engine.memory if operations else None
         text = outcome_text(self._calls, call.id, result, decisions, outcome.call, outcome.newest, memory)
         return text, outcome.remembered
 

@@ -17,12 +17,12 @@ from anytraverse.decoding import decode
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Image
 from anytraverse.judging import Settings
+from anytraverse.operations import ForgetWord, SetWord, Tap
 from anytraverse.regions import Box
 from companion.desk.drives.drive import DriveError, DriveFrame, printable
 from companion.observers.recording.contents import read_json
 from companion.observers.recording.foxglove import jpeg_of
 from companion.observers.recording.topics import TOPICS, Topic
-from companion.wire.answers import ForgetWord, SetWord, TapBox
 from companion.wire.typed_answers import MOTIONS, CommandError, read_typed
 from companion.wire.words_text import operation_text
 
@@ -176,7 +176,7 @@ def _typed(content: Mapping[str, Any]) -> str:
                 if len(sides) != 4 or not all(isinstance(side, float | int) for side in sides):
                     continue
                 left, top, right, bottom = map(float, sides)
-                parts.append(operation_text(TapBox(0, (left, top, right, bottom), word, weight)))
+                parts.append(operation_text(Tap(0, (left, top, right, bottom), word, weight)))
             case {"word": str(word), "weight": float() | int() as weight}:
                 parts.append(operation_text(SetWord(word, weight)))
             case {"word": str(word)} if len(one) == 1:

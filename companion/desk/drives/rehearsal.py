@@ -18,7 +18,7 @@ from companion.desk.drives.judge import DriveJudge, Judgement, row
 from companion.vision.pictures import panel, unmarked
 from companion.wire.ids import State
 from companion.wire.payloads import CallData
-from companion.wire.typed_answers import CommandError, operation_of, read_typed
+from companion.wire.typed_answers import CommandError, placed, read_typed
 
 MOST_TRIES = 8
 """Answers to one call, until it counts as not answered."""
@@ -180,7 +180,7 @@ def _answer(judge: DriveJudge, call: AskedCall, operator: Operator, now: float) 
             break
         try:
             motion, changes = read_typed(line)
-            operations = tuple(operation_of(one, call.data) for one in changes)
+            operations = tuple(placed(one, call.data) for one in changes)
             problem, remembered = judge.answer(operations, motion, now)
         except (CommandError, AnyTraverseError) as error:
             problem = f"nothing changed: {error}"

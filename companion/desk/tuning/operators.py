@@ -10,15 +10,15 @@ import numpy as np
 from anytraverse.assessment import Reason
 from anytraverse.evaluation.datasets import Dataset
 from anytraverse.evaluation.labels import Classes, Labels, fold
+from anytraverse.operations import Operation, SetWord, Tap
 from anytraverse.regions import Region
 from anytraverse.synonyms import meaning_of
 from companion.calls.decisions import Call
 from companion.calls.summary import fractions
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.drives.judge import DriveJudge
-from companion.wire.answers import Operation, SetWord, TapBox
 from companion.wire.ids import Motion
-from companion.wire.typed_answers import operation_of, read_typed
+from companion.wire.typed_answers import placed, read_typed
 
 Reply = tuple[Sequence[Operation], Motion]
 Operator = Callable[[DriveJudge, Call, DriveFrame], Reply]
@@ -73,7 +73,7 @@ class LabelOperator:
             word, weight = fold(name), 1.0 if name in self._drivable else -1.0
             own = meaning_of(word, meaning)
             if own is None and name == thing and seen.tile is not None:
-                operations.append(TapBox(call.frame_id, fractions(seen.tile.shown), word, weight))
+                operations.append(Tap(call.frame_id, fractions(seen.tile.shown), word, weight))
             elif own is not None and own not in meant:
                 operations.append(SetWord(word, weight))
                 meant.add(own)
@@ -132,5 +132,5 @@ class GivenAnswers:
         told, operations = judge.told(call), list[Operation]()
         for one in self._answers:
             if one.at == nearest.at:
-                operations += [operation_of(change, told) for change in read_typed(one.line)[1]]
+                operations += [placed(change, told) for change in read_typed(one.line)[1]]
         return operations, Motion.GO

@@ -10,7 +10,7 @@ from companion.observers.page.calls import OwnAnswers
 from companion.observers.page.news import SILENT, News
 from companion.pages.given import Answered, undoing
 from companion.pages.requests import RequestError, read_answer, read_incident, read_object, whole
-from companion.wire.answers import Acknowledgement, Operation, PackIncident
+from companion.wire.answers import Acknowledgement, AnyOperation, PackIncident
 from companion.wire.delivery import Pending, random_transaction
 from companion.wire.documents import state_from
 from companion.wire.ids import Motion, Result
@@ -78,7 +78,7 @@ class Answering:
         self._require_news()
         return self._ask(self._incidents, call, (PackIncident(call),))
 
-    def _ask(self, requests: dict[int, Pending], call: int, operations: Sequence[Operation]) -> str:
+    def _ask(self, requests: dict[int, Pending], call: int, operations: Sequence[AnyOperation]) -> str:
         """Send what answers no call, and keep it as the newest request about this one."""
         requests[call] = self._begin(0, Motion.NONE, operations)
         while len(requests) > _KEPT:
@@ -130,7 +130,7 @@ class Answering:
         if self._news.trouble() == SILENT:
             raise RequestError(f"{SILENT}, so nothing was sent")
 
-    def _begin(self, target: int, motion: Motion, operations: Sequence[Operation]) -> Pending:
+    def _begin(self, target: int, motion: Motion, operations: Sequence[AnyOperation]) -> Pending:
         if len(self._unsettled()) >= MOST_WAITING:
             raise RequestError(f"{MOST_WAITING} answers wait already: is the companion well?")
         try:

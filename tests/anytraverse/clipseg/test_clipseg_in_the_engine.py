@@ -10,7 +10,6 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from anytraverse.answers import Changes
 from anytraverse.assessment import Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.export.making import make_bundle
@@ -18,6 +17,7 @@ from anytraverse.export.random_weights import TINY, random_clipseg
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
+from anytraverse.operations import ForgetWord, SetWord
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
@@ -51,7 +51,7 @@ def test_a_changed_weight_is_in_the_next_assessment_without_a_network(tiny: Path
     engine = engine_of(tiny)
     before = engine.step(frame(1), 1.0)
     runs.clear()
-    outcome = engine.answer(Changes({"grass": -0.5}), 1.1, call=before.observation, call_id=1)
+    outcome = engine.answer((SetWord("grass", -0.5),), 1.1, call=before.observation, call_id=1)
     assert outcome.newest is not None
     assert engine.newest is not None
     again = engine.judge(engine.newest, 1.2)
@@ -67,7 +67,7 @@ def test_a_new_word_runs_text_and_decoder_and_no_tower(tiny: Path, runs: list[st
     engine = engine_of(tiny)
     engine.step(frame(1), 1.0)
     runs.clear()
-    outcome = engine.answer(Changes({"mud": 0.5}), 1.1)
+    outcome = engine.answer((SetWord("mud", 0.5),), 1.1)
     assert runs == [*TEXT, "decoder"]
     assert outcome.newest is not None
     assert outcome.newest.maps is not None
@@ -77,7 +77,7 @@ def test_a_new_word_runs_text_and_decoder_and_no_tower(tiny: Path, runs: list[st
 def test_the_text_networks_are_given_back(tiny: Path, runs: list[str]) -> None:
     engine = engine_of(tiny)
     engine.step(frame(1), 1.0)
-    engine.answer(Changes({"mud": 0.5}), 1.1)
+    engine.answer((SetWord("mud", 0.5),), 1.1)
     gc.collect()
     held = {Path(one._model_path).stem for one in gc.get_objects() if _is_session(one)}
     assert set(TEXT) <= set(runs)
@@ -92,10 +92,10 @@ def _is_session(thing: object) -> bool:
 def test_a_word_heard_before_runs_the_decoder_alone(tiny: Path, runs: list[str]) -> None:
     engine = engine_of(tiny)
     engine.step(frame(1), 1.0)
-    engine.answer(Changes(forget_words=("rock",)), 1.1)
+    engine.answer((ForgetWord("rock"),), 1.1)
     engine.step(frame(2), 2.0)
     runs.clear()
-    engine.answer(Changes({"rock": 1.0}), 2.1)
+    engine.answer((SetWord("rock", 1.0),), 2.1)
     assert runs == ["decoder"]
 
 

@@ -6,15 +6,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import starmap
 from typing import TypeVar
 
 import numpy as np
 
-from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Finding, Maps, Observation, Reason
 from anytraverse.findings import find, make_maps, roi_figures
 from anytraverse.frame import Frame
 from anytraverse.judging import Settings, Thresholds
+from anytraverse.operations import SetWord
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from anytraverse.roi import RoiFigures
@@ -323,7 +325,7 @@ class Scene:
             outcome = AnswerOutcome(None, self.judged(self.frame))
         number = self.calls.current_id if target is None else target
         result, decisions = self.calls.apply_answer(
-            number, motion, Changes(dict(words or {})), outcome, self.now
+            number, motion, tuple(starmap(SetWord, (words or {}).items())), outcome, self.now
         )
         self.keep(decisions)
         return result

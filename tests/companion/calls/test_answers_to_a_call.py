@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Reason
+from anytraverse.operations import SetWord
 from anytraverse.regions import Box
 from companion.calls.decisions import CallState
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, State
@@ -219,7 +220,7 @@ def test_an_answered_place_is_known_even_when_the_rover_is_elsewhere_by_then(rep
 def test_a_place_that_was_not_remembered_is_not_known(report: Scene) -> None:
     report.run(0.5, ELSEWHERE)
     outcome = AnswerOutcome(report.judged(report.call.frame_id), report.judged(report.frame))
-    result, _ = report.calls.apply_answer(1, Motion.NONE, Changes({"sand": 1.0}), outcome, report.now)
+    result, _ = report.calls.apply_answer(1, Motion.NONE, (SetWord("sand", 1.0),), outcome, report.now)
     assert result is Result.NOT_COVERED
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from anytraverse.answers import AnswerOutcome, Changes, Tap
+from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Reason
+from anytraverse.operations import Tap
 from anytraverse.regions import Box
 from companion.calls.answered_things import MOST
+from companion.calls.summary import fractions
 from companion.wire.ids import Motion, Outcome, Policy, Result
 from tests.companion.calls.scenes import (
     AHEAD,
@@ -32,7 +34,7 @@ BLOCKED = {Reason.BLOCKED}
 
 def tapped(scene: Scene, weight: float, box: Box = AHEAD, motion: Motion = Motion.NONE) -> Result:
     """Tap with a word that the perceiver then does not find anywhere."""
-    changes = Changes(taps=(Tap(scene.frame, box, "gnome", weight),))
+    changes = (Tap(scene.frame, fractions(box), "gnome", weight),)
     scene.words["gnome"] = weight
     call = scene.calls.call
     again = scene.judged(call.frame_id) if call is not None else None
@@ -159,7 +161,7 @@ def test_a_tap_above_zero_on_it_or_its_word_above_zero_with_a_go_accepts_it(name
 )
 def test_a_tap_above_zero_on_it_ends_it(named: Scene, box: Box, blocks: bool) -> None:
     named.words["moss"] = 1.0
-    changes = Changes(taps=(Tap(named.frame, box, "moss", 1.0),))
+    changes = (Tap(named.frame, fractions(box), "moss", 1.0),)
     named.calls.apply_answer(named.calls.current_id, Motion.NONE, changes, None, named.now)
     assert bool(named.calls.reason_filter.things) is blocks
 

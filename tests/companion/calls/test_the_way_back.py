@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from anytraverse.answers import Changes
 from anytraverse.regions import Box
 from companion.calls.decisions import GoLapsed, HoldMoved, SetMode
 from companion.calls.hold import HoldEvent, HoldState
@@ -117,12 +116,12 @@ def test_the_way_back_is_tried_three_times_then_failed_and_needs_another_go(held
 def test_a_revoked_go_that_the_disk_has_at_last_does_not_confirm_a_later_one(held: Scene) -> None:
     held.run(2.0, CLEAR)
     first = held.now
-    held.keep(held.calls.apply_answer(1, Motion.GO, Changes(), None, now=first, go_at=first)[1])
+    held.keep(held.calls.apply_answer(1, Motion.GO, (), None, now=first, go_at=first)[1])
     held.run(0.2, CLEAR)
     held.answer(Motion.STAY)
     held.run(0.2, CLEAR)
     second = held.now
-    held.keep(held.calls.apply_answer(1, Motion.GO, Changes(), None, now=second, go_at=second)[1])
+    held.keep(held.calls.apply_answer(1, Motion.GO, (), None, now=second, go_at=second)[1])
     held.keep(held.calls.confirm_go(first, held.now))
     held.run(2.0, CLEAR)
     assert held.modes() == [HOLD], "the second go is not in the journal yet"

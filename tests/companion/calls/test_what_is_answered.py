@@ -6,17 +6,18 @@ from typing import Any, cast
 
 import pytest
 
-from anytraverse.answers import AnswerOutcome, Changes
+from anytraverse.answers import AnswerOutcome
 from anytraverse.errors import UnknownWordError
 from anytraverse.history import Place
 from anytraverse.memory import Memory
+from anytraverse.operations import Operation, SetWord, Tap, weights_of
 from anytraverse.preferences import Preferences
 from companion.daemon.answers.handler import AnswerHandler, Handled
 from companion.link.answer import Answer, Via
 from companion.link.answer_store import AnswerStore
 from companion.vision.client import VisionClient, VisionResult
 from companion.vision.messages import Done
-from companion.wire.answers import Acknowledgement, Operation, SetWord, TapBox
+from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Motion, Outcome, Result, Stage
 from tests.companion.calls.scenes import ACROSS, AUTO, CLEAR, DRUM, HOLD, Scene, Thing, View
 
@@ -28,27 +29,29 @@ class Queue:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.jobs: list[tuple[Any, Changes, bool, bool]] = []
+        self.jobs: list[tuple[Any, tuple[Operation, ...], bool, bool]] = []
         self.owners = list[object]()
         self.full = False
 
     def answer(
         self,
         token: object,
-        changes: Changes,
+        operations: tuple[Operation, ...],
         *,
         frame_id: int = 0,
         call_id: int = 0,
         go: bool = False,
         place: Place | None = None,
+        match: int | None = None,
         owner: object,
     ) -> bool:
         """As `VisionClient.answer`."""
         self.owners.append(owner)
+        assert match is None
         assert (call_id > 0) or frame_id == 0
         assert (place is None) == (call_id == 0)
         if not self.full:
-            self.jobs.append((token, changes, frame_id > 0, go))
+            self.jobs.append((token, operations, frame_id > 0, go))
         return not self.full
 
     @property
@@ -59,13 +62,13 @@ class Queue:
     def apply(self) -> VisionResult:
         """The oldest job."""
         scene = self.scene
-        token, changes, for_call, go = self.jobs.pop(0)
-        scene.words.update(changes.weights)
+        token, operations, for_call, go = self.jobs.pop(0)
+        scene.words.update(weights_of(operations))
         frame = scene.call.frame_id if for_call and scene.calls.call is not None else None
         outcome = AnswerOutcome(
             call=scene.judged(frame) if frame is not None else None,
             newest=scene.judged(scene.frame),
-            remembered=frame is not None and (bool(changes) or go),
+            remembered=frame is not None and (bool(operations) or go),
         )
         return VisionResult(Done(1, outcome, "", None), memory(scene), token)
 
@@ -198,7 +201,7 @@ def test_words_for_a_call_that_closed_meanwhile_are_told_to_be_in_use(report: Sc
 
 def test_a_box_that_is_none_is_refused_with_the_reason(held: Scene) -> None:
     talk = Talk(held)
-    talk.send(1, GO, TapBox(1, (0.5, 0.5, 0.4, 0.6), "drum", 1.0))
+    talk.send(1, GO, Tap(1, (0.5, 0.5, 0.4, 0.6), "drum", 1.0))
     assert talk.last[0] is Result.REFUSED
     assert "empty" in talk.last[1]
     assert held.calls.go_at is None

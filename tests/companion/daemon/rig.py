@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
 from anytraverse.memory import Memory, first_memory
+from anytraverse.operations import Operation, SetWord
 from anytraverse.preferences import Preferences
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
@@ -31,7 +32,7 @@ from companion.tasks import VISION
 from companion.vision.client import VisionClient
 from companion.vision.warm_up import judging_settings
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement, AnswerMessage, Operation, SetWord
+from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import (
     COMPONENT_ID,
     MODE_REQUEST_COMMAND,

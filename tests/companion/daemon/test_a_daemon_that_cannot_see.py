@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import Tap
 from companion.calls.decisions import Decision
 from companion.cameras.newest import CameraState
 from companion.daemon.death import report_death
 from companion.system.error_guard import FatalError
 from companion.wire import notices
-from companion.wire.answers import TapBox
 from companion.wire.ids import Motion, Policy, Result
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
@@ -177,7 +177,7 @@ def test_the_frame_of_the_call_outlives_a_vision_that_hung(held: Rig) -> None:
     held.see(1.0)
     assert held.calls.call is asked
     assert asked.frame_id == frame
-    held.answer(1, Motion.GO, TapBox(frame, AROUND, "gnome", 1.0), transaction=31)
+    held.answer(1, Motion.GO, Tap(frame, AROUND, "gnome", 1.0), transaction=31)
     held.see(0.5)
     assert held.acks[-1].result is Result.APPLIED
     assert held.engine.memory.examples["gnome"]

@@ -16,6 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.assessment import Assessment
+from anytraverse.operations import SetWord
 from anytraverse.picture_size import jpeg_size
 from companion.desk.check.report import CheckReport
 from companion.desk.check.table import CHECKS
@@ -25,7 +26,6 @@ from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.vision.pictures import LIMIT, panel
-from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion
 from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import HEIGHT, WIDTH

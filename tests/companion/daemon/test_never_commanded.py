@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.wire.answers import SetWord
+from anytraverse.operations import SetWord
 from companion.wire.ids import MODE_REQUEST_COMMAND, Motion, Policy
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 

@@ -16,13 +16,14 @@ import cv2
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from companion import run
 from companion.config import load_config
 from companion.daemon.daemon import Daemon
 from companion.daemon.startup import load
 from companion.daemon.trial_call import REQUEST
 from companion.vision.messages import Ready
-from companion.wire.answers import AnswerMessage, SetWord
+from companion.wire.answers import AnswerMessage
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion
 from tests.companion.daemon.rig import picture
 from tests.companion.vision import painted

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
-from companion.wire.answers import ForgetCall, ForgetWord, SetWord, TapBox
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Result, Stage
 from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import AHEAD
@@ -29,7 +29,7 @@ def closed(rig: Rig) -> list[tuple[Kind, int, Outcome]]:
 def test_a_call_answered_by_a_tap_and_go_is_over_and_the_rover_drives_on(held: Rig) -> None:
     call = held.calls.call
     assert call is not None
-    held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", 0.5))
+    held.answer(1, Motion.GO, Tap(call.frame_id, BOX, "gnome", 0.5))
     held.see(3.0, "drum")
     assert held.acks[-1].result is Result.APPLIED
     assert held.stage.mode == AUTO
@@ -53,7 +53,7 @@ def test_words_without_anything_open_apply_at_once(rig: Rig) -> None:
 
 
 def test_a_tap_without_a_call_is_refused_with_what_to_do(rig: Rig) -> None:
-    rig.answer(0, Motion.NONE, TapBox(3, BOX, "gnome", -1.0))
+    rig.answer(0, Motion.NONE, Tap(3, BOX, "gnome", -1.0))
     rig.see(0.3)
     assert (rig.acks[-1].result, rig.acks[-1].text) == (
         Result.REFUSED,
@@ -106,7 +106,7 @@ def test_a_weight_set_to_not_in_use_twice_is_no_mistake(rig: Rig) -> None:
 def test_a_hold_for_a_mistaken_name_is_shown_and_ended_by_a_tap_on_what_it_is(held: Rig) -> None:
     call = held.calls.call
     assert call is not None
-    held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", -1.0))
+    held.answer(1, Motion.GO, Tap(call.frame_id, BOX, "gnome", -1.0))
     held.see(2.0)
     assert (held.stage.mode, held.state) == (AUTO, ("OK", 0))
 
@@ -117,9 +117,9 @@ def test_a_hold_for_a_mistaken_name_is_shown_and_ended_by_a_tap_on_what_it_is(he
     assert hold.seen is not None
     told = [CallData.unpack(payload) for payload in held.stage.tunnels(TUNNEL_CALL)][-1]
     assert (told.kind, told.frame_id) == (Kind.HOLD, hold.seen.frame.id)
-    held.answer(2, Motion.GO, TapBox(told.frame_id - 1, BOX, "gnome", 1.0), transaction=8)
+    held.answer(2, Motion.GO, Tap(told.frame_id - 1, BOX, "gnome", 1.0), transaction=8)
     held.see(1.0, "drum")
-    held.answer(2, Motion.GO, TapBox(told.frame_id, BOX, "gnome", 1.0), transaction=9)
+    held.answer(2, Motion.GO, Tap(told.frame_id, BOX, "gnome", 1.0), transaction=9)
     held.see(2.0, "drum")
     assert [ack.result for ack in held.acks[-2:]] == [Result.REFUSED, Result.APPLIED]
     assert held.stage.mode == AUTO

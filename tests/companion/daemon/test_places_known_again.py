@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.frame import Frame
+from anytraverse.operations import NewEpisode, OtherPlace, SetWord
 from companion.calls.decisions import CallState
 from companion.storage.call_files import MAX_CALLS, CallFiles
 from companion.wire import notices
-from companion.wire.answers import NewEpisode, OtherPlace, SetWord
 from companion.wire.ids import MAX_TEXT, Motion, Result, words_hash
 from tests.companion.daemon.rig import MakeRig, Rig, picture
 

@@ -7,7 +7,7 @@ import sqlite3
 
 import pytest
 
-from companion.wire.answers import TapBox
+from anytraverse.operations import Tap
 from companion.wire.ids import TUNNEL_CALL, Motion, Policy, Result
 from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import AHEAD
@@ -33,7 +33,7 @@ def test_two_restarts_in_a_row_keep_id_frame_hold_and_figures(held: Rig) -> None
         assert again.seen.roi.uncertainty == uncertainty
         assert held.state == ("CALLING", 1)
         assert held.stage.mode == HOLD
-    held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", 0.5))
+    held.answer(1, Motion.GO, Tap(call.frame_id, BOX, "gnome", 0.5))
     held.see(3.0, "drum")
     assert held.stage.mode == AUTO
 
@@ -83,7 +83,7 @@ def test_a_tap_in_a_holds_picture_of_before_a_restart_is_refused(rig: Rig) -> No
         assert hold.seen is not None
         frames.append(hold.seen.frame.id)
     for transaction, frame_id in enumerate(frames):
-        rig.answer(number, Motion.GO, TapBox(frame_id, BOX, "gnome", 1.0), transaction=7 + transaction)
+        rig.answer(number, Motion.GO, Tap(frame_id, BOX, "gnome", 1.0), transaction=7 + transaction)
         rig.see(0.5, "rock")
     assert [ack.result for ack in rig.acks] == [Result.REFUSED, Result.APPLIED]
 
@@ -97,7 +97,7 @@ def test_a_call_whose_picture_is_lost_asks_about_the_newest_and_says_so(held: Ri
     assert call.seen is not None
     assert call.frame_id == call.seen.frame.id
     assert "C1 picture lost: it shows the newest now" in held.texts
-    held.answer(1, Motion.GO, TapBox(call.frame_id, BOX, "gnome", 0.5))
+    held.answer(1, Motion.GO, Tap(call.frame_id, BOX, "gnome", 0.5))
     held.see(3.0, "gnome")
     assert held.acks[-1].result is Result.APPLIED
     assert held.stage.mode == AUTO

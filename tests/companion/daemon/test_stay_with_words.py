@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from anytraverse.answers import Changes
-from companion.wire.answers import SetWord
+from anytraverse.operations import SetWord
 from companion.wire.ids import Motion, Result
 from tests.companion.daemon.rig import HOLD, Rig
 
@@ -32,7 +31,7 @@ def test_stay_with_words_takes_a_go_back_before_vision_has_applied_them(going: R
 
 
 def test_stay_with_words_counts_though_vision_takes_no_more_of_them(going: Rig) -> None:
-    while going.vision.answer(None, Changes()):
+    while going.vision.answer(None, ()):
         pass
     going.answer(1, Motion.STAY, SetWord("trail", 1.0), transaction=8)
     going.see(3.0, "drum")

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from anytraverse.operations import SetWord
 from companion.calls.snapshot import snapshot
 from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
-from companion.wire.answers import SetWord
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Reasons, Result, Stage
 from companion.wire.payloads import CallData
 from tests.companion.daemon.rig import AUTO, MakeRig, Rig

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.frame import Frame
+from anytraverse.operations import Tap
 from companion.vision.worker import RECENT
-from companion.wire.answers import TapBox
 from companion.wire.ids import Motion, Result
 from tests.companion.daemon.rig import AUTO, HOLD, PERIOD, Rig, picture
 
@@ -106,7 +106,7 @@ def test_a_hold_whose_frame_died_with_vision_shows_another_that_can_be_tapped_in
     hold = rig.calls.hold
     assert hold is not None
     assert hold.seen is not None
-    rig.answer(hold.id, Motion.GO, TapBox(hold.seen.frame.id, BOX, "gnome", 1.0))
+    rig.answer(hold.id, Motion.GO, Tap(hold.seen.frame.id, BOX, "gnome", 1.0))
     rig.see(2.0, "rock")
     assert [ack.result for ack in rig.acks] == [Result.APPLIED]
 

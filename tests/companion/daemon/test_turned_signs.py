@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from companion.link.answer import Answer, Via
-from companion.wire.answers import ForgetCall, ForgetWord, SetWord, TapBox
 from companion.wire.ids import PAGE_SENDER, Motion
 from tests.anytraverse.conftest import AHEAD
 from tests.companion.daemon.rig import Rig
@@ -34,7 +34,7 @@ def test_an_undo_that_turns_a_word_back_is_told(held: Rig) -> None:
 def test_a_tap_that_turns_a_word_is_told(held: Rig) -> None:
     call = held.calls.call
     assert call is not None
-    held.answer(1, Motion.NONE, TapBox(call.frame_id, BOX, "grass", -1.0))
+    held.answer(1, Motion.NONE, Tap(call.frame_id, BOX, "grass", -1.0))
     held.see(0.5, "drum")
     assert turned(held) == ["grass turned: +1 to -1, by 255/190"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from anytraverse.operations import Tap
 from companion.wire import notices
-from companion.wire.answers import TapBox
 from companion.wire.ids import Motion
 from tests.anytraverse.conftest import AHEAD, Painted
 from tests.companion.daemon.rig import MakeRig
@@ -37,7 +37,7 @@ def test_a_weak_word_that_comes_with_a_tap_is_not_told(make_rig: MakeRig) -> Non
     rig.see(2.0, "gnome")
     call = rig.calls.call
     assert call is not None
-    rig.answer(call.id, Motion.NONE, TapBox(call.frame_id, BOX, "drum", -1.0))
+    rig.answer(call.id, Motion.NONE, Tap(call.frame_id, BOX, "drum", -1.0))
     rig.see(1.0, "gnome")
     assert "drum" in rig.engine.memory.preferences
     assert notices.weak_word("drum") not in rig.texts

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anytraverse.operations import SetWord
 from companion.link.link import Link
 from companion.storage import Batch, Journal, JournalError
 from companion.vision.checks import BadReportError
 from companion.vision.client import VisionResult
 from companion.vision.messages import Done
-from companion.wire.answers import SetWord
 from companion.wire.ids import Motion, Policy, Result
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Clock, Rig, spoil
 

@@ -7,20 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
 from companion.config.link_settings import LinkSettings
 from companion.link.answer import Answer, Via
 from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import (
-    Acknowledgement,
-    AnswerMessage,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    OtherPlace,
-    SetWord,
-    TapBox,
-)
+from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import (
     PAGE_SENDER,
     TUNNEL_ACKNOWLEDGEMENT,
@@ -140,7 +132,7 @@ def test_many_transactions_are_remembered_but_not_for_ever(stage: LoopbackLink) 
 def test_a_long_answer_comes_in_parts_in_any_order(stage: LoopbackLink, order: tuple[int, ...]) -> None:
     operations: list[Operation] = [
         SetWord("a" * 90, 1.0),
-        TapBox(3, (0.1, 0.1, 0.2, 0.2), "drum", -1.0),
+        Tap(3, (0.1, 0.1, 0.2, 0.2), "drum", -1.0),
         NewEpisode(),
     ]
     parts = [AnswerMessage(5, 7, Motion.NONE, (op,), part, 3) for part, op in enumerate(operations)]

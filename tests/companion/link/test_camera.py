@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import Tap
 from anytraverse.regions import Box
 from companion.config.video import CameraSettings
 from companion.link.answer import Answer, Via
-from companion.link.camera import SMALLEST, Tap, read_tap
+from companion.link.camera import SMALLEST, Tapped, read_tap
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import Acknowledgement, TapBox
+from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Motion, Result
 
 CAMERA = 101
@@ -23,7 +24,7 @@ ACCEPTED, LATER, DENIED, UNSUPPORTED = 0, 1, 2, 3
 POINT, RECTANGLE, STOP = 2004, 2005, 2010
 REQUEST, SET_RATE = 512, 511
 URL = "rtsp://rover.local:8554/anytraverse"
-ANSWER = Answer((0, 0), Via.TRACK_POINT, 7, Motion.NONE, (TapBox(3, (0.4, 0.5, 0.6, 0.7), "obstacle", -1.0),))
+ANSWER = Answer((0, 0), Via.TRACK_POINT, 7, Motion.NONE, (Tap(3, (0.4, 0.5, 0.6, 0.7), "obstacle", -1.0),))
 
 
 @pytest.fixture
@@ -132,15 +133,15 @@ def test_a_companion_that_is_no_camera_says_and_answers_nothing_as_one() -> None
 
 
 def test_a_tap_becomes_an_answer_and_its_result_comes_from_the_camera(stage: LoopbackLink) -> None:
-    taps: list[Tap] = []
+    taps: list[Tapped] = []
 
-    def resolve(tap: Tap, _now: float) -> Answer:
+    def resolve(tap: Tapped, _now: float) -> Answer:
         taps.append(tap)
         return ANSWER
 
     stage.link.camera.resolve = resolve
     send(stage, RECTANGLE, 0.75, 0.75, 0.25, 0.5)
-    assert taps == [Tap(0.5, 0.625, Box(0.25, 0.5, 0.75, 0.75))], "from any corner"
+    assert taps == [Box(0.25, 0.5, 0.75, 0.75)], "from any corner"
     (answer,) = stage.reported(Answer)
     assert answer == replace(ANSWER, sender=GROUND, via=Via.TRACK_RECTANGLE)
     assert of_camera(stage, "COMMAND_ACK") == []
@@ -189,13 +190,12 @@ def test_a_tap_for_somebody_else_is_not_taken(stage: LoopbackLink, target: tuple
 def test_any_numbers_are_a_box_in_the_picture_a_point_in_it_or_nothing(sides: list[float]) -> None:
     message = mavlink.MAVLink_command_long_message(1, CAMERA, RECTANGLE, 0, *sides, 0.0, 0.0, 0.0)
     for via in (Via.TRACK_POINT, Via.TRACK_RECTANGLE):
-        tap = read_tap(via, message)
+        tapped = read_tap(via, message)
         used = sides[:2] if via is Via.TRACK_POINT else sides
-        assert (tap is None) == any(math.isnan(one) or not 0.0 <= one <= 1.0 for one in used)
-        if tap is not None and tap.box is not None:
-            assert tap.box.right - tap.box.left >= SMALLEST
-            assert tap.box.bottom - tap.box.top >= SMALLEST
-            assert tap.box.left <= tap.x <= tap.box.right
+        assert (tapped is None) == any(math.isnan(one) or not 0.0 <= one <= 1.0 for one in used)
+        if isinstance(tapped, Box):
+            assert tapped.right - tapped.left >= SMALLEST
+            assert tapped.bottom - tapped.top >= SMALLEST
 
 
 def test_what_was_tapped_is_told_at_the_wanted_rate_and_that_it_is_over(stage: LoopbackLink) -> None:

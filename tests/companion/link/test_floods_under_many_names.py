@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import SetWord
 from companion.config.link_settings import MAIN, ConnectionSettings, LinkSettings
 from companion.link.access_control import (
     COMMON_SHARES,
@@ -28,7 +29,7 @@ from companion.link.limits import LeaseTable
 from companion.link.link import READING_FOR, Link
 from companion.sim.loopback_link import FileClient, LoopbackLink, pair
 from companion.storage.served_tree import Document, Tree
-from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
+from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import TUNNEL_ANSWER, Motion, Outcome, Reasons, Result, Stage
 from companion.wire.parameters import build
 

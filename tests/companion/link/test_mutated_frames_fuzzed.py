@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
+from anytraverse.operations import ForgetWord, SetWord
 from bench.link.fuzz import Broken, Fuzz, well_formed
 from companion.link.answer import Answer, Via
 from companion.link.inbound import ParameterRequest
 from companion.link.link import Link
 from companion.link.parser import Parser
-from companion.wire.answers import ForgetWord, SetWord
 from companion.wire.ids import Motion
 
 FRAMES = 100_000

@@ -5,9 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.operations import ForgetWord, SetWord
 from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import Acknowledgement, ForgetWord, SetWord
+from companion.wire.answers import Acknowledgement
 from companion.wire.ids import Result
 
 GROUND = (255, 190)

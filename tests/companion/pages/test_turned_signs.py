@@ -17,20 +17,13 @@ import numpy as np
 import pytest
 
 from anytraverse.memory import Memory
+from anytraverse.operations import ForgetCall, OtherPlace, SetWord, Tap
 from anytraverse.preferences import Preferences
 from companion.desk.drives.rehearsal import AskedCall, Rehearsal
 from companion.observers.page.page import missing
-from companion.wire.answers import (
-    Acknowledgement,
-    AnswerMessage,
-    ForgetCall,
-    Operation,
-    OtherPlace,
-    SetWord,
-    TapBox,
-)
+from companion.wire.answers import Acknowledgement, AnswerMessage, AnyOperation
 from companion.wire.ids import Motion, Reasons, Result, Stage
-from companion.wire.typed_answers import operation_of, read_typed
+from companion.wire.typed_answers import placed, read_typed
 from companion.wire.weights import own_weight, turned
 from tests.companion.observers.page import played
 from tests.gcs_plugin.conftest import THING_CALL, TinyRover
@@ -56,7 +49,7 @@ class PageUnderTest(Protocol):
     """A page at which a call for a new place is open."""
 
     url: str
-    sent: list[tuple[Motion, tuple[Operation, ...]]]
+    sent: list[tuple[Motion, tuple[AnyOperation, ...]]]
 
     def become(self, reasons: Reasons) -> None: ...
     def end_call(self) -> None: ...
@@ -93,7 +86,7 @@ class ConsolePage:
         self._turns = Turns(self.served.turn)
 
     @property
-    def sent(self) -> list[tuple[Motion, tuple[Operation, ...]]]:
+    def sent(self) -> list[tuple[Motion, tuple[AnyOperation, ...]]]:
         return [(motion, operations) for _, motion, operations in self.rover.applied]
 
     def become(self, reasons: Reasons) -> None:
@@ -120,7 +113,7 @@ class RoversOwnPage:
         record = {"id": 7, "reasons": ["unknown_scene"], "answers": []}
         (folder / "calls" / "7.json").write_text(json.dumps(record))
         self.stage = played.Stage(folder, token=played.TOKEN)
-        self.sent: list[tuple[Motion, tuple[Operation, ...]]] = []
+        self.sent: list[tuple[Motion, tuple[AnyOperation, ...]]] = []
         self.stage.page.answer = self._answer
         opened: dict[str, Any] = {"id": 7, "kind": "call", "stage": "open", "frame_id": 4711, "age": 3}
         opened["worst_tile_box"] = list(THING_CALL.worst_tile_box or ())
@@ -165,7 +158,7 @@ class RehearsalPage:
         self.call = AskedCall(7, "7.jpg", 1.0, PLACE_CALL, np.ones(1, np.float32), b"", b"")
         found.calls.append(self.call)
         self.desk = BrowserDesk(judge, ["grass"], found, drive)  # type: ignore[arg-type]
-        self.sent: list[tuple[Motion, tuple[Operation, ...]]] = []
+        self.sent: list[tuple[Motion, tuple[AnyOperation, ...]]] = []
         self.desk.__enter__()
         self.url = self.desk.url
         self._thread = threading.Thread(target=self._ask, daemon=True)
@@ -175,7 +168,7 @@ class RehearsalPage:
         try:
             while line := self.desk.ask(self.call, ""):
                 motion, changes = read_typed(line)
-                self.sent.append((motion, tuple(operation_of(one, self.call.data) for one in changes)))
+                self.sent.append((motion, tuple(placed(one, self.call.data) for one in changes)))
         except KeyboardInterrupt:
             pass
 
@@ -343,7 +336,7 @@ def test_by_mouse_a_call_that_gains_a_thing_sets_its_defaults_anew(person: Perso
     person.until(lambda: len(person.page.sent) == 1)
     ((motion, (tap,)),) = person.page.sent
     assert motion is Motion.GO
-    assert isinstance(tap, TapBox)
+    assert isinstance(tap, Tap)
     assert (tap.word, tap.weight) == ("grass", -1.0)
 
 

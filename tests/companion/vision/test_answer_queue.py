@@ -5,13 +5,13 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anytraverse.answers import Changes
+from anytraverse.operations import SetWord
 from companion.vision.answer_queue import WITHOUT_FRAMES, AnswerQueue
 from companion.vision.messages import Apply
 
 
 def answer(number: int) -> Apply:
-    return Apply(number, Changes({"drum": -1.0}), 0, 0, go=False, place=None)
+    return Apply(number, (SetWord("drum", -1.0),), 0, 0, go=False, place=None)
 
 
 @given(st.integers(1, 12), st.floats(0.001, 3.0), st.floats(0.001, 1.0), st.floats(0.01, 1.0))

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 import pytest
 from msgspec import structs
 
-from anytraverse.answers import Changes
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
 from anytraverse.memory import resumed_memory
+from anytraverse.operations import SetWord
 from anytraverse.perception import Example
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
@@ -123,7 +124,7 @@ class Stage:
 
     def ask(self, token: object, **weights: float) -> bool:
         """Words without a call."""
-        return self.vision.answer(token, Changes(weights))
+        return self.vision.answer(token, tuple(starmap(SetWord, weights.items())))
 
     def lost(self, found: list[VisionResult], *tokens: object) -> None:
         """Whoever waited is told so."""
@@ -203,7 +204,7 @@ def test_waiting_answers_are_bounded_and_none_is_lost_or_overtaken(stage: Stage)
 
 def test_of_one_owner_two_answers_wait_and_others_have_their_places(stage: Stage) -> None:
     def ask(owner: object) -> bool:
-        return stage.vision.answer(owner, Changes({"drum": 1.0}), owner=owner)
+        return stage.vision.answer(owner, (SetWord("drum", 1.0),), owner=owner)
 
     assert [ask("flood") for _ in range(3)] == [True, True, False]
     assert [ask("operator") for _ in range(3)] == [True, True, False]
@@ -390,7 +391,7 @@ def test_as_many_answers_as_may_wait_are_decided_in_the_time_that_is_told(clock:
     vision.poll(clock.now)
     vision.tune(Settings())
     child.work()
-    while vision.answer("token", Changes({"drum": 1.0})):
+    while vision.answer("token", (SetWord("drum", 1.0),)):
         pass
     asked, decided, began = child._requests, list[VisionResult](), clock.now
     while vision.watchdog.restarted == 0 and len(decided) < MAX_JOBS:
@@ -449,7 +450,7 @@ def test_a_new_process_is_tuned_gets_the_frames_back_and_goes_on_counting_frames
     assert isinstance(tune, Tune)
     assert tune.settings == other
     assert [one.frame_id for one in frames if isinstance(one, Restore)] == [2, 3]
-    assert stage.vision.answer("token", Changes({"drum": 1.0}), frame_id=3, call_id=1)
+    assert stage.vision.answer("token", (SetWord("drum", 1.0),), frame_id=3, call_id=1)
     (applied,) = stage.turn()
     assert isinstance(applied.report, Done)
     assert applied.report.error == ""

@@ -22,13 +22,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import Struct, msgpack, structs
 
-from anytraverse.answers import MAX_EXAMPLES, AnswerOutcome, Changes
+from anytraverse.answers import MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Assessment, Observation
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Frame
 from anytraverse.history import MAX_REFUSED, Entry, History, Match, Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import MOST_GIVEN, first_memory
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, SetWord
 from anytraverse.perception import Example
 from anytraverse.preferences import MAX_WORDS, Preferences
 from companion.cameras.newest import CameraState, CameraStatus
@@ -129,25 +130,25 @@ def test_the_supervisors_copy_equals_the_engines_memory_after_whatever_happened(
     newest: Observation | None = None
     for what, word, value in steps:
         now = time.monotonic()
-        changes = None
+        operations: tuple[Operation, ...] = ()
         match what:
             case "see":
                 number += 1
                 newest = own.step(Frame(number, now, picture(word, scene=value)), now).observation
             case "word":
-                changes = Changes({word: value})
+                operations = (SetWord(word, value),)
             case "call":
-                changes = Changes({word: 1.0})
+                operations = (SetWord(word, 1.0),)
             case "forget word":
-                changes = Changes(forget_words=(word,))
+                operations = (ForgetWord(word),)
             case "forget call":
-                changes = Changes(forget_calls=(value,))
+                operations = (ForgetCall(value),)
             case _:
-                changes = Changes(new_episode=True)
-        if changes is not None:
+                operations = (NewEpisode(),)
+        if operations:
             call, call_id = (newest, value) if what == "call" and newest is not None else (None, 0)
             try:
-                own.answer(changes, now, call=call, call_id=call_id, go=call is not None)
+                own.answer(operations, now, call=call, call_id=call_id, go=call is not None)
             except AnyTraverseError:
                 assert own.memory is told
         update = update_from(told, own.memory, 2, 1, ())
@@ -164,9 +165,9 @@ def test_what_did_not_change_does_not_travel() -> None:
     now = time.monotonic()
     for number, scene in enumerate((0, 40, 80), 1):
         seen = own.step(Frame(number, now, picture(scene=scene)), now).observation
-        own.answer(Changes({"trail": 1.0}), now, call=seen, call_id=number, go=True)
+        own.answer((SetWord("trail", 1.0),), now, call=seen, call_id=number, go=True)
     before = own.memory
-    own.answer(Changes({"drum": 1.0}), now)
+    own.answer((SetWord("drum", 1.0),), now)
     update = update_from(before, own.memory, 2, 1, ())
     assert update.entries == ()
     after = updated(before, update)
@@ -222,7 +223,7 @@ REPORTS: list[Report] = [
 REQUESTS: list[Request] = [
     Start(Config(), None, 0, 1),
     Start(Config(), engine(None).memory, 3, 9),
-    Apply(1, Changes({"drum": 1.0}), 2, 3, True, None),  # noqa: FBT003
+    Apply(1, (SetWord("drum", 1.0),), 2, 3, True, None),  # noqa: FBT003
     Restore(1, 2, b"png"),
     Draw(1, 2, "title", State.CALLING, store=True),
     Encode(1, 2),
@@ -679,10 +680,10 @@ def test_an_update_says_what_it_removed() -> None:
     own = engine(None)
     now = time.monotonic()
     seen = own.step(Frame(1, now, picture()), now).observation
-    own.answer(Changes({"trail": 1.0}), now, call=seen, call_id=4, go=True)
+    own.answer((SetWord("trail", 1.0),), now, call=seen, call_id=4, go=True)
     before = own.memory
     (kept,) = [entry.order for entry in before.history if entry.call_id == 4]
-    own.answer(Changes(forget_calls=(4,)), now)
+    own.answer((ForgetCall(4),), now)
     update = update_from(before, own.memory, 2, 1, ())
     assert isinstance(update, MemoryUpdate)
     assert update.removed == (kept,)

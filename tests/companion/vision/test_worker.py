@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import astuple, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from anytraverse.answers import Changes, Tap
 from anytraverse.assessment import Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import PerceiverError
@@ -18,6 +17,7 @@ from anytraverse.frame import Frame, Image
 from anytraverse.history import Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
+from anytraverse.operations import Operation, SetWord, Tap
 from anytraverse.roi import RoiFigures
 from companion.vision import pictures
 from companion.vision.memory_copy import updated
@@ -54,11 +54,11 @@ class Stage:
         image = picture(thing, scene=scene)
         return self.worker.judge(Frame(self.frames, time.monotonic() - age, image))
 
-    def ask(self, changes: Changes, frame_id: int = 0, **given: Any) -> Done:
+    def ask(self, operations: tuple[Operation, ...], frame_id: int = 0, **given: Any) -> Done:
         """What becomes of an answer."""
         self.numbers += 1
         given = {"call_id": 0, "go": False, "place": None, **given}
-        (done,) = self.worker.handle(Apply(self.numbers, changes, frame_id, **given))
+        (done,) = self.worker.handle(Apply(self.numbers, operations, frame_id, **given))
         assert isinstance(done, Done)
         assert done.number == self.numbers
         return done
@@ -131,18 +131,18 @@ def test_a_covered_lens_is_told_as_that(stage: Stage, monkeypatch: pytest.Monkey
 
 
 def test_an_answer_in_words_tells_the_change_of_the_memory(stage: Stage) -> None:
-    done = stage.ask(Changes({"drum": -1.0}))
+    done = stage.ask((SetWord("drum", -1.0),))
     assert done.error == ""
     assert done.update is not None
     assert updated(stage.first, done.update).preferences["drum"] == -1.0
     assert (done.update.base, done.update.revision) == (7, 8)
-    done = stage.ask(Changes({"drum": -0.5}))
+    done = stage.ask((SetWord("drum", -0.5),))
     assert done.update is not None
     assert (done.update.base, done.update.revision) == (8, 9)
 
 
 def test_an_answer_that_the_engine_refuses_tells_the_reason_and_changes_nothing(stage: Stage) -> None:
-    done = stage.ask(Changes({"unicorn": 1.0}))
+    done = stage.ask((SetWord("unicorn", 1.0),))
     assert "unicorn" in done.error
     assert (done.outcome, done.update, stage.worker.revision) == (None, None, 7)
 
@@ -151,7 +151,7 @@ def test_an_answer_on_which_the_perceiver_breaks_is_told_too(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stage.perceiver, "meaning", lambda _: 1 / 0)
-    done = stage.ask(Changes({"drum": 1.0}))
+    done = stage.ask((SetWord("drum", 1.0),))
     assert done.error == "the perceiver failed on it: see the companion's log"
     assert done.update is None
 
@@ -213,7 +213,7 @@ def test_a_call_is_answered_with_its_frame_from_when_it_was_kept(stage: Stage) -
     stage.draw(asked, store=True)
     for _ in range(3 * RECENT):
         stage.look()
-    done = stage.ask(Changes({"drum": 1.0}), asked, call_id=3, go=True, place=Place(47.0, 8.0))
+    done = stage.ask((SetWord("drum", 1.0),), asked, call_id=3, go=True, place=Place(47.0, 8.0))
     assert done.outcome is not None
     assert done.outcome.call is not None
     assert done.outcome.call.frame.id == asked
@@ -228,7 +228,7 @@ def test_without_a_place_of_the_call_it_is_the_vehicles(stage: Stage) -> None:
     asked = stage.look("drum").assessment.frame.id
     stage.draw(asked, store=True)
     stage.worker.handle(Situation(Place(1.0, 2.0)))
-    stage.ask(Changes({"drum": 1.0}), asked, call_id=3, go=True)
+    stage.ask((SetWord("drum", 1.0),), asked, call_id=3, go=True)
     entry = next(entry for entry in stage.engine.memory.history if entry.call_id == 3)
     assert entry.place == Place(1.0, 2.0)
 
@@ -240,7 +240,7 @@ def test_an_answer_about_a_frame_that_is_gone_is_refused_and_teaches_nothing(
     stage.look()
     stage.look("drum")
     memory = stage.engine.memory
-    done = stage.ask(Changes({"drum": 1.0}), frame_id, call_id=3)
+    done = stage.ask((SetWord("drum", 1.0),), frame_id, call_id=3)
     assert "its frame is lost: send it again" in done.error
     assert stage.engine.memory is memory
 
@@ -248,11 +248,11 @@ def test_an_answer_about_a_frame_that_is_gone_is_refused_and_teaches_nothing(
 def test_a_picture_is_of_the_judgement_that_the_call_has_though_words_came_since(stage: Stage) -> None:
     called = stage.look("drum").assessment
     before = stage.draw(called.frame.id, store=False)
-    assert stage.ask(Changes({"drum": 1.0})).outcome is not None
+    assert stage.ask((SetWord("drum", 1.0),)).outcome is not None
     assert stage.draw(called.frame.id, store=False).panel != before.panel
     drawn = stage.draw(called.frame.id, store=True, roi=called.roi)
     assert drawn.panel == before.panel
-    done = stage.ask(Changes({"drum": 0.5}), called.frame.id, call_id=3)
+    done = stage.ask((SetWord("drum", 0.5),), called.frame.id, call_id=3)
     assert done.outcome is not None
     assert done.outcome.call is not None
     assert stage.draw(called.frame.id, store=False, roi=done.outcome.call.roi).panel != before.panel
@@ -271,9 +271,9 @@ def test_of_kept_frames_the_oldest_goes(stage: Stage) -> None:
         stage.draw(stage.look("drum").assessment.frame.id, store=True)
     for _ in range(RECENT):
         stage.look()
-    assert "lost" in stage.ask(Changes({"drum": 1.0}), 1, call_id=1).error
+    assert "lost" in stage.ask((SetWord("drum", 1.0),), 1, call_id=1).error
     for frame_id in range(2, STORED_FRAMES + 2):
-        assert stage.ask(Changes({"drum": 1.0}), frame_id, call_id=frame_id).error == ""
+        assert stage.ask((SetWord("drum", 1.0),), frame_id, call_id=frame_id).error == ""
 
 
 def test_a_frame_that_is_kept_comes_without_loss_and_one_for_the_album_does_not(stage: Stage) -> None:
@@ -294,7 +294,7 @@ def test_a_frame_too_large_to_be_sent_is_kept_all_the_same(
     drawn = stage.draw(1, store=True)
     assert (drawn.png, drawn.stored) == (b"", True)
     assert "no copy of a title" in caplog.text
-    assert stage.ask(Changes({"drum": 1.0}), 1, call_id=1).error == ""
+    assert stage.ask((SetWord("drum", 1.0),), 1, call_id=1).error == ""
 
 
 def test_a_picture_that_cannot_be_drawn_is_left_out_and_no_fault(
@@ -315,7 +315,7 @@ def test_a_frame_that_comes_back_can_be_answered_and_tapped_in(stage: Stage) -> 
     assert done.outcome is not None
     assert done.outcome.call is not None
     assert Reason.UNKNOWN_OBJECT in done.outcome.call.reasons
-    told = stage.ask(Changes(taps=(Tap(55, AHEAD, "gnome", -1.0),)), 55, call_id=4)
+    told = stage.ask((Tap(55, astuple(AHEAD), "gnome", -1.0),), 55, call_id=4)
     assert told.error == ""
     assert stage.engine.memory.examples["gnome"]
 
@@ -341,7 +341,7 @@ def test_an_error_without_words_or_of_many_is_told_so_that_it_is_believed(
     assert isinstance(done, Done)
     assert done.outcome is None
     monkeypatch.setattr(stage.perceiver, "meaning", broken)
-    heard(stage.ask(Changes({"drum": 1.0})))
+    heard(stage.ask((SetWord("drum", 1.0),)))
 
 
 def test_what_is_no_picture_is_not_encoded() -> None:

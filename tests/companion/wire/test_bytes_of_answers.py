@@ -2,23 +2,12 @@
 
 import pytest
 
-from companion.wire.answers import (
-    Acknowledgement,
-    AnswerMessage,
-    CancelIncident,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    OtherPlace,
-    PackIncident,
-    SetWord,
-    TapBox,
-)
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
+from companion.wire.answers import Acknowledgement, AnswerMessage, AnyOperation, CancelIncident, PackIncident
 from companion.wire.delivery import split
 from companion.wire.ids import Motion, Outcome, Reasons, Result, Stage
 
-ANSWERS: dict[str, tuple[tuple[Operation, ...], str]] = {
+ANSWERS: dict[str, tuple[tuple[AnyOperation, ...], str]] = {
     "a motion alone": ((), "0104030201020101000100"),
     "a word": ((SetWord("dry grass", -0.3),), "01040302010201010001010148f409647279206772617373"),
     "letters beyond ASCII": (
@@ -26,7 +15,7 @@ ANSWERS: dict[str, tuple[tuple[Operation, ...], str]] = {
         "010403020102010100010101102708476562c3bc736368",
     ),
     "a tap": (
-        (TapBox(70001, (0.1, 0.25, 0.5, 0.7531), "drum", -1.0),),
+        (Tap(70001, (0.1, 0.25, 0.5, 0.7531), "drum", -1.0),),
         "01040302010201010001010271110100e803c40988136b1df0d8046472756d",
     ),
     "a word to forget": ((ForgetWord("bush"),), "010403020102010100010103" + "0462757368"),
@@ -40,7 +29,7 @@ ANSWERS: dict[str, tuple[tuple[Operation, ...], str]] = {
         (
             ForgetWord("bush"),
             SetWord("rock", 0.0),
-            TapBox(3, (0.0, 0.0, 1.0, 1.0), "drum", 0.5),
+            Tap(3, (0.0, 0.0, 1.0, 1.0), "drum", 0.5),
             NewEpisode(),
         ),
         "010403020102010100010403046275736801000004726f636b020300000000000000102710278813046472756d05",

@@ -6,19 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.wire.answers import (
-    Acknowledgement,
-    AnswerMessage,
-    CancelIncident,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    OtherPlace,
-    PackIncident,
-    SetWord,
-    TapBox,
-)
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
+from companion.wire.answers import Acknowledgement, AnswerMessage, AnyOperation, CancelIncident, PackIncident
 from companion.wire.ids import (
     Kind,
     Motion,
@@ -93,9 +82,9 @@ CALLS = st.builds(
     words=U32,
     picture=st.text(max_size=15),
 )
-OPERATIONS: st.SearchStrategy[Operation] = st.one_of(
+OPERATIONS: st.SearchStrategy[AnyOperation] = st.one_of(
     st.builds(SetWord, WORD, SIGNED),
-    st.builds(TapBox, U32, boxes(), WORD, SIGNED),
+    st.builds(Tap, U32, boxes(), WORD, SIGNED),
     st.builds(ForgetWord, WORD),
     st.builds(ForgetCall, U16),
     st.just(NewEpisode()),
@@ -145,7 +134,7 @@ def test_what_is_packed_comes_back_and_fits_a_tunnel(
     "operation",
     [
         SetWord("grass", -0.5),
-        TapBox(9, (0.1, 0.2, 0.3, 0.4), "grass", 1.0),
+        Tap(9, (0.1, 0.2, 0.3, 0.4), "grass", 1.0),
         ForgetWord("grass"),
         ForgetCall(4),
         NewEpisode(),
@@ -153,7 +142,7 @@ def test_what_is_packed_comes_back_and_fits_a_tunnel(
         PackIncident(6),
     ],
 )
-def test_each_operation_comes_back_as_itself(operation: Operation) -> None:
+def test_each_operation_comes_back_as_itself(operation: AnyOperation) -> None:
     answer = AnswerMessage(1, 2, Motion.NONE, (operation, SetWord("moss", 0.5)))
     assert AnswerMessage.unpack(answer.pack()) == answer
 

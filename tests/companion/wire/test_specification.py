@@ -12,9 +12,10 @@ from typing import Any
 
 import pytest
 
+from anytraverse.operations import SetWord, Tap
 from companion.link.answers import _COMMAND_RESULTS
 from companion.wire import layouts, refusals
-from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord, TapBox
+from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.doc_generator import numbers_markdown
 from companion.wire.ids import (
     TUNNEL_ACKNOWLEDGEMENT,
@@ -82,7 +83,7 @@ EXAMPLES: dict[str, Summary | CallData | AnswerMessage | Acknowledgement] = {
         picture="/calls/7.jpg",
     ),
     "Answering by program, 45003": AnswerMessage(
-        0x1F2E3D4C, 7, Motion.GO, (SetWord("gravel", 0.8), TapBox(48197, BOX, "drum", -1.0))
+        0x1F2E3D4C, 7, Motion.GO, (SetWord("gravel", 0.8), Tap(48197, BOX, "drum", -1.0))
     ),
     "Acknowledgement, 45004": Acknowledgement(
         transaction=0x1F2E3D4C,

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.wire.answers import ForgetWord, SetWord, TapBox
+from anytraverse.operations import ForgetWord, SetWord, Tap
 from companion.wire.ids import Motion
-from companion.wire.typed_answers import CommandError, operation_of, read_typed, typed
+from companion.wire.typed_answers import CommandError, placed, read_typed, typed
 from tests.companion.link.payloads import CALL
 
 WORD = st.from_regex(r"[a-z]{1,8}( (go|look|[a-z]{1,4}))?", fullmatch=True)
@@ -25,7 +25,7 @@ def test_an_answer_is_read_back_as_it_was(
 ) -> None:
     kinds = (
         lambda word: SetWord(word, weight),
-        lambda word: TapBox(4711, box, word, weight),
+        lambda word: Tap(4711, box, word, weight),
         ForgetWord,
     )
     operations = tuple(kinds[number % 3](word) for number, word in enumerate(words))
@@ -36,16 +36,16 @@ def test_an_answer_is_read_back_as_it_was(
     read, changes = read_typed(line)
     assert read is motion
     assert [type(one).__name__ for one in changes] == [
-        "Tap" if isinstance(one, TapBox) else type(one).__name__ for one in operations
+        "Tap" if isinstance(one, Tap) else type(one).__name__ for one in operations
     ]
     assert [one.word for one in changes if hasattr(one, "word")] == words
 
 
 def test_a_tap_keeps_its_box() -> None:
-    tap = TapBox(CALL.frame_id, (0.4012, 0.5, 0.6, 0.8), "drum", -1.0)
+    tap = Tap(CALL.frame_id, (0.4012, 0.5, 0.6, 0.8), "drum", -1.0)
     line = typed(Motion.GO, (tap,))
     assert line == "tap drum: -1 0.4012 0.5000 0.6000 0.8000, go"
-    assert operation_of(read_typed(line)[1][0], CALL) == tap
+    assert placed(read_typed(line)[1][0], CALL) == tap
 
 
 @pytest.mark.parametrize("word", ["look", "call 7", "go"])

@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from anytraverse.operations import ForgetWord, Operation, OtherPlace, SetWord, Tap
 from anytraverse.preferences import turns_sign
-from companion.wire.answers import ForgetWord, OtherPlace, SetWord, TapBox
-from companion.wire.typed_answers import Tap
+from companion.wire.typed_answers import NO_BOX, NO_FRAME
 from companion.wire.weights import own_weight, turned
 
 WEIGHT = st.floats(-1.0, 1.0).map(lambda weight: weight + 0.0)
@@ -59,7 +59,11 @@ def test_a_question_says_what_it_was_what_to_do_and_what_becomes_drivable() -> N
         "water was -1: repeat it to turn it, then water becomes drivable; nothing was sent"
     )
     box = (0.1, 0.1, 0.5, 0.5)
-    both = [Tap("grass", -1.0), TapBox(3, box, "mud", 0.5), ForgetWord("bush")]
+    both: list[Operation] = [
+        Tap(NO_FRAME, NO_BOX, "grass", -1.0),
+        Tap(3, box, "mud", 0.5),
+        ForgetWord("bush"),
+    ]
     assert turned(both, {"grass": 1.0, "bush": -1.0}, {"mud": -0.5}, {}) == (
         "grass was 1, mud was -0.5: repeat it to turn them, "
         "then grass becomes not drivable, mud becomes drivable; nothing was sent"

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from anytraverse.operations import SetWord
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident, SetWord
+from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident
 from companion.wire.delivery import Status
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev

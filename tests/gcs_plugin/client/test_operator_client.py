@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from anytraverse.operations import SetWord
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement, SetWord
+from companion.wire.answers import Acknowledgement
 from companion.wire.delivery import Status
 from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev

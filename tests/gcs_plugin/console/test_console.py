@@ -11,12 +11,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from companion.link.answer import Answer
 from companion.pages.requests import RequestError
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_tree import Document, Documents, MissingError, ServedFolder, Tree
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement, ForgetCall, ForgetWord, SetWord, TapBox
+from companion.wire.answers import Acknowledgement
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
@@ -170,7 +171,7 @@ def test_a_tap_with_a_name_leaves_as_one_answer_and_what_becomes_of_it_is_told(d
     (request,) = desk.requests()
     assert (request.target, request.motion) == (7, ids.Motion.GO)
     tap, word = request.operations
-    assert isinstance(tap, TapBox)
+    assert isinstance(tap, Tap)
     assert (tap.frame_id, tap.word, tap.weight) == (4711, "drum", -1.0)
     assert word == SetWord("gravel", 1.0)
     assert desk.shown()["answers"][0]["tone"] == "wait"

@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from anytraverse.operations import Tap
 from companion.wire import ids
-from companion.wire.answers import CancelIncident, PackIncident, TapBox
+from companion.wire.answers import CancelIncident, PackIncident
 from companion.wire.payloads import CallData
 from tests.gcs_plugin.console.served import MISSING, Served
 
@@ -79,7 +80,7 @@ def test_a_call_is_seen_tapped_named_and_acknowledged_in_four_actions(
     served.until(lambda: rover.applied != [])
     ((target, motion, (tap,)),) = rover.applied
     assert (target, motion) == (7, ids.Motion.GO)
-    assert isinstance(tap, TapBox)
+    assert isinstance(tap, Tap)
     assert (tap.frame_id, tap.word, tap.weight) == (4711, "drum", -1.0)
     left, top, right, bottom = tap.box
     assert ((left + right) / 2, (top + bottom) / 2) == pytest.approx((0.3, 0.6), abs=0.01)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from anytraverse.operations import ForgetWord, SetWord, Tap
 from companion.pages.requests import AnswerRequest, RequestError
-from companion.wire.answers import ForgetWord, SetWord, TapBox
 from companion.wire.delivery import split
 from companion.wire.ids import Motion, Policy
 from gcs_plugin.console.requests import FileRequest, PolicyRequest, UndoRequest, read_request
@@ -45,7 +45,7 @@ def test_a_tap_with_a_name_and_a_motion_is_one_answer() -> None:
     box = [0.41, 0.55, 0.6, 0.81]
     changes = [{"tap": "Drum", "weight": -1, "box": box, "frame": 4711}, {"word": "grass", "weight": 0.5}]
     request = read("answer", call=7, motion="go", changes=changes)
-    tap = TapBox(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0)
+    tap = Tap(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0)
     assert request == AnswerRequest(7, Motion.GO, (tap, SetWord("grass", 0.5)))
 
 
@@ -92,7 +92,7 @@ def test_any_body_is_a_request_that_fits_the_wire_or_is_refused(kind: str, body:
     assert 1 <= rover <= 255
     if isinstance(request, AnswerRequest):
         for one in request.operations:
-            if isinstance(one, SetWord | TapBox):
+            if isinstance(one, SetWord | Tap):
                 assert -1 <= one.weight <= 1
                 assert one.word == one.word.lower()
             assert split(1, request.call, request.motion, (one,))

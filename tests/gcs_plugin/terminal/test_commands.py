@@ -6,18 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.wire.answers import (
-    CancelIncident,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    OtherPlace,
-    PackIncident,
-    SetWord,
-    TapBox,
-)
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
+from companion.wire.answers import CancelIncident, PackIncident
 from companion.wire.ids import Motion, Policy
-from companion.wire.typed_answers import Change, CommandError, Tap
+from companion.wire.typed_answers import NO_BOX, NO_FRAME, CommandError
 from companion.wire.words_text import operation_text
 from gcs_plugin.terminal.commands import Command, Incident, Reply, Select, SetPolicy, Show, parse
 
@@ -39,12 +31,15 @@ BOX = (0.4, 0.55, 0.6, 0.8)
         ("bush: -1 go", Reply(Motion.GO, (SetWord("bush", -1.0),))),
         ("bush:-1; go", Reply(Motion.GO, (SetWord("bush", -1.0),))),
         ("grass: 1 look again", Reply(Motion.LOOK_AGAIN, (SetWord("grass", 1.0),))),
-        ("tap drum -1", Reply(Motion.NONE, (Tap("drum", -1.0),))),
-        ("tap drum -1 go", Reply(Motion.GO, (Tap("drum", -1.0),))),
-        ("tap drum -1, stay", Reply(Motion.STAY, (Tap("drum", -1.0),))),
-        ("tap oil drum -1 0.40 0.55 0.60 0.80", Reply(Motion.NONE, (Tap("oil drum", -1.0, BOX),))),
-        ("tap area 51: -1", Reply(Motion.NONE, (Tap("area 51", -1.0),))),
-        ("tap drum -1; bush: -1 go", Reply(Motion.GO, (Tap("drum", -1.0), SetWord("bush", -1.0)))),
+        ("tap drum -1", Reply(Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),))),
+        ("tap drum -1 go", Reply(Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),))),
+        ("tap drum -1, stay", Reply(Motion.STAY, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),))),
+        ("tap oil drum -1 0.40 0.55 0.60 0.80", Reply(Motion.NONE, (Tap(NO_FRAME, BOX, "oil drum", -1.0),))),
+        ("tap area 51: -1", Reply(Motion.NONE, (Tap(NO_FRAME, NO_BOX, "area 51", -1.0),))),
+        (
+            "tap drum -1; bush: -1 go",
+            Reply(Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0), SetWord("bush", -1.0))),
+        ),
         ("forget bush", Reply(Motion.NONE, (ForgetWord("bush"),))),
         ("forget bush go", Reply(Motion.GO, (ForgetWord("bush"),))),
         ("forget call 7", Reply(Motion.NONE, (ForgetCall(7),))),
@@ -54,7 +49,7 @@ BOX = (0.4, 0.55, 0.6, 0.8)
         ("h9: stay", Reply(Motion.STAY, (), 9)),
         ("7: bush: -1 go", Reply(Motion.GO, (SetWord("bush", -1.0),), 7)),
         ("rover 2 go", Reply(Motion.GO, (), None, 2)),
-        ("rover 2: C7 tap drum -1", Reply(Motion.NONE, (Tap("drum", -1.0),), 7, 2)),
+        ("rover 2: C7 tap drum -1", Reply(Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),), 7, 2)),
         ("rover 2", Select(2)),
         ("rover 2 status", Show("status", 2)),
         ("policy hold", SetPolicy(Policy.HOLD)),
@@ -131,7 +126,7 @@ _SIDES = st.lists(st.integers(0, 100), min_size=4, max_size=4, unique=True).map(
 _CHANGES = st.lists(
     st.one_of(
         st.builds(SetWord, _WORDS, _WEIGHTS),
-        st.builds(Tap, _WORDS, _WEIGHTS, st.none() | _SIDES),
+        st.builds(Tap, st.just(NO_FRAME), st.just(NO_BOX) | _SIDES, _WORDS, _WEIGHTS),
         st.builds(ForgetWord, _WORDS.filter(lambda word: not word.startswith("call "))),
         st.builds(ForgetCall, st.integers(1, 0xFFFF)),
         st.just(NewEpisode()),
@@ -143,12 +138,12 @@ _CHANGES = st.lists(
 )
 
 
-def written(change: Change) -> str:
+def written(change: Operation) -> str:
     match change:
         case SetWord(word, weight):
             return f"{word}: {weight}"
-        case Tap(word, weight, box):
-            return f"tap {word}: {weight} " + " ".join(map(str, box or ()))
+        case Tap(_, box, word, weight):
+            return f"tap {word}: {weight} " + " ".join(map(str, () if box == NO_BOX else box))
         case ForgetWord(word):
             return f"forget {word}"
         case ForgetCall(call_id):
@@ -167,7 +162,7 @@ def written(change: Change) -> str:
     st.none() | st.integers(1, 255),
 )
 def test_what_is_written_out_is_read_back(
-    changes: list[Change], motion: str, call_id: int | None, rover: int | None
+    changes: list[Operation], motion: str, call_id: int | None, rover: int | None
 ) -> None:
     line = "; ".join(map(written, changes)).strip() + motion
     line = line if call_id is None else f"{call_id}: {line}"
@@ -191,7 +186,7 @@ def test_rubbish_is_a_command_or_a_clear_refusal(line: str) -> None:
 def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
     operations = (
         SetWord("old wall", -0.25),
-        TapBox(7, (0.1, 0.25, 0.5, 0.75), "area 51", 0.3),
+        Tap(7, (0.1, 0.25, 0.5, 0.75), "area 51", 0.3),
         ForgetWord("bush"),
         ForgetCall(7),
         NewEpisode(),
@@ -203,7 +198,7 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
         Reply(Motion.NONE, (change,))
         for change in (
             SetWord("old wall", -0.25),
-            Tap("area 51", 0.3, (0.1, 0.25, 0.5, 0.75)),
+            Tap(NO_FRAME, (0.1, 0.25, 0.5, 0.75), "area 51", 0.3),
             ForgetWord("bush"),
             ForgetCall(7),
             NewEpisode(),

@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
+from anytraverse.operations import SetWord, Tap
 from companion.wire import ids
-from companion.wire.answers import SetWord, TapBox
 from companion.wire.payloads import CallData
 
 DEADLINE_S = 20.0
@@ -166,7 +166,7 @@ def test_a_typed_tap_reaches_the_rover_and_the_end_has_the_figures(
     assert end["latency_ms"] == {"p50": 120, "max": 120}
     assert end["summaries_lost"] == 0
     assert end["bytes_from_companion"] > 0
-    assert air.rover.applied == [(7, ids.Motion.GO, (TapBox(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0),))]
+    assert air.rover.applied == [(7, ids.Motion.GO, (Tap(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0),))]
 
 
 def test_an_operator_without_a_key_is_told_that_the_rover_will_not_believe_it(

@@ -9,17 +9,9 @@ from typing import Any
 
 import pytest
 
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
 from companion.wire import ids
-from companion.wire.answers import (
-    CancelIncident,
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    OtherPlace,
-    PackIncident,
-    SetWord,
-    TapBox,
-)
+from companion.wire.answers import CancelIncident, PackIncident
 from companion.wire.ids import words_hash
 from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
@@ -184,8 +176,8 @@ def test_a_tap_takes_the_frame_of_the_call_and_its_worst_tile(desk: Make, thing_
     at.type("tap drum -1")
     at.type("7 tap barrel -0.5 0.1 0.2 0.3 0.4")
     assert [operations for _, _, operations in at.rovers[0].applied] == [
-        (TapBox(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0),),
-        (TapBox(4711, (0.1, 0.2, 0.3, 0.4), "barrel", -0.5),),
+        (Tap(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0),),
+        (Tap(4711, (0.1, 0.2, 0.3, 0.4), "barrel", -0.5),),
     ]
 
 

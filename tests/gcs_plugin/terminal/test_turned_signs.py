@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from companion.wire.answers import OtherPlace, SetWord, TapBox
+from anytraverse.operations import OtherPlace, SetWord, Tap
 from companion.wire.ids import Motion, Stage
 from companion.wire.payloads import CallData
 from gcs_plugin.terminal.script import Script
@@ -33,7 +33,7 @@ def test_a_word_with_a_parameter_is_turned_by_the_same_line_once_more(
     at.type("tap grass -1 go")
     ((_, motion, (tap,)),) = answers(at)
     assert motion is Motion.GO
-    assert isinstance(tap, TapBox)
+    assert isinstance(tap, Tap)
     assert (tap.word, tap.weight) == ("grass", -1.0)
 
 

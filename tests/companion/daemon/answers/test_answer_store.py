@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from anytraverse.operations import SetWord, Tap
 from companion.link.answer import PAYLOADS, Answer, Via
 from companion.link.answer_store import (
     IN_ALL,
@@ -18,7 +19,7 @@ from companion.link.answer_store import (
     AnswerStore,
     KnownAnswer,
 )
-from companion.wire.answers import Acknowledgement, SetWord, TapBox
+from companion.wire.answers import Acknowledgement
 from companion.wire.ids import CHANGING_RESULTS, PAGE_SENDER, Motion, Result
 
 GROUND, OTHER = (255, 190), (254, 1)
@@ -28,7 +29,7 @@ ANSWERS = {
     Via.PAGE: Answer(PAGE_SENDER, Via.PAGE, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9),
     Via.COMMAND: Answer(GROUND, Via.COMMAND, 7, Motion.GO, confirmation=1),
     **{
-        via: Answer(GROUND, via, 7, Motion.NONE, (TapBox(3, BOX, "obstacle", -1.0),), confirmation=1)
+        via: Answer(GROUND, via, 7, Motion.NONE, (Tap(3, BOX, "obstacle", -1.0),), confirmation=1)
         for via in (Via.TRACK_POINT, Via.TRACK_RECTANGLE)
     },
     Via.AT_ANSWER: Answer(GROUND, Via.AT_ANSWER, 7, Motion.GO),

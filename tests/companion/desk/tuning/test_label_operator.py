@@ -11,6 +11,7 @@ from anytraverse.assessment import Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.evaluation.datasets import open_dataset
 from anytraverse.history import Place
+from anytraverse.operations import SetWord, Tap
 from anytraverse.regions import Box
 from anytraverse.roi import Tile
 from companion.calls.decisions import Call
@@ -21,7 +22,6 @@ from companion.desk.tuning.episode import LabelledDrive
 from companion.desk.tuning.operators import LabelOperator
 from companion.desk.tuning.trial import Combination
 from companion.vision.warm_up import load_engine
-from companion.wire.answers import SetWord, TapBox
 from companion.wire.ids import Motion
 
 CRATE = Box(0.55, 0.8, 0.65, 0.95)
@@ -59,7 +59,7 @@ def test_a_thing_that_the_perceiver_cannot_ground_is_tapped_where_the_call_point
     thing = meant(call, {Reason.UNKNOWN_OBJECT}, CRATE)
     operations, motion = operator(judge, thing, frame)
     box = (CRATE.left, CRATE.top, CRATE.right, CRATE.bottom)
-    assert operations == [TapBox(call.frame_id, box, "crate", -1.0)]
+    assert operations == [Tap(call.frame_id, box, "crate", -1.0)]
     assert motion is Motion.GO
 
 

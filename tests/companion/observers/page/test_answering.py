@@ -10,12 +10,13 @@ from typing import Any
 
 import pytest
 
+from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from companion.observers.page.answering import MOST_WAITING, Answering
 from companion.observers.page.calls import shown_calls
 from companion.observers.page.messages import Kind, Message
 from companion.observers.page.news import News
 from companion.pages.requests import RequestError
-from companion.wire.answers import Acknowledgement, AnswerMessage, ForgetCall, ForgetWord, SetWord, TapBox
+from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import PAGE_SENDER, Motion, Result
 
 OPEN = {"id": 7, "kind": "call", "stage": "open", "frame_id": 4711, "age": 3, "holding": True}
@@ -61,7 +62,7 @@ def test_an_answer_is_sent_at_once_and_again_each_second_until_it_is_acknowledge
     assert desk.post(call=7, changes=[TAP]) == "sent"
     (sent,) = desk.sent
     assert (sent.target, sent.motion) == (7, Motion.GO)
-    assert isinstance(sent.operations[0], TapBox)
+    assert isinstance(sent.operations[0], Tap)
     assert desk.shown() == [("drum: -1, go", "sent", "wait")]
     desk.now += 1.0
     desk.answering.deliver()

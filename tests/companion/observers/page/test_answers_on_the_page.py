@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from anytraverse.operations import SetWord
 from companion.observers.page.messages import LONGEST_SAID
 from companion.observers.page.page import WebChild, missing
-from companion.wire.answers import Acknowledgement, AnswerMessage, SetWord
+from companion.wire.answers import Acknowledgement, AnswerMessage
 from companion.wire.ids import Motion, Result
 from tests.companion.observers.page.played import TOKEN, Stage
 from tests.companion.observers.page.test_a_page_that_fails import SAYS

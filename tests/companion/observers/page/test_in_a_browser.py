@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
+from anytraverse.operations import Tap
 from companion.observers.page.page import missing
-from companion.wire.answers import Acknowledgement, AnswerMessage, CancelIncident, PackIncident, TapBox
+from companion.wire.answers import Acknowledgement, AnswerMessage, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
 from tests.companion.observers.page import played
@@ -204,7 +205,7 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         stage.until(lambda: bool(given))
         message = AnswerMessage.unpack(given[0])
         (tap,) = message.operations
-        assert isinstance(tap, TapBox)
+        assert isinstance(tap, Tap)
         assert (message.target, message.motion) == (7, Motion.GO)
         assert (tap.frame_id, tap.word, tap.weight) == (9, "old drum", -1.0)
         assert tap.box[0] < 0.5 < tap.box[2]

@@ -33,7 +33,7 @@ from companion.sim.loopback_link import Wire
 from companion.sim.loopback_vision import LoopbackVision
 from companion.tasks import VISION
 from companion.vision.client import VisionClient
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, TUNNEL_SUMMARY, Motion
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -246,7 +246,7 @@ def walks() -> dict[str, tuple[int, int, int]]:
             _until(stage, lambda: stage.holds() > 0, seeing=None)
         stage.radio.mode = _HOLD
         _until(stage, lambda: stage.calls.call is not None, seeing=1)
-        payload = AnswerMessage(1, 0, Motion.GO, (SetWord(thing(1), 1.0),)).pack()
+        payload = Answer(0, Motion.GO, (SetWord(thing(1), 1.0),), 1).pack()
         padded = list(payload.ljust(128, b"\0"))
         stage.radio.send(mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded))
         with answer:

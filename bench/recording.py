@@ -33,7 +33,7 @@ from bench.commit import commit_of
 from bench.link.drive import at
 from bench.processes import children
 from companion.observers.recording.packing import kept
-from companion.wire.answers import PackIncident
+from companion.wire.answers import Answer, PackIncident
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
 from gcs_plugin.client.client import OperatorClient
@@ -131,12 +131,12 @@ class Operator:
             self.times.append(now - self._asked_at)
             self._pending = None
         if self._packing and _SYSTEM in self._client.rovers and now - self._packed_at >= self._packing:
-            self._client.answer(_SYSTEM, 0, Motion.NONE, (PackIncident(0),), now)
+            self._client.answer(_SYSTEM, Answer(0, Motion.NONE, (PackIncident(0),)), now)
             self._packed_at = now
         if self._pending is None and _SYSTEM in self._client.rovers and now - self._asked_at >= _EVERY:
             self._count += 1
             word = SetWord("grass", 1.0 - 0.01 * (self._count % 2))
-            self._pending = self._client.answer(_SYSTEM, 0, Motion.NONE, (word,), now)
+            self._pending = self._client.answer(_SYSTEM, Answer(0, Motion.NONE, (word,)), now)
             self._asked_at = now
 
     def close(self) -> None:

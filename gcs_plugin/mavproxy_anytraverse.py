@@ -135,7 +135,7 @@ class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no 
         for name in ("(AT_CALL)", "(AT_WORD)"):
             self.mpstate.completion_functions.pop(name, None)
         for pending in self._client.unsettled:
-            self._output.problem(wording.given_up(pending.target))
+            self._output.problem(wording.given_up(pending.answer.target))
         super().unload()
 
     def _send(self, message: Any) -> None:

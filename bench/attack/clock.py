@@ -17,6 +17,7 @@ from bench.attack.outcome import Outcome, watched
 from bench.faults.standing import Standing
 from bench.faults.standing_wire import SYSTEM
 from companion.storage.journal_copy import read_stored_memory
+from companion.wire.answers import Answer
 from companion.wire.ids import COMPONENT_ID, Motion
 from companion.wire.signing import MAX_STREAMS, SigningKey
 from gcs_plugin.client.client import OperatorClient
@@ -126,7 +127,7 @@ def _heard_after(rover: Standing, station: tuple[OperatorClient, Runner] | None 
     """Return the s until its answer is acknowledged; None: it is shut out. station: None: the known one."""
     client, runner = station or (rover.client, None)
     began = time.monotonic()
-    sent = client.answer(SYSTEM, 0, Motion.NONE, (SetWord("gravel", 0.5),), began)
+    sent = client.answer(SYSTEM, Answer(0, Motion.NONE, (SetWord("gravel", 0.5),)), began)
     while not sent.applied and time.monotonic() - began < HEARD_WITHIN:
         rover.step()
         if runner is not None:

@@ -16,7 +16,7 @@ from anytraverse.operations import SetWord
 from bench.attack.outcome import Outcome, watched
 from bench.faults.standing import Standing
 from bench.link.frame import framed
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer
 from companion.wire.delivery import Pending
 from companion.wire.ids import TUNNEL_ANSWER, Motion
 
@@ -63,7 +63,7 @@ class _Operator:
             if self._sent is not None:
                 self._waited.append(now - self._at)
             word = SetWord("dirt path", len(self._waited) % 10 / 10)
-            self._sent, self._at = self._rover.client.answer(1, 0, Motion.NONE, (word,), now), now
+            self._sent, self._at = self._rover.client.answer(1, Answer(0, Motion.NONE, (word,)), now), now
         return True
 
     def figures(self) -> dict[str, Any]:
@@ -94,6 +94,6 @@ def _datagrams(name: str) -> Sequence[bytes]:
 
 def _answer(number: int, sender: tuple[int, int]) -> bytes:
     words = (SetWord("gravel", number % 20 / 10 - 1),)
-    payload = AnswerMessage(1 + number, 0, Motion.NONE, words).pack()
+    payload = Answer(0, Motion.NONE, words, 1 + number).pack()
     message = mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), payload.ljust(128, b"\0"))
     return framed(message, *sender)

@@ -150,9 +150,9 @@ class _Approach:
 
     def _answer(self, call: Call, frame: DriveFrame) -> None:
         """Answer a call. What a tap of no positive weight does not cover stays as it is."""
-        operations, motion = self._operator(self._judge, call, frame)
-        self._judge.answer(operations, motion, frame.at)
-        if motion is Motion.GO:
+        answer = self._operator(self._judge, call, frame)
+        self._judge.answer(answer, frame.at)
+        if answer.motion is Motion.GO:
             self._judge.go_where_uncovered(call.id, frame.at)
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from anytraverse.assessment import Reason
 from anytraverse.evaluation.labels import fold
-from anytraverse.operations import Operation, SetWord, Tap
+from anytraverse.operations import SetWord, Tap
 from companion.calls.decisions import Call
 from companion.calls.summary import fractions
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.drives.judge import DriveJudge
-from companion.desk.tuning.operators import LabelOperator, Operator, Reply, go
+from companion.desk.tuning.operators import LabelOperator, Operator, go
 from companion.sim.repeats import AskedBefore, ThingId
+from companion.wire.answers import Answer, AnyOperation
 from companion.wire.ids import Motion
 
 OPERATORS = ("go", "word", "tap")
@@ -63,22 +64,24 @@ class WordOperator:
         self._drivable = frozenset(drivable)
         self._taps = taps
 
-    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Reply:
+    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Answer:
         """Answer a call. Raises DatasetError for labels that cannot be read."""
-        operations, motion = self._labels(judge, call, frame)
+        answer = self._labels(judge, call, frame)
         thing = self._labels.asked(call, frame)
         if thing is None:
-            return operations, motion
+            return answer
         word, weight = fold(thing), 1.0 if thing in self._drivable else -1.0
         if self._taps:
             assert call.seen is not None
             assert call.seen.tile is not None
             tap = Tap(call.frame_id, fractions(call.seen.tile.shown), word, weight)
-            operations = [tap, *(one for one in operations if _word(one) != word)]
-        return operations, motion if weight > 0 else Motion.NONE
+            answer = replace(
+                answer, operations=(tap, *(one for one in answer.operations if _word(one) != word))
+            )
+        return answer if weight > 0 else replace(answer, motion=Motion.NONE)
 
 
-def _word(operation: Operation) -> str | None:
+def _word(operation: AnyOperation) -> str | None:
     return operation.word if isinstance(operation, SetWord | Tap) else None
 
 
@@ -96,12 +99,12 @@ class Listed:
     calls: list[Asked] = field(default_factory=list)
     _before: AskedBefore = field(default_factory=AskedBefore)
 
-    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Reply:
+    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Answer:
         """Answer a call."""
         at_m, about = frame.travelled or 0.0, self.about(call, frame)
         repeat = self._before.asks_again(at_m, *about)
-        operations, motion = self.operator(judge, call, frame)
+        answer = self.operator(judge, call, frame)
         reasons = tuple(sorted(reason.value for reason in call.reasons))
-        self.calls.append(Asked(frame.at, at_m, reasons, about, repeat, bool(operations)))
+        self.calls.append(Asked(frame.at, at_m, reasons, about, repeat, bool(answer.operations)))
         self._before.answered(at_m, *about)
-        return operations, motion
+        return answer

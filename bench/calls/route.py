@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from anytraverse.engine import AnyTraverse
@@ -150,18 +150,18 @@ class RouteRover:
         self._lap.seconds += clock.at - since
 
     def _answer(self, call: Call, frame: DriveFrame) -> None:
-        operations, motion = self._operator(self._judge, call, frame)
+        answer = self._operator(self._judge, call, frame)
         thing, place = self._lap.calls[-1].about
         due = {str(one) for one in (thing if thing in self._film.surprises else None, place) if one}
         self._lap.due += bool(due - self._asked)
         self._asked |= due
         if self._film.ahead(self._rover.s, NEAR_M) is not None:
-            motion = Motion.NONE
+            answer = replace(answer, motion=Motion.NONE)
         with suppress(CommandError, AnyTraverseError):
-            self._judge.answer(operations, motion, frame.at)
-        if motion is Motion.GO:
+            self._judge.answer(answer, frame.at)
+        if answer.motion is Motion.GO:
             self._judge.go_where_uncovered(call.id, frame.at)
-        self._waits = 0 if motion is Motion.GO else call.id
+        self._waits = 0 if answer.motion is Motion.GO else call.id
 
     def _help(self, now: float) -> None:
         """Take away what is in the way of a rover that stands. Then say go, or drive it on by hand."""

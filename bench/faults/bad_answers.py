@@ -20,7 +20,7 @@ from bench.faults.row import Outcome, Work
 from bench.link.lossy import STEP, Clock, Radio, virtual_time
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Rover
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer
 from companion.wire.ids import (
     ANSWER_COMMAND,
     COMPONENT_ID,
@@ -206,7 +206,7 @@ def parameters(work: Work) -> Outcome:
 def _answers_still(made: Ground) -> list[str]:
     """Check that a good answer is taken as ever, and that the companion was heard all the time."""
     made.turn(100)
-    made.send_answer(AnswerMessage(77, made.call, Motion.GO, (SetWord("thing 1", 1.0),)).pack())
+    made.send_answer(Answer(made.call, Motion.GO, (SetWord("thing 1", 1.0),), 77).pack())
     made.turn(100)
     results = [one.result for one in made.rover.calls.applied]
     if Result.APPLIED not in results or made.beats < 3:
@@ -227,14 +227,12 @@ def words(work: Work) -> Outcome:
             _unchanged(made, what, send, wrong)
         for number, word in enumerate(_ODD_WORDS):
             runs += 1
-            made.send_answer(AnswerMessage(500 + number, 0, Motion.NONE, (SetWord(word, 0.5),)).pack())
+            made.send_answer(Answer(0, Motion.NONE, (SetWord(word, 0.5),), 500 + number).pack())
             if made.sound() or not any(abs(weight - 0.5) < 1e-3 for weight in _words(made).values()):
                 wrong.append(f"{word!r} was not taken: {made.sound()}")
         for number in range(20):
             runs += 1
-            made.send_answer(
-                AnswerMessage(600 + number, 0, Motion.NONE, (SetWord(f"w{number}", 0.1),)).pack()
-            )
+            made.send_answer(Answer(0, Motion.NONE, (SetWord(f"w{number}", 0.1),), 600 + number).pack())
         if made.sound() or len(_words(made)) != 16:
             wrong.append(f"after 20 more words there are {len(_words(made))}: {made.sound()}")
         wrong += [*errors.lines, *_answers_still(made), *_replied(made, runs // 2)]
@@ -267,7 +265,7 @@ def _bad_answers(made: Ground, work: Work) -> Iterator[tuple[str, Callable[[], N
     for torn in (b"\xff\xfe", b"\xed\xa0\x80", b"\xc0\x80", b"dr\0um"):
         number += 1
         tunnel(f"word of bytes {torn!r}", _packed(number, call, torn, 10_000))
-    whole = AnswerMessage(900, call, Motion.GO, (SetWord("drum", 1.0),)).pack()
+    whole = Answer(call, Motion.GO, (SetWord("drum", 1.0),), 900).pack()
     for cut in range(0, len(whole) - 1, 3):
         tunnel(f"an answer of {cut} bytes", whole[:cut])
     tunnel("an answer with a tail", whole + b"\x07rest")
@@ -305,11 +303,11 @@ def _bad_answers(made: Ground, work: Work) -> Iterator[tuple[str, Callable[[], N
 
 def _packed(transaction: int, call: int, word: bytes, weight: int) -> bytes:
     """An answer with go and one word, byte by byte, as no client of ours would pack it."""
-    empty = AnswerMessage(transaction, call, Motion.GO).pack()
+    empty = Answer(call, Motion.GO, transaction=transaction).pack()
     return empty + struct.pack("<BhB", 1, weight, len(word)) + word
 
 
 def _tapped(transaction: int, call: int, word: str) -> bytes:
     tap = Tap(1, (0.1, 0.2, 0.3, 0.4), "x", 1.0)
-    packed = AnswerMessage(transaction, call, Motion.GO, (tap,)).pack()
+    packed = Answer(call, Motion.GO, (tap,), transaction).pack()
     return packed[:-2] + bytes([len(word.encode())]) + word.encode()

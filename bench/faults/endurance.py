@@ -48,6 +48,7 @@ from companion.storage.journal import LARGEST
 from companion.storage.log_file import LONGEST, log_to_file
 from companion.tasks import VISION
 from companion.vision.client import VisionClient
+from companion.wire.answers import Answer
 from companion.wire.ids import COMPONENT_ID, Motion, Result
 from companion.wire.parameters import SUMMARY_RATE
 from gcs_plugin.client import events as ev
@@ -134,11 +135,13 @@ class Operator:
             if isinstance(event, ev.CallOpened):
                 self.calls += 1
                 word = SetWord(_WORDS[self.calls % len(_WORDS)], 1.0)
-                self._client.answer(event.system, event.call.id, Motion.NONE, (word,), now)
+                self._client.answer(event.system, Answer(event.call.id, Motion.NONE, (word,)), now)
             elif isinstance(event, ev.Acknowledged):
                 self.acknowledged += 1
                 if event.acknowledgement.result is Result.NOT_COVERED:
-                    self._client.answer(event.system, event.acknowledgement.target, Motion.GO, (), now)
+                    self._client.answer(
+                        event.system, Answer(event.acknowledgement.target, Motion.GO, ()), now
+                    )
 
     def set_parameter(self) -> None:
         """Set how often summaries come."""

@@ -14,7 +14,7 @@ from bench.faults.row import Outcome, Row, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
 from bench.link.fuzz import Broken, Fuzz
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer
 from companion.wire.ids import (
     COMPONENT_ID,
     TUNNEL_ANSWER,
@@ -96,7 +96,7 @@ class Forger:
         if autopilot:
             message = mavlink.MAVLink_heartbeat_message(10, 3, 129, 0 if number % 2 else AUTO, 4, 3)
         elif number % 3 == 1:
-            payload = AnswerMessage(5000 + number, self._call, Motion.GO, (SetWord("forged", 1.0),)).pack()
+            payload = Answer(self._call, Motion.GO, (SetWord("forged", 1.0),), 5000 + number).pack()
             padded = list(payload.ljust(128, b"\0"))
             message = mavlink.MAVLink_tunnel_message(1, COMPONENT_ID, TUNNEL_ANSWER, len(payload), padded)
         else:

@@ -92,7 +92,7 @@ class NotedOperator(Operator):
                 self._notes.add(call=call.id, shows=self._rover.shows)
             case ev.Acknowledged(acknowledgement=ack) if ack.result in _REMEMBERED:
                 answers = self.calls[ack.target].answers if ack.target in self.calls else []
-                sent = [one for one in answers if one.transaction == ack.transaction]
+                sent = [one.answer for one in answers if one.answer.transaction == ack.transaction]
                 words = {
                     op.word: op.weight for one in sent for op in one.operations if isinstance(op, SetWord)
                 }

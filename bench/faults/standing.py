@@ -24,7 +24,7 @@ from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Outcome, Row, Work
 from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.demo.child import Child
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.delivery import Pending
 from companion.wire.ids import Kind, Motion, State
 from companion.wire.payloads import CallData
@@ -274,15 +274,15 @@ class Standing:
         self, target: int, motion: Motion, operations: Sequence[Operation] = (), limit: float = 20.0
     ) -> Acknowledgement:
         """Send an answer until it is acknowledged for good, and return the acknowledgement."""
-        sent = self.client.answer(SYSTEM, target, motion, tuple(operations), time.monotonic())
-        self.wait(f"the acknowledgement of {sent.transaction}", lambda: sent.settled, limit)
+        sent = self.client.answer(SYSTEM, Answer(target, motion, tuple(operations)), time.monotonic())
+        self.wait(f"the acknowledgement of {sent.answer.transaction}", lambda: sent.settled, limit)
         return self.acknowledgement(sent)
 
     def acknowledgement(self, sent: Pending) -> Acknowledgement:
         """Return the acknowledgement of an answer. Raises NotSeen for one that got none."""
-        found = self.acknowledged.get(sent.transaction)
+        found = self.acknowledged.get(sent.answer.transaction)
         if found is None:
-            raise NotSeen(f"answer {sent.transaction} was {sent.status.value}, not acknowledged")
+            raise NotSeen(f"answer {sent.answer.transaction} was {sent.status.value}, not acknowledged")
         return found
 
     def summaries(self, since: int) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.link.operator import Operator, expired
 from bench.link.rover import CountedCalls, Rover
-from companion.link.answer import Answer
+from companion.wire.answers import Answer
 from companion.wire.ids import Result
 
 PATIENCE = 600.0

@@ -25,13 +25,12 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from bench.link.frame import framed
 from companion.config.link_settings import MAIN, Address, LinkSettings
-from companion.link.answer import Answer
 from companion.link.inbound import VehicleUpdate
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import Udp
 from companion.wire import signing
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import TUNNEL_ANSWER, Motion, Outcome, Reasons, Result, Stage
 from companion.wire.parameters import build
 
@@ -248,7 +247,7 @@ def _answers(senders: list[tuple[int, int]]) -> tuple[bytes, ...]:
 
 
 def _answer(transaction: int) -> Any:
-    payload = AnswerMessage(transaction, 0, Motion.STAY).pack()
+    payload = Answer(0, Motion.STAY, transaction=transaction).pack()
     return mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), payload.ljust(128, b"\0"))
 
 

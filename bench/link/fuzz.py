@@ -18,7 +18,6 @@ from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
 from companion.calls.mode_monitor import ModeAnswer
 from companion.config.link_settings import MAIN, LinkSettings
 from companion.config.video import CameraSettings
-from companion.link.answer import Answer, Via
 from companion.link.camera import Tapped
 from companion.link.inbound import (
     InboundEvent,
@@ -33,7 +32,7 @@ from companion.link.parser import Parser
 from companion.sim.loopback_link import pair
 from companion.storage.served_tree import Document, Documents, Tree
 from companion.vehicle.ardupilot import ScriptHold
-from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident
+from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident, Via
 from companion.wire.ids import (
     AUTOPILOT_COMPONENT_ID,
     CAMERA_COMPONENT_ID,
@@ -262,7 +261,7 @@ def _tapped(tapped: Tapped, _now: float) -> Answer | str:
         return "no call is open"
     box = tapped if isinstance(tapped, Box) else Box(0.9 * x, 0.9 * y, 0.9 * x + 0.1, 0.9 * y + 0.1)
     sides = box.left, box.top, box.right, box.bottom
-    return Answer((0, 0), Via.TRACK_POINT, 7, Motion.NONE, (Tap(3, sides, "obstacle", -1.0),))
+    return Answer(7, Motion.NONE, (Tap(3, sides, "obstacle", -1.0),))
 
 
 def _tree() -> Tree:

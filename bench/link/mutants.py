@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
 from anytraverse.operations import ForgetWord, NewEpisode, SetWord, Tap
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import ANSWER_COMMAND, CAMERA_COMPONENT_ID, COMPONENT_ID, TUNNEL_ANSWER, Motion
 
@@ -125,12 +125,12 @@ def _templates() -> list[Any]:
         FtpPayload(8, 0, Opcode.CALC_FILE_CRC32, 11, data=b"/state.json"),
     )
     answers = (
-        AnswerMessage(7, 1, Motion.GO),
-        AnswerMessage(8, 1, Motion.NONE, (SetWord("drum", -1.0), ForgetWord("grass"))),
-        AnswerMessage(9, 1, Motion.NONE, (Tap(3, (0.1, 0.2, 0.3, 0.4), "drum", -1.0), NewEpisode())),
-        AnswerMessage(10, 1, Motion.STAY, (NewEpisode(),), 0, 2),
-        AnswerMessage(10, 1, Motion.STAY, (NewEpisode(),), 1, 2),
+        Answer(1, Motion.GO, transaction=7),
+        Answer(1, Motion.NONE, (SetWord("drum", -1.0), ForgetWord("grass")), 8),
+        Answer(1, Motion.NONE, (Tap(3, (0.1, 0.2, 0.3, 0.4), "drum", -1.0), NewEpisode()), 9),
     )
+    long = Answer(1, Motion.STAY, (NewEpisode(),), 10)
+    payloads = [*(answer.pack() for answer in answers), long.pack(0, 2), long.pack(1, 2)]
     return [
         mavlink.MAVLink_param_request_list_message(system, to),
         mavlink.MAVLink_param_request_read_message(system, to, b"", 3),
@@ -157,7 +157,7 @@ def _templates() -> list[Any]:
         mavlink.MAVLink_command_long_message(system, camera, 2005, 0, 0.4, 0.5, 0.6, 0.7, 0, 0, 0),
         mavlink.MAVLink_command_long_message(system, camera, 511, 0, 275, 500_000, 0, 0, 0, 0, 0),
         mavlink.MAVLink_command_long_message(system, camera, 512, 0, 259, 0, 0, 0, 0, 0, 0),
-        *(_tunnel(answer.pack()) for answer in answers),
+        *map(_tunnel, payloads),
         *(mavlink.MAVLink_file_transfer_protocol_message(0, system, to, one.pack()) for one in files),
         mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3),
         mavlink.MAVLink_system_time_message(1_700_000_000_000_000, 5000),

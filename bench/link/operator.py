@@ -8,6 +8,7 @@ from random import Random
 
 from anytraverse.operations import Operation, SetWord
 from bench.link.synthetic_frames import thing
+from companion.wire.answers import Answer
 from companion.wire.delivery import Pending, Status
 from companion.wire.ids import Motion, Result
 from companion.wire.payloads import CallData
@@ -49,7 +50,7 @@ class Operator:
             self._hear(event, now)
         if SYSTEM not in self.client.rovers:
             return
-        busy = {pending.target for pending in self.client.unsettled}
+        busy = {pending.answer.target for pending in self.client.unsettled}
         for call in self.client.rovers[SYSTEM].open_calls():
             known = self.calls.get(call.data.id)
             if known is not None and known.answered_at is None and call.data.id not in busy:
@@ -97,7 +98,7 @@ class Operator:
         return self._send(call.id, Motion.NONE if kind == 2 else Motion.GO, (name,), now)
 
     def _send(self, target: int, motion: Motion, operations: tuple[Operation, ...], now: float) -> Pending:
-        return self.client.answer(SYSTEM, target, motion, operations, now)
+        return self.client.answer(SYSTEM, Answer(target, motion, operations), now)
 
 
 def expired(known: KnownCall) -> int:

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord
 from bench.stopping.stage import Stage
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, Motion
 
 DISK_DELAY = 8.0
@@ -75,7 +75,7 @@ def _answers() -> list[bytes]:
     found = []
     for number in range(11 * 255):
         sender = mavlink.MAVLink(None, 245 + number // 255, 1 + number % 255)
-        payload = AnswerMessage(number + 1, 0, Motion.NONE, (SetWord("grass", 0.5),)).pack()
+        payload = Answer(0, Motion.NONE, (SetWord("grass", 0.5),), number + 1).pack()
         padded = list(payload.ljust(128, b"\0"))
         message = mavlink.MAVLink_tunnel_message(1, COMPONENT_ID, TUNNEL_ANSWER, len(payload), padded)
         found.append(bytes(message.pack(sender)))

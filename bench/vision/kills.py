@@ -38,7 +38,7 @@ from companion import run
 from companion.config import load_config
 from companion.storage import Journal
 from companion.tasks import VISION
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import (
     CHANGING_RESULTS,
     COMPONENT_ID,
@@ -73,7 +73,7 @@ class Operator:
 
     def send(self, transaction: int, word: str, weight: float) -> None:
         """Sends one word without a call."""
-        payload = AnswerMessage(transaction, 0, Motion.NONE, (SetWord(word, weight),)).pack()
+        payload = Answer(0, Motion.NONE, (SetWord(word, weight),), transaction).pack()
         padded = list(payload.ljust(128, b"\0"))
         message = mavlink.MAVLink_tunnel_message(1, COMPONENT_ID, TUNNEL_ANSWER, len(payload), padded)
         packed = message.pack(self._encoder)

@@ -30,7 +30,6 @@ from companion.daemon.settings.service import SettingsService
 from companion.daemon.startup import wait
 from companion.daemon.status import Status
 from companion.daemon.trial_call import TrialCall
-from companion.link.answer import Answer, Via
 from companion.link.inbound import (
     InboundEvent,
     ParameterRequest,
@@ -51,7 +50,7 @@ from companion.vehicle.state import Vehicle, VehiclePosition, is_moving, stands
 from companion.vision.client import VisionClient, VisionResult
 from companion.vision.messages import Done, Drawn, Encoded, FrameJudged, Model
 from companion.wire import notices, texts
-from companion.wire.answers import Acknowledgement, CancelIncident, IncidentRequest, PackIncident
+from companion.wire.answers import Acknowledgement, Answer, CancelIncident, IncidentRequest, PackIncident, Via
 from companion.wire.ids import ERROR, INFO, NOTICE, WARNING, Motion, Policy, State, words_hash
 from companion.wire.ids import Result as AckResult
 

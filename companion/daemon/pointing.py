@@ -11,12 +11,11 @@ from anytraverse.regions import Box
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import place_of
 from companion.daemon.answers.outcome import stale_text
-from companion.link.answer import COMMANDS, Answer, Via
 from companion.link.camera import Tapped
 from companion.link.link import Link
 from companion.vision.messages import VideoMarks
 from companion.wire import texts
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import COMMANDS, Acknowledgement, Answer
 from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Stage
 from companion.wire.parameters import NOT_IN_USE, OBSTACLE, TAP_WORD
 
@@ -94,7 +93,7 @@ class Pointing:
             return texts.not_shown(kind, number)
         box = tapped if isinstance(tapped, Box) else _around(*tapped, seen, self._place())
         operation = Tap(seen.frame.id, (box.left, box.top, box.right, box.bottom), *self.word)
-        return Answer((0, 0), Via.TRACK_POINT, number, Motion.NONE, (operation,))
+        return Answer(number, Motion.NONE, (operation,))
 
     def answered(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
         """Mark what an acknowledged tap has taught. The next one is an obstacle again."""

@@ -17,7 +17,6 @@ from anytraverse.release import own_version
 from companion.calls.decisions import CallOpened, Decision, HoldShown
 from companion.calls.machine import OperatorCalls
 from companion.daemon.settings.service import SettingsService
-from companion.link.answer import Answer
 from companion.link.inbound import InboundEvent, ParameterRequest, PolicyRequest, ResetRequest
 from companion.link.link import Link
 from companion.observers.recording import contents
@@ -29,7 +28,7 @@ from companion.system.log_lines import brief
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.vision.messages import Encoded, FrameJudged, Model
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import State
 from companion.wire.texts import REASONS
 

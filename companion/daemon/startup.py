@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import AnyTraverseError
-from companion.link.answer import Answer, Via
 from companion.link.inbound import (
     InboundEvent,
     ParameterRequest,
@@ -21,7 +20,7 @@ from companion.system.service_manager import ServiceManager
 from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer, Via
 from companion.wire.ids import WARNING, Result
 
 _TICK = 0.02

@@ -17,12 +17,11 @@ from typing import Any
 
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import call_data
-from companion.link.answer import Answer
 from companion.link.link import Link
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.wire import notices, texts
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
 from companion.wire.payloads import CallData
 

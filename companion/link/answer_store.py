@@ -9,8 +9,7 @@ from collections.abc import Hashable, ItemsView
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from companion.link.answer import COMMANDS, PAYLOADS, Answer, Via
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import COMMANDS, PAYLOADS, Acknowledgement, Answer, Via
 from companion.wire.ids import CHANGING_RESULTS, PAGE_SENDER, Motion, Result
 
 _Key = tuple[Any, ...]
@@ -182,7 +181,7 @@ class AnswerStore:
         system, component, transaction, target, result, text = row
         sender = int(system), int(component)
         via = Via.PAGE if sender == PAGE_SENDER else Via.TUNNEL
-        answer = Answer(sender, via, 0, Motion.NONE, (), int(transaction))
+        answer = Answer(0, Motion.NONE, (), int(transaction), sender, via)
         reply = Acknowledgement.without_figures(answer.transaction, int(target), Result(result), str(text))
         self._before[answer.key] = reply
         self._append(answer, reply)

@@ -14,7 +14,6 @@ from anytraverse.operations import ForgetWord, Operation, OtherPlace, SetWord
 from companion.link import encode
 from companion.link.access_control import REQUESTS_AT_ONCE, REQUESTS_PER_SECOND, AccessControl
 from companion.link.alerts import TextSender
-from companion.link.answer import COMMANDS, Answer, Via
 from companion.link.answer_store import AnswerStore
 from companion.link.inbound import ParameterRequest, PolicyRequest
 from companion.link.limits import TokenBucket
@@ -23,7 +22,7 @@ from companion.link.parameter_server import ParameterServer
 from companion.link.reassembly import Reassembly
 from companion.link.text_parameters import TextParameters
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import COMMANDS, Acknowledgement, Answer, Via
 from companion.wire.ids import (
     ANSWER_COMMAND,
     CHANGING_RESULTS,
@@ -103,21 +102,21 @@ class AnswerService:
         while self._from_page:
             payload, at = self._from_page.popleft()
             if now - at <= _PAGE_WAITED and self._page_rate.take(1.0, now):
-                part = self._unpacked(payload, now)
-                answer = None if part is None else self._completed(PAGE_SENDER, Via.PAGE, part, now)
+                received = self._unpacked(PAGE_SENDER, Via.PAGE, payload, now)
+                answer = None if received is None else self._completed(*received, now)
                 if answer is not None:
                     yield answer
 
     def tunnel(self, sender: SenderId, payload: bytes, now: float) -> Answer | None:
         """Take the payload of an answer, or of one part of it; return the answer once it is complete."""
-        part = self._unpacked(payload, now)
-        if part is None:
+        received = self._unpacked(sender, Via.TUNNEL, payload, now)
+        if received is None:
             return None
         if not self._access.permits(sender, now, self._text_sender.refuse_sender):
-            denied = _of_part(part, Result.DENIED, "this sender may not answer")
+            denied = _of_part(received[0], Result.DENIED, "this sender may not answer")
             self._push_ack(sender, denied, now)
             return None
-        return self._completed(sender, Via.TUNNEL, part, now)
+        return self._completed(*received, now)
 
     def command(self, sender: SenderId, message: Any, now: float) -> Answer | PolicyRequest | None:
         """Take the answer command. It is always acknowledged, here when it is refused, else by the daemon."""
@@ -149,7 +148,7 @@ class AnswerService:
                 self._text_sender.refuse(notices.answer_refused(), now)
             self._parameters.echo(ANSWER, 0.0, request.sender, now)
             return None
-        return self.admit(Answer(request.sender, Via.AT_ANSWER, target, Motion(code)), now)
+        return self.admit(Answer(target, Motion(code), sender=request.sender, via=Via.AT_ANSWER), now)
 
     def admit(self, answer: Answer, now: float) -> Answer | None:
         """Return a new answer, for the daemon to decide; None for a repeated one, or one text too many."""
@@ -198,9 +197,12 @@ class AnswerService:
                 result = mavlink.PARAM_ACK_ACCEPTED if accepted else mavlink.PARAM_ACK_FAILED
                 self._texts.acknowledge(answer, result, now)
 
-    def _unpacked(self, payload: bytes, now: float) -> AnswerMessage | None:
+    def _unpacked(
+        self, sender: SenderId, via: Via, payload: bytes, now: float
+    ) -> tuple[Answer, int, int] | None:
         try:
-            return AnswerMessage.unpack(payload)
+            answer, part, parts = Answer.unpack(payload)
+            return replace(answer, sender=sender, via=via), part, parts
         except PayloadError:
             other = bool(payload) and payload[0] != VERSION
             self._access.rejected["version" if other else "payload"] += 1
@@ -208,18 +210,17 @@ class AnswerService:
                 self._text_sender.refuse(notices.other_version(), now)
             return None
 
-    def _completed(self, sender: SenderId, via: Via, part: AnswerMessage, now: float) -> Answer | None:
+    def _completed(self, answer: Answer, part: int, parts: int, now: float) -> Answer | None:
         """Return the answer that this part completes, if it is new."""
-        answer = Answer(sender, via, part.target, part.motion, transaction=part.transaction)
         if self._is_repeated(answer, now):  # of a long answer, one part suffices
             return None
         try:
-            whole = self._reassembly.add(sender, part, now)
+            whole = self._reassembly.add(answer, part, parts, now)
         except PayloadError as error:
             self._access.rejected["parts"] += 1
-            self._reply(answer, _of_part(part, Result.REFUSED, str(error)), now)
+            self._reply(answer, _of_part(answer, Result.REFUSED, str(error)), now)
             return None
-        return None if whole is None else self.admit(replace(answer, operations=whole.operations), now)
+        return None if whole is None else self.admit(whole, now)
 
     def _push_ack(self, sender: SenderId, ack: Acknowledgement, now: float) -> None:
         message = encode.tunnel(TUNNEL_ACKNOWLEDGEMENT, ack.pack(), sender)
@@ -238,11 +239,11 @@ class AnswerService:
         if code == REFUSE_MATCH:
             return replace(_refusal(sender, Via.COMMAND, target), confirmation=again)
         if code != SET_WEIGHT:
-            return Answer(sender, Via.COMMAND, target, Motion(code), confirmation=again)
+            return Answer(target, Motion(code), sender=sender, via=Via.COMMAND, confirmation=again)
         operation = self._weight(message.param3, message.param4)
         if operation is None:
             return None
-        return Answer(sender, Via.COMMAND, target, Motion.NONE, (operation,), confirmation=again)
+        return Answer(target, Motion.NONE, (operation,), sender=sender, via=Via.COMMAND, confirmation=again)
 
     def _weight(self, index: float, value: float) -> Operation | None:
         number = _integer(index, 0, MAX_ID)
@@ -252,12 +253,12 @@ class AnswerService:
         return ForgetWord(entry.word) if value == entry.special else SetWord(entry.word, round(value, 6))
 
 
-def _of_part(part: AnswerMessage, result: Result, text: str) -> Acknowledgement:
+def _of_part(part: Answer, result: Result, text: str) -> Acknowledgement:
     return Acknowledgement.without_figures(part.transaction, part.target, result, text)
 
 
 def _refusal(sender: SenderId, via: Via, call_id: int) -> Answer:
-    return Answer(sender, via, 0, Motion.NONE, (OtherPlace(call_id),))
+    return Answer(0, Motion.NONE, (OtherPlace(call_id),), sender=sender, via=via)
 
 
 def _parameter_value(answer: Answer) -> int:

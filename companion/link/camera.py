@@ -17,11 +17,11 @@ from companion.config.video import CameraSettings
 from companion.link import camera_messages, encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
-from companion.link.answer import Answer, Via
 from companion.link.answer_store import SenderCache
 from companion.link.answers import TRACKING, AnswerService
 from companion.link.outbox import Outbox
 from companion.wire import notices
+from companion.wire.answers import Answer, Via
 from companion.wire.ids import WARNING, SenderId
 from companion.wire.messages import MESSAGES
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.calls.mode_monitor import ModeAnswer
-from companion.link.answer import Answer
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.state import Vehicle
+from companion.wire.answers import Answer
 from companion.wire.ids import Policy, SenderId
 
 _SHORTEST, _LONGEST = 800, 2200

@@ -12,7 +12,6 @@ from companion.config.video import CameraSettings
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import AlertRepeater, TextSender
-from companion.link.answer import Answer
 from companion.link.answer_store import AnswerStore
 from companion.link.answers import AnswerService
 from companion.link.camera import CameraService
@@ -36,7 +35,7 @@ from companion.storage.served_tree import Tree
 from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import CAMERA_COMPONENT_ID, ERROR, TUNNEL_CALL, Policy, SenderId, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import CallData, Summary

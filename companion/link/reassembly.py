@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 from companion.link.answer_store import SenderCache
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer, AnyOperation
 from companion.wire.delivery import MAX_PARTS
-from companion.wire.ids import SenderId
+from companion.wire.ids import Motion
 from companion.wire.packing import PayloadError
 
 OF_A_SENDER, IN_ALL = 8, 1024
@@ -19,7 +20,10 @@ PATIENCE = 30.0
 @dataclass
 class _Pieces:
     newest_at: float
-    parts: dict[int, AnswerMessage] = field(default_factory=dict)
+    envelope: tuple[int, Motion, int]
+    """Target, motion and number of parts, which all parts have in common."""
+    operations: dict[int, tuple[AnyOperation, ...]] = field(default_factory=dict)
+    """By part."""
 
 
 class Reassembly:
@@ -28,31 +32,26 @@ class Reassembly:
     def __init__(self) -> None:
         self._open: SenderCache[_Pieces] = SenderCache(OF_A_SENDER, IN_ALL)
 
-    def add(self, sender: SenderId, part: AnswerMessage, now: float) -> AnswerMessage | None:
+    def add(self, answer: Answer, part: int, parts: int, now: float) -> Answer | None:
         """Add a part; return the whole answer, operations in order, when it completes one, else None.
 
         Raises PayloadError for more than four parts, and for parts that contradict each other.
         """
-        if part.parts == 1:
-            return part
-        if part.parts > MAX_PARTS:
-            raise PayloadError(f"{part.parts} parts, at most {MAX_PARTS}")
-        key = (sender, part.transaction)
+        if parts == 1:
+            return answer
+        if parts > MAX_PARTS:
+            raise PayloadError(f"{parts} parts, at most {MAX_PARTS}")
+        key, envelope = (answer.sender, answer.transaction), (answer.target, answer.motion, parts)
         pieces = self._open.get(key)
         if pieces is None or now - pieces.newest_at >= PATIENCE:
-            pieces = _Pieces(now)
+            pieces = _Pieces(now, envelope)
         pieces.newest_at = now
         self._open.put(key, pieces)
-        if any(_envelope(other) != _envelope(part) for other in pieces.parts.values()):
+        if pieces.envelope != envelope:
             self._open.pop(key)
             raise PayloadError("the parts do not belong together")
-        pieces.parts[part.part] = part
-        if len(pieces.parts) < part.parts:
+        pieces.operations[part] = answer.operations
+        if len(pieces.operations) < parts:
             return None
         self._open.pop(key)
-        operations = tuple(op for number in range(part.parts) for op in pieces.parts[number].operations)
-        return replace(part, operations=operations, part=0, parts=1)
-
-
-def _envelope(part: AnswerMessage) -> tuple[int, int, int]:
-    return part.target, part.motion, part.parts
+        return replace(answer, operations=tuple(chain(*(pieces.operations[one] for one in range(parts)))))

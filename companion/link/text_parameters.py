@@ -12,10 +12,10 @@ from anytraverse.operations import Operation
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
-from companion.link.answer import Answer, Via
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ListSender, ParameterServer
 from companion.wire import notices
+from companion.wire.answers import Answer, Via
 from companion.wire.ids import Motion, SenderId
 from companion.wire.parameters import WORDS_TEXT
 from companion.wire.refusals import Rejected
@@ -83,7 +83,7 @@ class TextParameters:
             result = mavlink.PARAM_ACK_VALUE_UNSUPPORTED if unsupported else mavlink.PARAM_ACK_FAILED
             self._push_ack(sender, message._param_id_raw, self._value(name), result, now)
             return None
-        return Answer(sender, Via.TEXT, 0, Motion.NONE, operations, name=name, raw=raw)
+        return Answer(0, Motion.NONE, operations, sender=sender, via=Via.TEXT, name=name, raw=raw)
 
     def acknowledge(self, answer: Answer, result: int, now: float) -> None:
         """Send the result (PARAM_ACK) of a set, with its value, or the one in force if it failed."""

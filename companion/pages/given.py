@@ -8,7 +8,7 @@ from typing import Any
 
 from anytraverse.operations import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, Tap
 from companion.pages.wording import without_box
-from companion.wire.answers import AnyOperation
+from companion.wire.answers import Answer, AnyOperation
 from companion.wire.delivery import Pending, Status
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.words_text import operation_text
@@ -27,7 +27,8 @@ class Answered:
     @property
     def taught(self) -> bool:
         """Whether the rover learnt something from it: words, or that it may go."""
-        return self.pending.applied and (bool(self.pending.operations) or self.pending.motion is Motion.GO)
+        answer = self.pending.answer
+        return self.pending.applied and (bool(answer.operations) or answer.motion is Motion.GO)
 
     def document(self) -> dict[str, Any]:
         """Return what a page shows of it."""
@@ -36,7 +37,7 @@ class Answered:
         settled = ack.result if ack is not None and pending.status is Status.ACKNOWLEDGED else None
         return {
             "at": round(self.at, 2),
-            "said": said(pending.motion, pending.operations),
+            "said": said(pending.answer),
             "text": pending.told,
             "tone": "wait" if not pending.settled else "good" if settled in _WELL else "bad",
             "settled": pending.settled,
@@ -55,11 +56,11 @@ def undoing(answers: Sequence[Answered], undone: Pending | None) -> tuple[Operat
     touched = {
         change.word: None
         for one in taught
-        for change in one.pending.operations
+        for change in one.pending.answer.operations
         if isinstance(change, SetWord | Tap)
     }
     restored = (SetWord(word, before[word]) if word in before else ForgetWord(word) for word in touched)
-    return (ForgetCall(taught[0].pending.target), *restored)
+    return (ForgetCall(taught[0].pending.answer.target), *restored)
 
 
 def undone_words(operations: Sequence[Operation]) -> dict[str, float] | None:
@@ -70,10 +71,10 @@ def undone_words(operations: Sequence[Operation]) -> dict[str, float] | None:
     return {one.word: one.weight for one in operations if isinstance(one, SetWord)} if operations else None
 
 
-def said(motion: Motion, operations: Sequence[AnyOperation]) -> str:
+def said(answer: Answer) -> str:
     """Word an answer."""
-    driving = [motion.name.lower().replace("_", " ")] if motion is not Motion.NONE else []
-    return ", ".join([*map(_operation, operations), *driving])
+    driving = [answer.motion.name.lower().replace("_", " ")] if answer.motion is not Motion.NONE else []
+    return ", ".join([*map(_operation, answer.operations), *driving])
 
 
 def _operation(operation: AnyOperation) -> str:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from anytraverse.errors import PreferencesError
-from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap, taps_of
 from anytraverse.preferences import check_weight, clean_word
 from companion.wire import json_values
-from companion.wire.answers import AnyOperation, CancelIncident
+from companion.wire.answers import Answer, AnyOperation, CancelIncident
 from companion.wire.ids import Motion, Stage
 from companion.wire.packing import Fractions
 from companion.wire.payloads import CallData
@@ -30,35 +29,6 @@ class RequestError(ValueError):
     """Reports a request that cannot be carried out; its text is for a person."""
 
 
-@dataclass(frozen=True)
-class AnswerRequest:
-    """An answer. call: id of its call or hold, 0 for words alone, and for what answers none: a match that is
-    refused, an incident file that is cancelled.
-    """
-
-    call: int
-    motion: Motion
-    operations: tuple[AnyOperation, ...]
-
-    def check(self, call: CallData | None, current: int) -> None:
-        """Check it against the call that it names, None for one that is not known.
-
-        current: id of the open call or hold, 0 for none. Raises RequestError where it may not be sent.
-        """
-        frames = {one.frame_id for one in self.operations if isinstance(one, Tap)}
-        if frames and (call is None or frames != {call.frame_id}):
-            raise RequestError("you tapped in an older picture, so nothing was sent: tap in the new one")
-        if self.call and (call is None or call.stage is Stage.CLOSED):
-            raise RequestError(f"call {self.call} is closed already, so nothing was sent")
-        if not self.call and current and not self._answers_no_call:
-            raise RequestError("a call is open: words now would answer it, so send them as its answer")
-
-    @property
-    def _answers_no_call(self) -> bool:
-        alone = OtherPlace | CancelIncident
-        return self.motion is Motion.NONE and all(isinstance(one, alone) for one in self.operations)
-
-
 def read_object(body: bytes) -> Mapping[str, Any]:
     """Read the body of a POST. Raises RequestError."""
     try:
@@ -67,8 +37,8 @@ def read_object(body: bytes) -> Mapping[str, Any]:
         raise RequestError(str(error)) from error
 
 
-def read_answer(told: Mapping[str, Any]) -> AnswerRequest:
-    """Read an answer. Raises RequestError."""
+def read_answer(told: Mapping[str, Any]) -> Answer:
+    """Read an answer. Its target is 0 for words alone, and for what answers no call. Raises RequestError."""
     motion = _MOTIONS.get(told["motion"]) if isinstance(told.get("motion"), str) else None
     if motion is None:
         raise RequestError(f"motion is one of {', '.join(_MOTIONS)}")
@@ -88,7 +58,23 @@ def read_answer(told: Mapping[str, Any]) -> AnswerRequest:
         raise RequestError("an answer needs the call that it is for")
     if motion is Motion.NONE and not operations:
         raise RequestError("an answer without words needs a motion")
-    return AnswerRequest(call, motion, operations)
+    return Answer(call, motion, operations)
+
+
+def check_answer(answer: Answer, call: CallData | None, current: int) -> None:
+    """Check an answer against the call that it names, None for one that is not known.
+
+    current: id of the open call or hold, 0 for none. Raises RequestError where it may not be sent.
+    """
+    frames = {tap.frame_id for tap in taps_of(answer.taught)}
+    if frames and (call is None or frames != {call.frame_id}):
+        raise RequestError("you tapped in an older picture, so nothing was sent: tap in the new one")
+    if answer.target and (call is None or call.stage is Stage.CLOSED):
+        raise RequestError(f"call {answer.target} is closed already, so nothing was sent")
+    alone = OtherPlace | CancelIncident
+    to_none = answer.motion is Motion.NONE and all(isinstance(one, alone) for one in answer.operations)
+    if not answer.target and current and not to_none:
+        raise RequestError("a call is open: words now would answer it, so send them as its answer")
 
 
 def read_incident(told: Mapping[str, Any]) -> int:

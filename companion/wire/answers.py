@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
+from typing import Any
 
 from anytraverse.operations import (
     ForgetCall,
@@ -16,7 +17,7 @@ from anytraverse.operations import (
     Tap,
 )
 from companion.wire import layouts
-from companion.wire.ids import VERSION, Motion, Outcome, Reasons, Result, Stage
+from companion.wire.ids import VERSION, Motion, Outcome, Reasons, Result, SenderId, Stage
 from companion.wire.packing import (
     PayloadError,
     Reader,
@@ -127,26 +128,72 @@ def _read_operation(reader: Reader) -> AnyOperation:
     raise PayloadError(f"operation {code} is unknown: update this end")
 
 
-@dataclass(frozen=True)
-class AnswerMessage:
-    """An answer, or one part of a long one.
+class Via(Enum):
+    """What an answer came by. Its acknowledgement goes back by the message that belongs to it."""
 
-    transaction: chosen at random by the sender, never 0; an answer is applied once for each transaction.
-    target: id of the call or hold, 0 for the current one.
-    part, parts: this is part `part` (from 0) of `parts`; the operations of all parts count in order.
+    TUNNEL = "TUNNEL 45003"
+    PAGE = "the rover's own page"
+    """The payload of a TUNNEL 45003, which the web process hands over."""
+    COMMAND = "COMMAND_LONG 31010"
+    TRACK_POINT = "MAV_CMD_CAMERA_TRACK_POINT"
+    TRACK_RECTANGLE = "MAV_CMD_CAMERA_TRACK_RECTANGLE"
+    AT_ANSWER = "PARAM_SET AT_ANSWER"
+    TEXT = "PARAM_EXT_SET"
+
+
+PAYLOADS = frozenset({Via.TUNNEL, Via.PAGE})
+"""These carry a transaction, by which a repetition is known."""
+COMMANDS = frozenset({Via.COMMAND, Via.TRACK_POINT, Via.TRACK_RECTANGLE})
+"""These carry a count of how often they were sent, and are acknowledged by COMMAND_ACK."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An operator's answer, from the page or the line where it is given to the journal of the rover.
+
+    target: id of the call or hold, 0 for the current one. transaction: of `PAYLOADS`, chosen at random by the
+    one who sends it, else 0; an answer is applied once for each.
+    The rover notes who sent it, and via what. confirmation: of `COMMANDS`, above 0 where its sender repeats
+    it. name, raw: of a TEXT, which sets words without a call: the extended parameter and its value as
+    received.
     """
 
-    transaction: int
     target: int
     motion: Motion
     operations: tuple[AnyOperation, ...] = ()
-    part: int = 0
-    parts: int = 1
+    transaction: int = 0
+    sender: SenderId = (0, 0)
+    via: Via = Via.TUNNEL
+    confirmation: int = 0
+    name: str = ""
+    raw: bytes = b""
 
-    def pack(self) -> bytes:
-        """Pack into the payload's bytes. Raises PayloadError above 128 bytes: send several parts."""
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Equal for an answer and its repetitions. It begins with whose answers are bounded together."""
+        owner = self.sender, self.via
+        if self.via in PAYLOADS:
+            return owner, self.transaction
+        return owner, self.target, self.motion, self.operations, self.name, self.raw
+
+    @property
+    def taught(self) -> tuple[Operation, ...]:
+        """The operations that the algorithm takes: all but those about incident files."""
+        return tuple(one for one in self.operations if not isinstance(one, IncidentRequest))
+
+    @property
+    def refuses_match(self) -> bool:
+        """Whether it says only that a match was not the same place, which concerns no call."""
+        alone = self.motion is Motion.NONE and bool(self.operations)
+        return alone and all(isinstance(one, OtherPlace) for one in self.operations)
+
+    def pack(self, part: int = 0, parts: int = 1) -> bytes:
+        """Pack into a payload's bytes, as part `part` (from 0) of `parts`.
+
+        The operations of all parts count in order. Raises PayloadError above 128 bytes: send several parts.
+        """
         head = layouts.ANSWER.struct.pack(
-            VERSION, self.transaction, self.target, self.motion, self.part, self.parts, len(self.operations)
+            VERSION, self.transaction, self.target, self.motion, part, parts, len(self.operations)
         )
         payload = head + b"".join(_pack_operation(operation) for operation in self.operations)
         if len(payload) > MAX_PAYLOAD:
@@ -154,8 +201,8 @@ class AnswerMessage:
         return payload
 
     @classmethod
-    def unpack(cls, payload: bytes) -> AnswerMessage:
-        """Unpack and check a payload. Raises PayloadError."""
+    def unpack(cls, payload: bytes) -> tuple[Answer, int, int]:
+        """Unpack and check a payload: its operations, which part it is, of how many. Raises PayloadError."""
         reader = Reader(payload)
         version, transaction, target, motion, part, parts, count = reader.take(layouts.ANSWER.struct)
         check_version(version)
@@ -164,7 +211,7 @@ class AnswerMessage:
         operations = tuple(_read_operation(reader) for _ in range(count))
         reader.end()
         try:
-            return cls(transaction, target, Motion(motion), operations, part, parts)
+            return cls(target, Motion(motion), operations, transaction), part, parts
         except ValueError as error:
             raise PayloadError(str(error)) from error
 

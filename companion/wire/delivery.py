@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from companion.wire.answers import (
     MAX_PAYLOAD,
     MAX_WORD_BYTES,
     Acknowledgement,
-    AnswerMessage,
+    Answer,
     AnyOperation,
     CancelIncident,
-    IncidentRequest,
     PackIncident,
 )
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
@@ -75,28 +74,27 @@ def result_text(ack: Acknowledgement) -> str:
     return f"{_RESULTS[ack.result]}{''.join(f', {figure}' for figure in figures)}{told}"
 
 
-def split(transaction: int, target: int, motion: Motion, operations: Sequence[AnyOperation]) -> list[bytes]:
+def split(answer: Answer) -> list[bytes]:
     """Pack an answer into as few payloads as possible, in order, each of at most 128 bytes.
 
     Raises PayloadError for more than four parts, or a word of more than 96 bytes.
     """
     groups: list[list[AnyOperation]] = [[]]
-    size = empty = len(AnswerMessage(transaction, target, motion).pack())
-    for operation in operations:
+    size = empty = len(replace(answer, operations=()).pack())
+    for operation in answer.operations:
         word = getattr(operation, "word", "")
         if len(word.encode()) > MAX_WORD_BYTES:
             raise PayloadError(f'"{word[:20]}..." is over {MAX_WORD_BYTES} bytes: use a shorter word')
-        grown = len(AnswerMessage(transaction, target, motion, (operation,)).pack()) - empty
+        grown = len(replace(answer, operations=(operation,)).pack()) - empty
         if size + grown > MAX_PAYLOAD:
             groups.append([])
             size = empty
         groups[-1].append(operation)
         size += grown
     if len(groups) > MAX_PARTS:
-        raise PayloadError(f"{len(operations)} changes are too long for one answer: send them in two")
+        raise PayloadError(f"{len(answer.operations)} changes are too long for one answer: send them in two")
     return [
-        AnswerMessage(transaction, target, motion, tuple(group), part, len(groups)).pack()
-        for part, group in enumerate(groups)
+        replace(answer, operations=tuple(group)).pack(part, len(groups)) for part, group in enumerate(groups)
     ]
 
 
@@ -109,14 +107,11 @@ def random_transaction() -> int:
 class Pending:
     """Delivers one answer to one rover. The owner sends what `due` returns, and reports acknowledgements.
 
-    rounds: how often all parts were sent. operations: the changes in it. Times are those of `now`.
+    answer: with its transaction. rounds: how often all parts were sent. Times are those of `now`.
     """
 
     system: int
-    target: int
-    motion: Motion
-    operations: tuple[AnyOperation, ...]
-    transaction: int
+    answer: Answer
     created: float
     status: Status = Status.WAITING
     acknowledgement: Acknowledgement | None = None
@@ -128,13 +123,13 @@ class Pending:
     _closed_at: float | None = None
 
     def __post_init__(self) -> None:
-        self._payloads = split(self.transaction, self.target, self.motion, self.operations)
+        self._payloads = split(self.answer)
         self._next_at = self.created
 
     @property
     def urgency(self) -> tuple[bool, float]:
         """Sorts answers to one rover: in this order they are sent. A stay waits for none."""
-        return self.motion is not Motion.STAY, self.created
+        return self.answer.motion is not Motion.STAY, self.created
 
     @property
     def settled(self) -> bool:
@@ -157,7 +152,7 @@ class Pending:
         """Return whether later answers to the same rover must wait for this one."""
         if self.settled or self._closed_at is not None:
             return False
-        if self.operations and all(isinstance(one, IncidentRequest) for one in self.operations):
+        if self.answer.operations and not self.answer.taught:
             return False  # it changes nothing of a call, so that no answer has to wait for it
         return self.first_sent is None or now - self.first_sent < BLOCKS_S
 
@@ -187,12 +182,13 @@ class Pending:
 
         That is a go to the call of a stay, and a request to pack the incident that this cancels.
         """
-        cancelled = tuple(PackIncident(one.id) for one in self.operations if isinstance(one, CancelIncident))
+        own = self.answer
+        cancelled = tuple(PackIncident(one.id) for one in own.operations if isinstance(one, CancelIncident))
         for other in others:
             if other.system != self.system:
                 continue
-            go = (other.target, other.motion) == (self.target, Motion.GO)
-            if (self.motion is Motion.STAY and go) or (cancelled and other.operations == cancelled):
+            go = (other.answer.target, other.answer.motion) == (own.target, Motion.GO)
+            if (own.motion is Motion.STAY and go) or (cancelled and other.answer.operations == cancelled):
                 other.close(now)
 
     def close(self, now: float) -> None:

@@ -7,12 +7,11 @@ Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
 from anytraverse.preferences import check_weight, clean_word
-from companion.wire.answers import AnyOperation
+from companion.wire.answers import Answer, AnyOperation
 from companion.wire.ids import Motion
 from companion.wire.packing import Fractions
 from companion.wire.payloads import CallData
@@ -64,33 +63,39 @@ def in_range(name: str, value: int, low: int, high: int) -> int:
     return value
 
 
-def read_typed(text: str) -> tuple[Motion, tuple[Operation, ...]]:
+def read_typed(text: str, target: int = 0) -> Answer:
     """Parse an answer. Without a motion it is words alone: Motion.NONE. Taps have `NO_FRAME`.
 
     Raises CommandError.
     """
     motion, rest = _trailing_motion(text)
-    return motion, _changes(rest)
+    return Answer(target, motion, _changes(rest))
 
 
-def typed(motion: Motion, operations: Sequence[AnyOperation]) -> str:
+def typed(answer: Answer) -> str:
     """Format an answer as an operator types it. Raises CommandError for one that would be read otherwise."""
-    changes = "; ".join(map(operation_text, operations))
-    line = ", ".join(filter(None, (changes, _TYPED[motion])))
-    meant = tuple(replace(one, frame_id=NO_FRAME) if isinstance(one, Tap) else one for one in operations)
+    changes = "; ".join(map(operation_text, answer.operations))
+    line = ", ".join(filter(None, (changes, _TYPED[answer.motion])))
+    meant = tuple(
+        replace(one, frame_id=NO_FRAME) if isinstance(one, Tap) else one for one in answer.operations
+    )
     try:
-        if read_typed(line) == (motion, meant):
+        if read_typed(line, answer.target) == replace(answer, operations=meant):
             return line
     except CommandError:
         pass
     raise CommandError(f'"{line[:40]}" would be read otherwise: use another word')
 
 
-def placed(operation: Operation, call: CallData | None) -> Operation:
-    """Return an operation that was typed with its tap in the call's frame: in its box, or in the worst tile.
+def placed(answer: Answer, call: CallData | None) -> Answer:
+    """Return a typed answer with its taps in the call's frame: in their boxes, or in the worst tile.
 
     call: what it answers, None where that is not known. Raises CommandError for a tap without a place.
     """
+    return replace(answer, operations=tuple(_placed(one, call) for one in answer.operations))
+
+
+def _placed(operation: AnyOperation, call: CallData | None) -> AnyOperation:
     if not isinstance(operation, Tap):
         return operation
     if call is None:

@@ -7,12 +7,12 @@ Call `receive` with every message of the link, then send what `outgoing` returns
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, AnyOperation
+from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Answer
 from companion.wire.delivery import Pending, Status, random_transaction
 from companion.wire.ids import (
     ANSWER_COMMAND,
@@ -21,7 +21,6 @@ from companion.wire.ids import (
     TUNNEL_ACKNOWLEDGEMENT,
     TUNNEL_CALL,
     TUNNEL_SUMMARY,
-    Motion,
     Policy,
     Result,
 )
@@ -125,15 +124,13 @@ class OperatorClient:
         self._events.clear()
         return new_events
 
-    def answer(
-        self, system: int, target: int, motion: Motion, operations: Sequence[AnyOperation], now: float
-    ) -> Pending:
-        """Send an answer to call or hold `target` (0: words alone) of the rover `system`.
+    def answer(self, system: int, answer: Answer, now: float) -> Pending:
+        """Send an answer to the rover `system`. It gets a transaction.
 
         The next calls of `outgoing` return it, once the rover is heard; answers to one rover keep their
         order. Raises PayloadError when it does not fit the wire format.
         """
-        return self._outbox.answer(system, target, motion, operations, now, heard=self._is_alive(system, now))
+        return self._outbox.answer(system, answer, now, heard=self._is_alive(system, now))
 
     def set_policy(self, system: int, policy: Policy, now: float) -> PendingPolicy:
         """Request a policy; it is sent once the rover is heard. Replaces an earlier request."""

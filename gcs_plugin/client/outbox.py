@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.wire.answers import MAX_PAYLOAD, AnyOperation
+from companion.wire.answers import MAX_PAYLOAD, Answer
 from companion.wire.delivery import Pending
 from companion.wire.ftp import FtpPayload
-from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, Motion, Policy
+from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, Policy
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.fetch import Fetch
@@ -54,20 +55,11 @@ class Outbox:
             not policy_request.settled for policy_request in self._policy_requests.values()
         )
 
-    def answer(
-        self,
-        system: int,
-        target: int,
-        motion: Motion,
-        operations: Sequence[AnyOperation],
-        now: float,
-        *,
-        heard: bool,
-    ) -> Pending:
+    def answer(self, system: int, answer: Answer, now: float, *, heard: bool) -> Pending:
         """Queue an answer: see `OperatorClient.answer`. heard: whether the rover is; else report WAITING."""
         if len(self.unsettled) >= MAX_PENDING:
             raise PayloadError(f"{MAX_PENDING} answers wait already: is the link up?")
-        pending = Pending(system, target, motion, tuple(operations), self._transactions(), now)
+        pending = Pending(system, replace(answer, transaction=self._transactions()), now)
         pending.overrule(self.unsettled, now)
         while len(self._pending) >= MAX_PENDING:
             self._pending.remove(next(old for old in self._pending if old.settled))
@@ -114,7 +106,7 @@ class Outbox:
     def sent(self, system: int, transaction: int) -> Pending | None:
         """Return the answer with this transaction, if it was sent from here."""
         asked = (system, transaction)
-        pending = next((one for one in self._pending if (one.system, one.transaction) == asked), None)
+        pending = next((one for one in self._pending if (one.system, one.answer.transaction) == asked), None)
         return None if pending is None or pending.first_sent is None else pending
 
     def handle_file(self, system: int, payload: bytes, now: float) -> None:
@@ -131,7 +123,7 @@ class Outbox:
     def close(self, system: int, closed: Collection[int], now: float) -> None:
         """Stop sending the answers to these closed calls."""
         for pending in self.unsettled:
-            if pending.system == system and pending.target in closed:
+            if pending.system == system and pending.answer.target in closed:
                 pending.close(now)
 
     def settle(self, now: float) -> None:
@@ -195,8 +187,9 @@ class Outbox:
         return None
 
     def _report_answer(self, pending: Pending) -> None:
+        answer = pending.answer
         self._report(
-            ev.AnswerStatusChanged(pending.system, pending.target, pending.transaction, pending.status)
+            ev.AnswerStatusChanged(pending.system, answer.target, answer.transaction, pending.status)
         )
 
     def _report_policy(self, policy_request: PendingPolicy) -> None:

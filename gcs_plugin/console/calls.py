@@ -113,7 +113,7 @@ class Stories:
 
     def answered(self, pending: Pending, words: Mapping[str, float], wall: float) -> None:
         """Take note of an answer that leaves from here."""
-        story = self.by_id.get(pending.target)
+        story = self.by_id.get(pending.answer.target)
         if story is not None:
             story.answers.append(Answered(pending, wall, dict(words)))
 
@@ -136,7 +136,7 @@ class Stories:
 
     @staticmethod
     def _has_driven_on(story: Story, call: Call, rover: Rover) -> bool:
-        went = any(one.pending.applied and one.pending.motion is Motion.GO for one in story.answers)
+        went = any(one.pending.applied and one.pending.answer.motion is Motion.GO for one in story.answers)
         vehicle = rover.vehicle
         drives = vehicle is not None and vehicle.armed and vehicle.mode in _DRIVES
         return went and drives and not call.data.holding and call.data.stage is Stage.CLOSED
@@ -163,7 +163,7 @@ class Stories:
         there = self.by_id.get(found.call_id or 0)
         said, motion = "the answer was", ""
         if there is not None:
-            own = [plain(one.pending.motion) for one in there.answers if one.pending.applied]
+            own = [plain(one.pending.answer.motion) for one in there.answers if one.pending.applied]
             given = [one.motion for one in there.record.answers] if there.record is not None else []
             said = "you said" if own else said
             motion = browser_wording.newest_motion(own or given)

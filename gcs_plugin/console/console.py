@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.operations import SetWord, Tap
-from companion.pages.requests import AnswerRequest, RequestError
+from companion.pages.requests import RequestError, check_answer
+from companion.wire.answers import Answer
 from companion.wire.ids import Motion
 from companion.wire.packing import PayloadError
 from companion.wire.typed_answers import CommandError
@@ -118,7 +119,7 @@ class Console:
             choose_rover(self.client.rovers, system)
             desk = self.desks[system]
             match request:
-                case AnswerRequest():
+                case Answer():
                     return self._answer(request, desk, now, wall)
                 case PolicyRequest():
                     self.client.set_policy(system, request.policy, now)
@@ -139,13 +140,13 @@ class Console:
         except (CommandError, PayloadError, KeyError) as error:
             raise RequestError(str(error)) from error
 
-    def _answer(self, request: AnswerRequest, desk: RoverDesk, now: float, wall: float) -> str:
+    def _answer(self, answer: Answer, desk: RoverDesk, now: float, wall: float) -> str:
         rover = desk.rover
-        call = rover.calls.get(request.call)
-        request.check(call.data if call is not None else None, current_call(rover))
-        pending = self.client.answer(desk.system, request.call, request.motion, request.operations, now)
+        call = rover.calls.get(answer.target)
+        check_answer(answer, call.data if call is not None else None, current_call(rover))
+        pending = self.client.answer(desk.system, answer, now)
         desk.stories.answered(pending, desk.fetched.words, wall)
-        named = (one for one in request.operations if isinstance(one, SetWord | Tap))
+        named = (one for one in answer.operations if isinstance(one, SetWord | Tap))
         desk.fetched.note_named({one.word: one.weight for one in named})
         return "sent" if rover.alive(now) else "the rover is not heard: it is sent as soon as it is"
 
@@ -156,7 +157,7 @@ class Console:
         if not operations:
             raise RequestError(f"nothing that this console answered to call {request.call} is left to undo")
         story = desk.stories.by_id[request.call]
-        story.undone = self.client.answer(desk.system, 0, Motion.NONE, operations, now)
+        story.undone = self.client.answer(desk.system, Answer(0, Motion.NONE, operations), now)
         return "asked for"
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.pages.incidents import shown
-from companion.wire.answers import PackIncident
+from companion.wire.answers import Answer, PackIncident
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
 from companion.wire.incidents import DOCUMENT, FOLDER, MOST_MEMBERS, Incidents, read_incidents
@@ -72,12 +72,12 @@ class RoverIncidents:
 
     def asked(self, transaction: int) -> bool:
         """Whether this is the transaction of a request for an incident."""
-        return any(one.transaction == transaction for one in self._asked.values())
+        return any(one.answer.transaction == transaction for one in self._asked.values())
 
     def ask(self, call: int, now: float) -> None:
         """Have an incident packed. call: 0: the last minute. Raises PayloadError."""
         request = (PackIncident(call),)
-        self._asked[call] = self._client.answer(self._system, 0, Motion.NONE, request, now)
+        self._asked[call] = self._client.answer(self._system, Answer(0, Motion.NONE, request), now)
         self._followed_until = now + FOLLOWED_S
 
     def fetch(self, name: str) -> None:

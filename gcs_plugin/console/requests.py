@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from companion.pages.requests import (
-    AnswerRequest,
     RequestError,
     read_answer,
     read_incident,
     read_object,
     whole,
 )
+from companion.wire.answers import Answer
 from companion.wire.ids import Policy
 from companion.wire.incidents import read_name
 
@@ -56,7 +56,7 @@ class IncidentFileRequest:
     stop: bool
 
 
-Request = AnswerRequest | PolicyRequest | UndoRequest | FileRequest | IncidentRequest | IncidentFileRequest
+Request = Answer | PolicyRequest | UndoRequest | FileRequest | IncidentRequest | IncidentFileRequest
 
 
 def read_request(kind: str, body: bytes) -> tuple[int, Request]:

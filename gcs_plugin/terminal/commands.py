@@ -13,9 +13,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from anytraverse.operations import Operation
-from companion.wire.answers import CancelIncident, IncidentRequest, PackIncident
-from companion.wire.ids import Motion, Policy
+from companion.wire.answers import Answer, CancelIncident, IncidentRequest, PackIncident
+from companion.wire.ids import Policy
 from companion.wire.typed_answers import CommandError, in_range, read_typed
 
 MAX_LINE = 1000
@@ -28,11 +27,9 @@ _INCIDENT = re.compile(r"(cancel\s+)?incident(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII
 
 @dataclass(frozen=True)
 class Reply:
-    """Holds an answer. call_id, rover: None when not named. motion NONE: words alone."""
+    """Holds an answer as it was typed: its target is 0 when none was named. rover: None when not named."""
 
-    motion: Motion
-    changes: tuple[Operation, ...] = ()
-    call_id: int | None = None
+    answer: Answer
     rover: int | None = None
 
 
@@ -111,7 +108,7 @@ def parse(line: str) -> Command | None:
         in_range("call", call_id, 1, 0xFFFF)
     if not rest:
         raise CommandError(f"what about call {call_id}? Write it as `{call_id} go` or `{call_id} stay`")
-    return Reply(*read_typed(rest), call_id, rover)
+    return Reply(read_typed(rest, call_id or 0), rover)
 
 
 def _leading(pattern: re.Pattern[str], rest: str) -> tuple[int | None, str]:

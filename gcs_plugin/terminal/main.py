@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             options.quit_after,
         )
         for pending in client.unsettled:
-            output.problem(wording.given_up(pending.target))
+            output.problem(wording.given_up(pending.answer.target))
         output.end(session.totals.record(client.rovers, time.monotonic() - started))
     except BrokenPipeError:
         # Python flushes stdout at exit, which would raise again

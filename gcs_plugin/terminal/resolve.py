@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 
-from anytraverse.operations import Operation, OtherPlace, Tap
+from anytraverse.operations import taps_of
+from companion.wire.answers import Answer
 from companion.wire.ids import Motion
 from companion.wire.typed_answers import CommandError, placed
-from gcs_plugin.client.rovers import Call, Rover
-from gcs_plugin.terminal.commands import Picture, Reply
+from gcs_plugin.client.rovers import Rover
+from gcs_plugin.terminal.commands import Picture
 
 READ_S = 2.0
 """An answer without an id is refused for this long after a new current call is shown: the operator may mean
 the call before it."""
-
-
-@dataclass(frozen=True)
-class Addressed:
-    """Holds an answer that can be sent. target 0: words that belong to no call."""
-
-    system: int
-    target: int
-    motion: Motion
-    operations: tuple[Operation, ...]
 
 
 def choose_rover(rovers: Mapping[int, Rover], named: int | None, selected: int | None = None) -> Rover:
@@ -62,30 +53,23 @@ def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
     return f"/calls/{number}{size}.jpg", f"rover{rover.system}-call{number}{size}.jpg"
 
 
-def address(reply: Reply, rover: Rover, now: float) -> Addressed:
-    """Address a reply to a call of `rover`.
+def address(answer: Answer, rover: Rover, now: float) -> Answer:
+    """Address an answer, as it was typed, to a call of `rover`; target 0: words that belong to no call.
 
     Raises CommandError when no open call fits, or when the current call is too new to have been read.
     """
-    places = [change for change in reply.changes if isinstance(change, OtherPlace)]
-    if places and len(places) == len(reply.changes) and reply.motion is Motion.NONE:
-        # It concerns no call: it must arrive even if the open one closes meanwhile.
-        return Addressed(rover.system, 0, reply.motion, tuple(places))
-    target = current_call(rover) if reply.call_id is None else reply.call_id
+    if answer.refuses_match:  # it must arrive even if the open call closes meanwhile
+        return replace(answer, target=0)
+    target = answer.target or current_call(rover)
     call = rover.calls.get(target)
-    if reply.call_id is not None and call is not None and not call.open:
+    if answer.target and call is not None and not call.open:
         raise CommandError(f"call {target} is closed already: type `calls` for what is open")
-    if reply.call_id is None and target and rover.reported_for(target, now) < READ_S:
+    if not answer.target and target and rover.reported_for(target, now) < READ_S:
         raise CommandError(f"{target} is new, so nothing was sent: read it, then type that again")
-    if not target and reply.motion is not Motion.NONE:
+    if not target and answer.motion is not Motion.NONE:
         raise CommandError("no call is open, so nothing waits for this; words alone are taken: `bush: -1`")
-    operations = tuple(_operation(change, target, call) for change in reply.changes)
-    return Addressed(rover.system, target, reply.motion, operations)
-
-
-def _operation(change: Operation, target: int, call: Call | None) -> Operation:
-    if isinstance(change, Tap) and target and call is None:
+    if target and call is None and (taps := taps_of(answer.taught)):
         raise CommandError(
-            f"call {target} is not told in full yet: wait a moment, or use `{change.word}: -1`"
+            f"call {target} is not told in full yet: wait a moment, or use `{taps[0].word}: -1`"
         )
-    return placed(change, call.data if call is not None else None)
+    return replace(placed(answer, call.data if call is not None else None), target=target)

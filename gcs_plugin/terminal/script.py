@@ -71,7 +71,7 @@ class Rule:
     def changes(self) -> bool:
         """Whether its answer changes words or scenes, so that a sign may turn."""
         command = parse(self.answer)
-        return isinstance(command, Reply) and bool(command.changes)
+        return isinstance(command, Reply) and bool(command.answer.operations)
 
     @property
     def left(self) -> bool:
@@ -154,7 +154,7 @@ def _answer(number: int, line: Any) -> str:
         command = parse(line) if isinstance(line, str) else None
     except CommandError as error:
         raise ScriptError(f"rule {number}: {error}") from error
-    if not isinstance(command, Reply) or command.call_id is not None or command.rover is not None:
+    if not isinstance(command, Reply) or command.answer.target or command.rover is not None:
         raise ScriptError(f'rule {number}: "answer" is a line without rover and id: "tap drum -1 go"')
     return str(line)
 

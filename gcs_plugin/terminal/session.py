@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from statistics import median
 from typing import Any
 
+from companion.wire.answers import Answer
 from companion.wire.delivery import Status
 from companion.wire.ids import Motion, Result
 from companion.wire.packing import PayloadError
@@ -19,7 +20,7 @@ from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.commands import Incident, Picture, Reply, Select, SetPolicy, Show, parse
 from gcs_plugin.terminal.output import Output, plain
-from gcs_plugin.terminal.resolve import Addressed, address, choose_rover, picture_of
+from gcs_plugin.terminal.resolve import address, choose_rover, picture_of
 from gcs_plugin.terminal.script import Script
 from gcs_plugin.terminal.state_files import StateFiles
 
@@ -113,8 +114,8 @@ class Session:
         self._progress_shown_at = 0.0
         self._selected: int | None = None
         self._state_files = StateFiles(client)
-        self._turning: tuple[str, Addressed] | None = None
-        """The question about words that the last answer would turn, and that answer."""
+        self._turning: tuple[str, int, Answer] | None = None
+        """The question about words that the last answer would turn, the rover, and that answer."""
 
     def step(self, now: float) -> None:
         """Show events and the progress of pictures, then let the script answer."""
@@ -150,7 +151,7 @@ class Session:
                     self._fetch(command, now)
                 case Incident():
                     rover = choose_rover(self._client.rovers, command.rover, self._selected)
-                    self._client.answer(rover.system, 0, Motion.NONE, (command.request,), now)
+                    self._client.answer(rover.system, Answer(0, Motion.NONE, (command.request,)), now)
                 case Show():
                     self._show(command, now)
         except WeightMissingError as error:
@@ -169,11 +170,11 @@ class Session:
 
     def _reply(self, reply: Reply, now: float, *, by_person: bool) -> None:
         rover = choose_rover(self._client.rovers, reply.rover, self._selected)
-        answer = address(reply, rover, now)
+        answer = address(reply.answer, rover, now)
         self._refuse_turning(answer, rover, by_person=by_person)
-        self._client.answer(answer.system, answer.target, answer.motion, answer.operations, now)
+        self._client.answer(rover.system, answer, now)
 
-    def _refuse_turning(self, answer: Addressed, rover: Rover, *, by_person: bool) -> None:
+    def _refuse_turning(self, answer: Answer, rover: Rover, *, by_person: bool) -> None:
         """Raise CommandError for an answer that turns a sign, unless a person repeats it."""
         state = rover.state_file
         matched = state.known_place.changed if state is not None and state.known_place is not None else {}
@@ -183,7 +184,7 @@ class Session:
             if question:
                 raise CommandError(f"{question}. A table turns no sign: type it yourself")
             return
-        asked, self._turning = self._turning, (question, answer) if question else None
+        asked, self._turning = self._turning, (question, rover.system, answer) if question else None
         if question and asked != self._turning:
             raise CommandError(question)
         self._turning = None
@@ -238,7 +239,7 @@ class Session:
         return [line for rover in chosen for line in wording.status_lines(rover, now)]
 
     def _answer_by(self, script: Script, rover: Rover, now: float) -> None:
-        busy = {pending.target for pending in self._client.unsettled if pending.system == rover.system}
+        busy = {pending.answer.target for pending in self._client.unsettled if pending.system == rover.system}
         for call in rover.open_calls():
             if call.data.id in busy:
                 continue

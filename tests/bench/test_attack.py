@@ -13,7 +13,7 @@ from bench.attack.floods import RATES, _datagrams
 from bench.attack.identities import _forged
 from bench.attack.outcome import MOST_BLIND, MOST_GAP, Outcome
 from bench.attack.secrets import FORMS, PASSWORD
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_floods_of_answers_set_words_in_many_names() -> None:
     for name in ("answers", "torrent"):
         messages = [mavlink.MAVLink(None).decode(bytearray(frame)) for frame in _datagrams(name)]
         assert len({(one.get_srcSystem(), one.get_srcComponent()) for one in messages}) > 2000
-        answer = AnswerMessage.unpack(bytes(messages[7].payload[: messages[7].payload_length]))
+        answer = Answer.unpack(bytes(messages[7].payload[: messages[7].payload_length]))[0]
         assert len(answer.operations) == 1
     assert len(set(_datagrams("heartbeats"))) > 2000
 

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement, AnswerMessage, AnyOperation
+from companion.wire.answers import Acknowledgement, Answer, AnyOperation
 from companion.wire.delivery import Pending
 from companion.wire.ftp import FtpError, FtpPayload, Opcode
 from companion.wire.payloads import CallData, Summary
@@ -104,7 +104,7 @@ class TinyRover:
         self.files = {"/state.json": b'{"state": "calling", "words": {}, "given": {}}'}
         """By path, what can be fetched; without any, requests for files are not answered."""
         self._open_file = b""
-        self._parts: dict[int, dict[int, AnswerMessage]] = {}
+        self._parts: dict[int, dict[int, Answer]] = {}
         self._acknowledgements: dict[int, bytes] = {}
 
     @property
@@ -151,8 +151,8 @@ class TinyRover:
                 replies.append(self._commanded(message))
             elif message.get_type() == "TUNNEL" and message.payload_type == ids.TUNNEL_ANSWER:
                 assert (message.target_system, message.target_component) == (self.system, 191)
-                part = AnswerMessage.unpack(bytes(message.payload[: message.payload_length]))
-                replies += self._answered(part)
+                received = Answer.unpack(bytes(message.payload[: message.payload_length]))
+                replies += self._answered(*received)
         return replies
 
     def _file(self, asked: FtpPayload) -> list[bytes]:
@@ -181,17 +181,17 @@ class TinyRover:
             self.policy = ids.Policy(int(message.param3))
         return self.companion.frame(mavlink.MAVLink_command_ack_message(31010, 0 if self.grants else 2))
 
-    def _answered(self, part: AnswerMessage) -> list[bytes]:
-        known = self._parts.setdefault(part.transaction, {})
-        known[part.part] = part
-        if len(known) < part.parts:
+    def _answered(self, answer: Answer, part: int, parts: int) -> list[bytes]:
+        known = self._parts.setdefault(answer.transaction, {})
+        known[part] = answer
+        if len(known) < parts:
             return []
-        if part.transaction not in self._acknowledgements:
-            self._acknowledgements[part.transaction] = self._apply(part, known)
-        reply = self._acknowledgements[part.transaction]
+        if answer.transaction not in self._acknowledgements:
+            self._acknowledgements[answer.transaction] = self._apply(answer, known)
+        reply = self._acknowledgements[answer.transaction]
         return [self.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, reply), *self.call_frames()]
 
-    def _apply(self, last: AnswerMessage, parts: dict[int, AnswerMessage]) -> bytes:
+    def _apply(self, last: Answer, parts: dict[int, Answer]) -> bytes:
         operations = tuple(op for number in sorted(parts) for op in parts[number].operations)
         self.applied.append((last.target, last.motion, operations))
         closes = self.stage_after is ids.Stage.CLOSED
@@ -265,7 +265,7 @@ class Sky:
     def _never_heard(self, message: Any) -> bool:
         if message.get_type() != "TUNNEL":
             return False
-        answer = AnswerMessage.unpack(bytes(message.payload[: message.payload_length]))
+        answer, _, _ = Answer.unpack(bytes(message.payload[: message.payload_length]))
         return answer.transaction in self.unheard
 
     def _carry_up(self, frames: Sequence[bytes]) -> None:
@@ -277,7 +277,7 @@ class Sky:
     def answer(
         self, *operations: AnyOperation, motion: ids.Motion = ids.Motion.GO, target: int = 7
     ) -> Pending:
-        return self.client.answer(1, target, motion, operations, self.now)
+        return self.client.answer(1, Answer(target, motion, operations), self.now)
 
     def of(self, kind: type[Any]) -> list[Any]:
         return [event for event in self.told if isinstance(event, kind)]

@@ -65,6 +65,7 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
         "anytraverse.release",
         "anytraverse.preferences",
         "anytraverse.errors",
+        "anytraverse.operations",
         "anytraverse.picture_size",
         "anytraverse.regular_file",
     }

@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 
 from anytraverse.operations import Operation, SetWord
-from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.delivery import Status
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client import events as ev
@@ -101,7 +100,7 @@ def test_an_answer_in_parts_arrives_whole_and_its_acknowledgement_comes_back(
 ) -> None:
     pair = both()
     words: tuple[Operation, ...] = tuple(SetWord(f"a word of some length, {n}", 0.5) for n in range(12))
-    pending = pair.client.answer(1, 7, ids.Motion.GO, words, pair.link.now)
+    pending = pair.client.answer(1, Answer(7, ids.Motion.GO, words), pair.link.now)
     pair.run(6.0)
     (request,) = pair.requests()
     assert (request.target, request.motion, request.operations) == (7, ids.Motion.GO, words)
@@ -113,7 +112,7 @@ def test_an_answer_in_parts_arrives_whole_and_its_acknowledgement_comes_back(
 
 def test_a_busy_companion_gets_the_answer_again_and_applies_it_once(both: Callable[..., Both]) -> None:
     pair = both()
-    pair.client.answer(1, 7, ids.Motion.GO, (), pair.link.now)
+    pair.client.answer(1, Answer(7, ids.Motion.GO, ()), pair.link.now)
     pair.run(0.5)
     (request,) = pair.requests()
     pair.link.link.acknowledge(request, acknowledgement(request, ids.Result.BUSY), pair.link.now)
@@ -133,7 +132,7 @@ def test_a_ground_station_that_may_not_answer_is_told_and_the_call_stays_open(
     both: Callable[..., Both],
 ) -> None:
     pair = both((42, 190))
-    pair.client.answer(1, 7, ids.Motion.GO, (), pair.link.now)
+    pair.client.answer(1, Answer(7, ids.Motion.GO, ()), pair.link.now)
     pair.run(3.0)
     assert pair.requests() == []
     assert [event.acknowledgement.result for event in pair.of(ev.Acknowledged)] == [ids.Result.DENIED]

@@ -23,12 +23,11 @@ from companion.daemon.answers.outcome import (
     stale_text,
     unremembered,
 )
-from companion.link.answer import Answer, algorithms
 from companion.link.answer_store import AnswerStore
 from companion.vision.client import VISION_LOST, VisionClient, VisionResult
 from companion.vision.messages import Done
 from companion.wire import notices, texts
-from companion.wire.answers import Acknowledgement, AnyOperation
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import Kind, Motion, Outcome, Result, SenderId, Stage, words_hash
 
 _VISION_BUSY = "vision is busy: send it again"
@@ -133,7 +132,7 @@ class AnswerHandler:
         return handled
 
     def _apply(self, answer: Answer, target: int | None, now: float) -> Handled:
-        operations = algorithms(answer.operations)
+        operations = answer.taught
         taps = taps_of(operations)
         try:
             for tap in taps:
@@ -169,7 +168,7 @@ class AnswerHandler:
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
         frame_id = observation.frame.id if observation is not None else 0
-        operations = algorithms(answer.operations)
+        operations = answer.taught
         # Another place may match before the vision process has this answer.
         adoption = self._vision.memory.adoption if _refuses_any(operations) else None
         if not self._vision.answer(
@@ -191,13 +190,13 @@ class AnswerHandler:
         self._matched_at = now
         self._store.forget_refused_matches()
 
-    def set_words(self, request: Sent, operations: Iterable[AnyOperation]) -> bool:
+    def set_words(self, request: Sent, operations: tuple[Operation, ...]) -> bool:
         """Set words and weights without a call. False where too many requests wait, or vision hangs.
 
         request: the token of its `Done`.
         """
         owner = self._share(request.sender)
-        return self._vision.answer(request, algorithms(operations), missing_ok=True, owner=owner)
+        return self._vision.answer(request, operations, missing_ok=True, owner=owner)
 
     def applied(self, done: Done, result: VisionResult, now: float) -> Handled:
         """Handle the vision process's report for an answer or for words alone: applied or refused."""
@@ -222,7 +221,7 @@ class AnswerHandler:
         if pending.target:
             motion = Motion.NONE if late or cancelled else pending.answer.motion
             result, decisions = self._calls.apply_answer(
-                pending.target, motion, algorithms(pending.answer.operations), outcome, now, go_at=pending.at
+                pending.target, motion, pending.answer.taught, outcome, now, go_at=pending.at
             )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None

@@ -17,13 +17,12 @@ from companion.daemon.answers.handler import AnswerHandler, Handled
 from companion.daemon.policy.service import AfterWrite, PolicyService
 from companion.daemon.policy.shadow_statistics import ShadowStatistics
 from companion.daemon.settings.runtime import RuntimeSettings, judging_values, tuned
-from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest, ResetRequest
 from companion.link.link import Link
 from companion.vision.client import VisionClient, VisionResult
 from companion.vision.messages import Done
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import WARNING, Policy, Result
 from companion.wire.parameters import (
     ANSWER,
@@ -122,7 +121,7 @@ class SettingsService:
         if isinstance(request, ResetRequest):
             self._reset(request, now)
         elif isinstance(request, Answer):
-            if not self._answer_handler.set_words(request, request.operations):
+            if not self._answer_handler.set_words(request, request.taught):
                 self._acknowledge_text(request, Result.BUSY, now)
                 self._refuse(_BUSY, now)
         elif request.name in self._words:

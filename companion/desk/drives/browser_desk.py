@@ -24,7 +24,7 @@ from companion.desk.drives.rehearsal import AskedCall, Rehearsal
 from companion.pages import wording
 from companion.pages.access import Gate
 from companion.pages.listen import Listen, hashed
-from companion.pages.requests import MOST_POSTED, RequestError, read_answer, read_object
+from companion.pages.requests import MOST_POSTED, RequestError, check_answer, read_answer, read_object
 from companion.pages.site import EventStreams, Server, event, posted, static_routes
 from companion.wire.documents import NearestScene
 from companion.wire.ids import Stage
@@ -160,14 +160,14 @@ class BrowserDesk:
         return Response(call.raw if named[2] == "raw" else call.judged, media_type="image/jpeg")
 
     def _answer(self, body: bytes) -> str:
-        request = read_answer(read_object(body))
+        answer = read_answer(read_object(body))
         with self._answered:
             call = self._waiting()
-            if not request.call:
+            if not answer.target:
                 raise RequestError("words are changed with the answer to a call: wait for the next one")
-            request.check(call.data if call.id == request.call else None, call.id)
+            check_answer(answer, call.data if call.id == answer.target else None, call.id)
             try:
-                self._line = typed(request.motion, request.operations)
+                self._line = typed(answer)
             except CommandError as error:
                 raise RequestError(str(error)) from error
             self._answered.notify()
@@ -259,7 +259,7 @@ class BrowserDesk:
             return None
         there = calls.get(match.entry.call_id)
         lines = [one.line for one in there.said if one.taken] if there is not None else []
-        motion = wording.newest_motion([read_typed(line)[0].name.lower() for line in lines])
+        motion = wording.newest_motion([read_typed(line).motion.name.lower() for line in lines])
         scene = NearestScene(match.entry.call_id or None, match.similarity, memory.taught(match.entry), "")
         picture = f"/calls/{there.id}-raw.jpg" if there is not None else ""
         alike = self._judge.engine.settings.thresholds.scene
@@ -280,7 +280,7 @@ def _names(calls: list[AskedCall]) -> dict[str, float]:
     for call in calls:
         for said in call.said:
             if said.taken:
-                for one in read_typed(said.line)[1]:
+                for one in read_typed(said.line).operations:
                     word, weight = getattr(one, "word", ""), getattr(one, "weight", None)
                     if word and weight is not None:
                         found.pop(word, None)

@@ -102,7 +102,7 @@ class Terminal:
     def _question(self, line: str) -> str:
         memory = self._memory()
         try:
-            return turned(read_typed(line)[1], memory.preferences, memory.given, memory.matched)
+            return turned(read_typed(line).operations, memory.preferences, memory.given, memory.matched)
         except CommandError:
             return ""  # whoever applies it says what is wrong
 

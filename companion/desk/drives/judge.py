@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.frame import Frame
-from anytraverse.operations import Operation
 from companion.calls.decisions import Call, CallOpened, WouldHold
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
@@ -18,6 +17,7 @@ from companion.config import Config
 from companion.daemon.answers.outcome import outcome_text
 from companion.daemon.settings.mapping import call_numbers
 from companion.desk.drives.drive import DriveFrame
+from companion.wire.answers import Answer
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Stage
 from companion.wire.payloads import CallData
 
@@ -99,7 +99,7 @@ class DriveJudge:
             picture="",
         )
 
-    def answer(self, operations: Sequence[Operation], motion: Motion, now: float) -> tuple[str, bool]:
+    def answer(self, answer: Answer, now: float) -> tuple[str, bool]:
         """Answer the open call. Return what became of that, and whether its scene is remembered by it.
 
         Raises AnyTraverseError.
@@ -107,11 +107,12 @@ class DriveJudge:
         call = self._calls.call
         if call is None:
             return "no call is open", False
+        operations, go = answer.taught, answer.motion is Motion.GO
         observation = call.seen.observation if call.seen is not None else None
         outcome = self.engine.answer(
-            operations, now, call=observation, call_id=call.id, go=motion is Motion.GO, place=call.place
+            operations, now, call=observation, call_id=call.id, go=go, place=call.place
         )
-        result, decisions = self._calls.apply_answer(call.id, motion, operations, outcome, now)
+        result, decisions = self._calls.apply_answer(call.id, answer.motion, operations, outcome, now)
         memory = self.engine.memory if operations else None
         text = outcome_text(self._calls, call.id, result, decisions, outcome.call, outcome.newest, memory)
         return text, outcome.remembered
@@ -119,7 +120,7 @@ class DriveJudge:
     def go_where_uncovered(self, number: int, now: float) -> None:
         """Give a call that no answer has covered a go, so that each place is asked about once."""
         if self.needs_answer(number):
-            self.answer((), Motion.GO, now)
+            self.answer(Answer(number, Motion.GO), now)
 
     def needs_answer(self, number: int) -> bool:
         """Whether this call is open, and what was said does not cover it."""

@@ -179,9 +179,7 @@ def _answer(judge: DriveJudge, call: AskedCall, operator: Operator, now: float) 
         if line is None:
             break
         try:
-            motion, changes = read_typed(line)
-            operations = tuple(placed(one, call.data) for one in changes)
-            problem, remembered = judge.answer(operations, motion, now)
+            problem, remembered = judge.answer(placed(read_typed(line), call.data), now)
         except (CommandError, AnyTraverseError) as error:
             problem = f"nothing changed: {error}"
             call.said.append(Said(line, problem, taken=False))

@@ -18,6 +18,7 @@ from anytraverse.regular_file import read_regular
 from companion.desk.drives.drive import Drive, DriveError
 from companion.desk.drives.judge import FIGURES, DriveJudge, Row, row
 from companion.desk.drives.recorded import RecordedFrame, Recording, settings_of
+from companion.wire.answers import Answer
 from companion.wire.ids import Motion
 
 OF_THE_FRAME = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
@@ -184,7 +185,7 @@ def replay_drive(judge: DriveJudge, drive: Drive) -> Iterator[Row]:
         opened = judged.opened.id if judged.opened is not None else 0
         yield row(frame.name, judged.seen, Reason, opened)
         if judge.needs_answer(opened):
-            judge.answer((), Motion.GO, frame.at)
+            judge.answer(Answer(0, Motion.GO), frame.at)
 
 
 def compared(

@@ -13,7 +13,8 @@ from companion.desk.drives.desk import AnswerFile
 from companion.desk.drives.drive import Drive, DriveError, DriveFrame, printable
 from companion.desk.drives.frames import open_drive
 from companion.desk.drives.recorded import Recording
-from companion.desk.tuning.operators import GivenAnswer, GivenAnswers, LabelOperator, Operator, go
+from companion.desk.tuning.operators import Given, GivenAnswers, LabelOperator, Operator, go
+from companion.wire.typed_answers import read_typed
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Episode:
 
     where: str
     rate: float
-    answers: tuple[GivenAnswer, ...] = ()
+    answers: tuple[Given, ...] = ()
     split: str = "all"
     selection: Selection | None = None
     drivable: tuple[str, ...] | None = None
@@ -40,21 +41,21 @@ class Episode:
         return open_drive(self.where, self.rate), operator
 
 
-def given_answers(drive: Drive, answers: str | None) -> tuple[GivenAnswer, ...]:
+def given_answers(drive: Drive, answers: str | None) -> tuple[Given, ...]:
     """Return the answers in the file `answers`; without one, those that the recording of the drive holds.
 
     Raises DriveError for a file without an answer to one of its frames, OSError.
     """
     if answers is not None:
         file = AnswerFile(Path(answers))
-        found = [GivenAnswer(one.at, line) for one in drive.frames() for line in file.of(one.name)]
+        found = [(one.at, read_typed(line)) for one in drive.frames() for line in file.of(one.name)]
         if not found:
             raise DriveError(
                 f"{answers} has no answer to a frame of this drive: give the one of its rehearsal"
             )
         return tuple(found)
     if isinstance(drive, Recording):
-        return tuple(GivenAnswer(at, line) for at, line in drive.answers())
+        return tuple((at, read_typed(line)) for at, line in drive.answers())
     return ()
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from itertools import chain
 
 import numpy as np
 
@@ -17,12 +18,14 @@ from companion.calls.decisions import Call
 from companion.calls.summary import fractions
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.drives.judge import DriveJudge
+from companion.wire.answers import Answer
 from companion.wire.ids import Motion
-from companion.wire.typed_answers import placed, read_typed
+from companion.wire.typed_answers import placed
 
-Reply = tuple[Sequence[Operation], Motion]
-Operator = Callable[[DriveJudge, Call, DriveFrame], Reply]
+Operator = Callable[[DriveJudge, Call, DriveFrame], Answer]
 """Answers a call that has opened at this frame. May raise CommandError."""
+Given = tuple[float, Answer]
+"""An answer that somebody gave, and the seconds of the drive at which its call opened."""
 
 LEAST_SHARE = 0.05
 """A class is named in answer to an unknown scene where it covers this share of the region of interest."""
@@ -30,9 +33,9 @@ NEAR_S = 3.0
 """A given answer also serves a call that opens by so many seconds earlier or later than the answered one."""
 
 
-def go(_judge: DriveJudge, _call: Call, _frame: DriveFrame) -> Reply:
+def go(_judge: DriveJudge, call: Call, _frame: DriveFrame) -> Answer:
     """Say that all is well."""
-    return (), Motion.GO
+    return Answer(call.id, Motion.GO)
 
 
 class LabelOperator:
@@ -56,7 +59,7 @@ class LabelOperator:
         numbers = {dataset.name(number): number for number in dataset.numbers}
         return cls(dataset.classes, lambda name: dataset.read(numbers[name]).labels, drivable)
 
-    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Reply:
+    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Answer:
         """Answer a call. Raises DatasetError for labels that cannot be read."""
         labels, seen, engine = self._labels(frame.name), call.seen, judge.engine
         assert seen is not None
@@ -77,7 +80,7 @@ class LabelOperator:
             elif own is not None and own not in meant:
                 operations.append(SetWord(word, weight))
                 meant.add(own)
-        return operations, Motion.GO
+        return Answer(call.id, Motion.GO, tuple(operations))
 
     def asked(self, call: Call, frame: DriveFrame) -> str | None:
         """Return the class of the unknown thing that is asked about; None without one, or without a label.
@@ -106,31 +109,17 @@ class LabelOperator:
         return shares
 
 
-class GivenAnswer(NamedTuple):
-    """An answer that somebody gave. at: seconds of the drive at which its call opened. line: as typed."""
-
-    at: float
-    line: str
-
-    @property
-    def names(self) -> bool:
-        """Whether it names something: the call was worth it."""
-        return bool(read_typed(self.line)[1])
-
-
 class GivenAnswers:
     """Answers as somebody did before: with what was said to the call that opened nearest in time."""
 
-    def __init__(self, answers: Sequence[GivenAnswer]) -> None:
+    def __init__(self, answers: Sequence[Given]) -> None:
         self._answers = answers
 
-    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Reply:
+    def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Answer:
         """Answer a call; a go where nothing was said near it. Raises CommandError."""
-        nearest = min(self._answers, key=lambda one: abs(one.at - frame.at), default=None)
-        if nearest is None or abs(nearest.at - frame.at) > NEAR_S:
+        nearest = min((at for at, _ in self._answers), key=lambda at: abs(at - frame.at), default=math.inf)
+        if abs(nearest - frame.at) > NEAR_S:
             return go(judge, call, frame)
-        told, operations = judge.told(call), list[Operation]()
-        for one in self._answers:
-            if one.at == nearest.at:
-                operations += [placed(change, told) for change in read_typed(one.line)[1]]
-        return operations, Motion.GO
+        told = judge.told(call)
+        said = [placed(answer, told).operations for at, answer in self._answers if at == nearest]
+        return Answer(call.id, Motion.GO, tuple(chain(*said)))

@@ -15,7 +15,7 @@ from companion.config import Config
 from companion.config.stopping import Stopping, judge_stopping, with_settings
 from companion.desk.drives.drive import DriveError
 from companion.desk.tuning.grid import Grid
-from companion.desk.tuning.operators import NEAR_S, GivenAnswer
+from companion.desk.tuning.operators import NEAR_S, Given
 from companion.desk.tuning.report import combination
 from companion.desk.tuning.trial import Combination, Outcome
 
@@ -54,9 +54,9 @@ class Candidate:
         }
 
 
-def named_times(answers: Sequence[GivenAnswer]) -> list[float]:
+def named_times(answers: Sequence[Given]) -> list[float]:
     """Return when the calls opened that somebody answered with words or a tap, each once."""
-    return sorted({one.at for one in answers if one.names})
+    return sorted({at for at, answer in answers if answer.operations})
 
 
 def weighed(outcome: Outcome, named: Sequence[float], seconds: float) -> Candidate:

@@ -99,8 +99,7 @@ class Trial:
 
     def _answer(self, call: Call, frame: DriveFrame) -> None:
         try:
-            operations, motion = self._operator(self._judge, call, frame)
-            self._judge.answer(operations, motion, frame.at)
+            self._judge.answer(self._operator(self._judge, call, frame), frame.at)
         except (CommandError, AnyTraverseError) as error:
             self.outcome.refused.append(f"{frame.name}: {error}")
         self._judge.go_where_uncovered(call.id, frame.at)

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 
 from companion.observers.page.calls import OwnAnswers
 from companion.observers.page.news import SILENT, News
 from companion.pages.given import Answered, undoing
-from companion.pages.requests import RequestError, read_answer, read_incident, read_object, whole
-from companion.wire.answers import Acknowledgement, AnyOperation, PackIncident
+from companion.pages.requests import (
+    RequestError,
+    check_answer,
+    read_answer,
+    read_incident,
+    read_object,
+    whole,
+)
+from companion.wire.answers import Acknowledgement, Answer, AnyOperation, PackIncident
 from companion.wire.delivery import Pending, random_transaction
 from companion.wire.documents import state_from
 from companion.wire.ids import Motion, Result
@@ -50,13 +58,13 @@ class Answering:
 
     def answer(self, body: bytes) -> str:
         """Take an answer, or words. Returns what was done. Raises RequestError."""
-        request = read_answer(read_object(body))
+        answer = read_answer(read_object(body))
         self._require_news()
         state = state_from(self._news.told.get("state", {}))
         call = state.open_call
-        named = call if call is not None and call.id == request.call else None
-        request.check(named, call.id if call is not None else 0)
-        pending = self._begin(request.call, request.motion, request.operations)
+        named = call if call is not None and call.id == answer.target else None
+        check_answer(answer, named, call.id if call is not None else 0)
+        pending = self._begin(answer)
         self._answers.append(Answered(pending, self._wall(), dict(state.words)))
         self.deliver()
         return "sent"
@@ -78,9 +86,9 @@ class Answering:
         self._require_news()
         return self._ask(self._incidents, call, (PackIncident(call),))
 
-    def _ask(self, requests: dict[int, Pending], call: int, operations: Sequence[AnyOperation]) -> str:
+    def _ask(self, requests: dict[int, Pending], call: int, operations: tuple[AnyOperation, ...]) -> str:
         """Send what answers no call, and keep it as the newest request about this one."""
-        requests[call] = self._begin(0, Motion.NONE, operations)
+        requests[call] = self._begin(Answer(0, Motion.NONE, operations))
         while len(requests) > _KEPT:
             requests.pop(next(iter(requests)))
         self.deliver()
@@ -92,10 +100,10 @@ class Answering:
 
     def by_call(self) -> dict[int, OwnAnswers]:
         """Return what was answered to each call."""
-        return {number: self._of(number) for number in {one.pending.target for one in self._answers}}
+        return {number: self._of(number) for number in {one.pending.answer.target for one in self._answers}}
 
     def _of(self, number: int) -> OwnAnswers:
-        answers = [one for one in self._answers if one.pending.target == number]
+        answers = [one for one in self._answers if one.pending.answer.target == number]
         return OwnAnswers(answers, self._undone.get(number))
 
     def deliver(self) -> None:
@@ -117,7 +125,7 @@ class Answering:
         """Take an acknowledgement of the supervisor. Raises PayloadError."""
         ack = Acknowledgement.unpack(payload)
         for pending in self._unsettled():
-            if pending.transaction == ack.transaction:
+            if pending.answer.transaction == ack.transaction:
                 pending.acknowledge(ack, final=ack.result is not Result.BUSY)
                 self._changed()
         self.deliver()
@@ -130,11 +138,11 @@ class Answering:
         if self._news.trouble() == SILENT:
             raise RequestError(f"{SILENT}, so nothing was sent")
 
-    def _begin(self, target: int, motion: Motion, operations: Sequence[AnyOperation]) -> Pending:
+    def _begin(self, answer: Answer) -> Pending:
         if len(self._unsettled()) >= MOST_WAITING:
             raise RequestError(f"{MOST_WAITING} answers wait already: is the companion well?")
         try:
-            pending = Pending(0, target, motion, tuple(operations), random_transaction(), self._clock())
+            pending = Pending(0, replace(answer, transaction=random_transaction()), self._clock())
         except PayloadError as error:
             raise RequestError(str(error)) from error
         pending.overrule(self._unsettled(), self._clock())

@@ -103,7 +103,7 @@ def _more(
     """Return pictures of a call, what was answered to it, and what was in a similar scene."""
     here = own.get(call.id, _NOTHING)
     pictures = {size: address(picture_path(call.id, size)) for size in PICTURES}
-    ours = {(PAGE_SENDER, one.pending.transaction) for one in here.answers}
+    ours = {(PAGE_SENDER, one.pending.answer.transaction) for one in here.answers}
     recorded = record.answers if record is not None else ()
     given = [one for one in recorded if (one.sender, one.transaction) not in ours]
     found = record.nearest if record is not None else None

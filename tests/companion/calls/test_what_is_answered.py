@@ -13,11 +13,10 @@ from anytraverse.memory import Memory
 from anytraverse.operations import Operation, SetWord, Tap, weights_of
 from anytraverse.preferences import Preferences
 from companion.daemon.answers.handler import AnswerHandler, Handled
-from companion.link.answer import Answer, Via
 from companion.link.answer_store import AnswerStore
 from companion.vision.client import VisionClient, VisionResult
 from companion.vision.messages import Done
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer, Via
 from companion.wire.ids import Motion, Outcome, Result, Stage
 from tests.companion.calls.scenes import ACROSS, AUTO, CLEAR, DRUM, HOLD, Scene, Thing, View
 
@@ -95,7 +94,9 @@ class Talk:
 
     def send(self, target: int, motion: Motion, *operations: Operation) -> None:
         """The same with any operations."""
-        request = Answer((255, 190), Via.TUNNEL, target, motion, operations, transaction=len(self.said) + 1)
+        request = Answer(
+            target, motion, operations, transaction=len(self.said) + 1, sender=(255, 190), via=Via.TUNNEL
+        )
         self._take(self.answer_handler.receive(request, self.scene.now))
 
     def seen(self, *, remembered: bool = True) -> None:

@@ -32,7 +32,7 @@ from companion.tasks import VISION
 from companion.vision.client import VisionClient
 from companion.vision.warm_up import judging_settings
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import (
     COMPONENT_ID,
     MODE_REQUEST_COMMAND,
@@ -223,7 +223,7 @@ class Rig:
         self, target: int, motion: Motion = Motion.NONE, *operations: Operation, transaction: int = 7
     ) -> None:
         """An answer arrives from the ground."""
-        payload = AnswerMessage(transaction, target, motion, operations).pack()
+        payload = Answer(target, motion, operations, transaction).pack()
         padded = list(payload.ljust(128, b"\0"))
         message = mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded)
         self.stage.send(message)

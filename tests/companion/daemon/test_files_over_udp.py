@@ -20,7 +20,7 @@ from companion import run
 from companion.config import load_config
 from companion.desk.check.table import CHECKS
 from companion.vision.pictures import LIMIT
-from companion.wire.answers import AnswerMessage, PackIncident
+from companion.wire.answers import Answer, PackIncident
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, TUNNEL_CALL, Motion
 from companion.wire.incidents import Incidents, read_incidents
 from companion.wire.payloads import CallData
@@ -89,7 +89,7 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
     assert len(small) <= LIMIT
     assert cv2.imdecode(np.frombuffer(small, np.uint8), cv2.IMREAD_COLOR) is not None
     assert read_incidents(fetched("/incidents.json")) == Incidents()
-    asked = AnswerMessage(4711, 0, Motion.NONE, (PackIncident(number),)).pack()
+    asked = Answer(0, Motion.NONE, (PackIncident(number),), 4711).pack()
     ground.mav.tunnel_send(1, COMPONENT_ID, TUNNEL_ANSWER, len(asked), asked.ljust(128, b"\0"))
     deadline = time.monotonic() + 20.0
     while not (packed := read_incidents(fetched("/incidents.json"))).packed and time.monotonic() < deadline:

@@ -35,7 +35,6 @@ from companion.config import Config, load_config
 from companion.config.link_settings import LinkSettings
 from companion.config.schema import Mount, Stopping
 from companion.daemon.startup import load
-from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
 from companion.system.service_manager import ServiceManager
 from companion.vision import process
@@ -43,6 +42,7 @@ from companion.vision import warm_up as warm_up_module
 from companion.vision.codec import Splitter, decode, encode_trusted
 from companion.vision.messages import Alive, Failed, Model, Start
 from companion.vision.warm_up import too_slow, warm_up
+from companion.wire.answers import Answer
 from companion.wire.ids import Policy
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import MakeRig

@@ -23,7 +23,7 @@ from companion.daemon.daemon import Daemon
 from companion.daemon.startup import load
 from companion.daemon.trial_call import REQUEST
 from companion.vision.messages import Ready
-from companion.wire.answers import AnswerMessage
+from companion.wire.answers import Answer
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion
 from tests.companion.daemon.rig import picture
 from tests.companion.vision import painted
@@ -124,7 +124,7 @@ class Ground(threading.Thread):
             self._radio.sendto(bytes(beat.pack(autopilot)), address)
             if not (self._state / "status.json").exists():
                 continue
-            answer = AnswerMessage(7, 0, Motion.NONE, (SetWord("gravel", 1.0),)).pack()
+            answer = Answer(0, Motion.NONE, (SetWord("gravel", 1.0),), 7).pack()
             padded = list(answer.ljust(128, b"\0"))
             self._radio.sendto(
                 bytes(

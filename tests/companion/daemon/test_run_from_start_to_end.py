@@ -34,7 +34,7 @@ from companion.storage.writer import SLOW
 from companion.system.service_manager import ServiceManager
 from companion.tasks import VISION
 from companion.vision.client import MAX_JOBS
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, Result
 from companion.wire.signing import SigningKey, Timestamps, refusal
 from tests.companion.daemon.rig import picture
@@ -413,7 +413,7 @@ def test_answers_while_loading_are_busy_so_that_they_are_sent_again() -> None:
 
     stage = LoopbackLink()
     stage.run(0.5)
-    payload = AnswerMessage(5, 3, Motion.GO).pack()
+    payload = Answer(3, Motion.GO, transaction=5).pack()
     padded = list(payload.ljust(128, b"\0"))
 
     stage.send(mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
-from companion.link.answer import Answer, Via
+from companion.wire.answers import Answer, Via
 from companion.wire.ids import PAGE_SENDER, Motion
 from tests.anytraverse.conftest import AHEAD
 from tests.companion.daemon.rig import Rig
@@ -59,7 +59,7 @@ def test_a_word_that_was_out_of_use_is_told_when_it_comes_back_turned(rig: Rig) 
 
 
 def test_somebody_at_the_rovers_own_page_is_named(rig: Rig) -> None:
-    answer = Answer(PAGE_SENDER, Via.PAGE, 0, Motion.NONE, (SetWord("rock", 1.0),), 9)
+    answer = Answer(0, Motion.NONE, (SetWord("rock", 1.0),), transaction=9, sender=PAGE_SENDER, via=Via.PAGE)
     rig.daemon.answer_handler.receive(answer, rig.clock())
     rig.see(0.3)
     assert turned(rig) == ["rock turned: -1 to +1, by page"]

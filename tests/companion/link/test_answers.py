@@ -9,10 +9,9 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
 from companion.config.link_settings import LinkSettings
-from companion.link.answer import Answer, Via
 from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import Acknowledgement, Answer, Via
 from companion.wire.ids import (
     PAGE_SENDER,
     TUNNEL_ACKNOWLEDGEMENT,
@@ -29,7 +28,7 @@ from companion.wire.ids import (
 ACK = Acknowledgement(
     9, 7, Result.APPLIED, Stage.CLOSED, Outcome.ANSWERED, 0.1, 0.2, Reasons.NONE, 5, "C7 closed: answered"
 )
-GO = AnswerMessage(9, 7, Motion.GO, (SetWord("drum", -1.0),))
+GO = Answer(7, Motion.GO, (SetWord("drum", -1.0),), 9)
 GROUND = (255, 190)
 
 
@@ -79,7 +78,7 @@ def stage() -> LoopbackLink:
 
 def test_an_answer_is_reported_with_its_sender(stage: LoopbackLink) -> None:
     assert heard(stage, tunnel(GO.pack()), sender=(250, 3)) == [
-        Answer((250, 3), Via.TUNNEL, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9)
+        Answer(7, Motion.GO, (SetWord("drum", -1.0),), transaction=9, sender=(250, 3), via=Via.TUNNEL)
     ]
 
 
@@ -119,7 +118,7 @@ def test_a_busy_answer_may_be_sent_again(stage: LoopbackLink) -> None:
 
 def test_many_transactions_are_remembered_but_not_for_ever(stage: LoopbackLink) -> None:
     for number in range(1, 200):
-        message = tunnel(AnswerMessage(number, 7, Motion.GO).pack())
+        message = tunnel(Answer(7, Motion.GO, transaction=number).pack())
         stage.send(message, (245, 1))
         stage.run(0.1, step=0.05)
         for request in stage.reported(Answer)[-1:]:
@@ -135,8 +134,8 @@ def test_a_long_answer_comes_in_parts_in_any_order(stage: LoopbackLink, order: t
         Tap(3, (0.1, 0.1, 0.2, 0.2), "drum", -1.0),
         NewEpisode(),
     ]
-    parts = [AnswerMessage(5, 7, Motion.NONE, (op,), part, 3) for part, op in enumerate(operations)]
-    (request,) = heard(stage, *(tunnel(parts[number].pack()) for number in order))
+    parts = [Answer(7, Motion.NONE, (op,), 5).pack(part, 3) for part, op in enumerate(operations)]
+    (request,) = heard(stage, *(tunnel(parts[number]) for number in order))
     assert request.operations == tuple(operations)
     assert request.transaction == 5
 
@@ -145,7 +144,7 @@ def test_no_flood_of_another_sender_makes_an_answer_count_twice(stage: LoopbackL
     (request,) = heard(stage, tunnel(GO.pack()))
     stage.link.acknowledge(request, ACK, stage.now)
     for number in range(100, 200):
-        stage.send(tunnel(AnswerMessage(number, 7, Motion.GO).pack()), (254, 1))
+        stage.send(tunnel(Answer(7, Motion.GO, transaction=number).pack()), (254, 1))
         stage.run(0.06, step=0.03)
     assert heard(stage, tunnel(GO.pack())) == []
     assert acknowledgements(stage)[-1] == ACK
@@ -157,7 +156,7 @@ def test_an_answer_that_is_not_decided_yet_is_not_handed_on_again(
 ) -> None:
     if within is not None:
         stage.link.answer_store.set_undecided_for(within)
-    go = AnswerMessage(5, 7, Motion.GO, ()).pack()
+    go = Answer(7, Motion.GO, (), 5).pack()
     assert len(heard(stage, tunnel(go))) == 1
     stage.run((within or 30.0) - 1.0, step=0.1)
     assert heard(stage, tunnel(go)) == []
@@ -166,22 +165,22 @@ def test_an_answer_that_is_not_decided_yet_is_not_handed_on_again(
 
 
 def test_no_flood_of_halves_keeps_an_answer_of_two_parts_out(stage: LoopbackLink) -> None:
-    first, second = (AnswerMessage(5, 7, Motion.GO, (), part, 2).pack() for part in range(2))
+    first, second = (Answer(7, Motion.GO, (), 5).pack(part, 2) for part in range(2))
     stage.send(tunnel(first))
     for number in range(100, 120):
-        stage.send(tunnel(AnswerMessage(number, 7, Motion.NONE, (), 0, 2).pack()), (254, 1))
+        stage.send(tunnel(Answer(7, Motion.NONE, (), number).pack(0, 2)), (254, 1))
     assert len(heard(stage, tunnel(second))) == 1
 
 
 def test_parts_that_come_too_late_are_not_put_together(stage: LoopbackLink) -> None:
-    parts = [AnswerMessage(5, 7, Motion.NONE, (NewEpisode(),), part, 2).pack() for part in (0, 1)]
+    parts = [Answer(7, Motion.NONE, (NewEpisode(),), 5).pack(part, 2) for part in (0, 1)]
     assert heard(stage, tunnel(parts[0])) == []
     stage.run(31, step=0.1)
     assert heard(stage, tunnel(parts[1])) == []
 
 
 def test_parts_of_several_rounds_of_a_sender_that_backs_off_are_put_together(stage: LoopbackLink) -> None:
-    parts = [AnswerMessage(5, 7, Motion.NONE, (NewEpisode(),), part, 3).pack() for part in range(3)]
+    parts = [Answer(7, Motion.NONE, (NewEpisode(),), 5).pack(part, 3) for part in range(3)]
     assert heard(stage, tunnel(parts[0])) == []
     stage.run(8.0)
     assert heard(stage, tunnel(parts[1])) == []
@@ -193,8 +192,8 @@ def test_parts_that_contradict_each_other_are_refused_with_the_reason(stage: Loo
     assert (
         heard(
             stage,
-            tunnel(AnswerMessage(5, 7, Motion.NONE, (), 0, 2).pack()),
-            tunnel(AnswerMessage(5, 8, Motion.NONE, (), 1, 2).pack()),
+            tunnel(Answer(7, Motion.NONE, (), 5).pack(0, 2)),
+            tunnel(Answer(8, Motion.NONE, (), 5).pack(1, 2)),
         )
         == []
     )
@@ -204,13 +203,13 @@ def test_parts_that_contradict_each_other_are_refused_with_the_reason(stage: Loo
 
 
 def test_more_than_four_parts_are_refused(stage: LoopbackLink) -> None:
-    assert heard(stage, tunnel(AnswerMessage(5, 7, Motion.NONE, (), 0, 5).pack())) == []
+    assert heard(stage, tunnel(Answer(7, Motion.NONE, (), 5).pack(0, 5))) == []
     assert acknowledgements(stage)[0].result == Result.REFUSED
 
 
 def test_halves_of_many_answers_take_bounded_memory(stage: LoopbackLink) -> None:
     for number in range(1, 50):
-        heard(stage, tunnel(AnswerMessage(number, 7, Motion.NONE, (), 0, 2).pack()))
+        heard(stage, tunnel(Answer(7, Motion.NONE, (), number).pack(0, 2)))
     assert len(stage.link.answers._reassembly._open) <= 8
 
 
@@ -247,9 +246,7 @@ def test_a_sender_that_may_not_is_denied_counted_and_told(stage: LoopbackLink) -
         (tunnel(GO.pack(), length=200), "payload"),
         (tunnel(b""), "payload"),
         (
-            tunnel(
-                AnswerMessage(1, 1, Motion.NONE, (SetWord("xx", 1.0),)).pack().replace(b"xx", b"\xff\xfe")
-            ),
+            tunnel(Answer(1, Motion.NONE, (SetWord("xx", 1.0),), 1).pack().replace(b"xx", b"\xff\xfe")),
             "payload",
         ),
         (tunnel(GO.pack(), target=(1, 0)), "target"),
@@ -280,22 +277,22 @@ def test_what_is_for_others_passes_by(stage: LoopbackLink, message: Any) -> None
 
 @pytest.mark.parametrize(("code", "motion"), [(1, Motion.GO), (2, Motion.STAY), (3, Motion.LOOK_AGAIN)])
 def test_a_stock_ground_station_answers_by_command(stage: LoopbackLink, code: int, motion: Motion) -> None:
-    assert heard(stage, command(7, code)) == [Answer(GROUND, Via.COMMAND, 7, motion, ())]
+    assert heard(stage, command(7, code)) == [Answer(7, motion, (), sender=GROUND, via=Via.COMMAND)]
 
 
 def test_a_stock_ground_station_sets_a_weight_by_command(stage: LoopbackLink) -> None:
     assert heard(stage, command(0, 4, 6, -0.8)) == [
-        Answer(GROUND, Via.COMMAND, 0, Motion.NONE, (SetWord("dry bush", -0.8),))
+        Answer(0, Motion.NONE, (SetWord("dry bush", -0.8),), sender=GROUND, via=Via.COMMAND)
     ]
     assert heard(stage, command(0, 4, 6, -2)) == [
-        Answer(GROUND, Via.COMMAND, 0, Motion.NONE, (ForgetWord("dry bush"),))
+        Answer(0, Motion.NONE, (ForgetWord("dry bush"),), sender=GROUND, via=Via.COMMAND)
     ]
 
 
 @pytest.mark.parametrize("call", [0, 12])
 def test_a_stock_ground_station_refuses_a_match_by_command(stage: LoopbackLink, call: int) -> None:
     assert heard(stage, command(call, 6)) == [
-        Answer(GROUND, Via.COMMAND, 0, Motion.NONE, (OtherPlace(call),))
+        Answer(0, Motion.NONE, (OtherPlace(call),), sender=GROUND, via=Via.COMMAND)
     ]
 
 
@@ -376,7 +373,7 @@ def test_unknown_commands_get_an_ack_that_says_so(stage: LoopbackLink) -> None:
 
 def test_a_flood_of_requests_is_dropped_and_counted_but_others_are_heard(stage: LoopbackLink) -> None:
     for number in range(1, 301):
-        stage.send(tunnel(AnswerMessage(number, 7, Motion.STAY).pack()))
+        stage.send(tunnel(Answer(7, Motion.STAY, transaction=number).pack()))
     stage.run(0.2)
     assert 60 <= len(stage.reported(Answer)) < 70
     assert stage.link.counters.rejected["rate"] > 200
@@ -443,7 +440,9 @@ def test_an_answer_of_the_page_is_reported_once_and_acknowledged_to_the_page_alo
     told: list[Acknowledgement] = []
     stage.link.answers.to_page = told.append
     (request,) = from_page(stage, GO.pack(), GO.pack())
-    assert request == Answer(PAGE_SENDER, Via.PAGE, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9)
+    assert request == Answer(
+        7, Motion.GO, (SetWord("drum", -1.0),), transaction=9, sender=PAGE_SENDER, via=Via.PAGE
+    )
     stage.link.acknowledge(request, ACK, stage.now)
     assert from_page(stage, GO.pack()) == []
     assert told == [ACK, ACK]
@@ -462,11 +461,11 @@ def test_the_page_and_a_ground_station_with_its_ids_are_two_senders(stage: Loopb
 def test_a_long_answer_of_the_page_comes_in_parts_that_must_belong_together(stage: LoopbackLink) -> None:
     told: list[Acknowledgement] = []
     stage.link.answers.to_page = told.append
-    halves = [AnswerMessage(5, 7, Motion.NONE, (SetWord(w, 1.0),), n, 2) for n, w in enumerate("ab")]
-    (whole,) = from_page(stage, *(half.pack() for half in halves))
+    first, second = (Answer(7, Motion.NONE, (SetWord(word, 1.0),), 5) for word in "ab")
+    (whole,) = from_page(stage, first.pack(0, 2), second.pack(1, 2))
     assert whole.operations == (SetWord("a", 1.0), SetWord("b", 1.0))
-    other = replace(halves[1], transaction=6, target=8)
-    assert from_page(stage, replace(halves[0], transaction=6).pack(), other.pack(), b"", b"\xff" * 129) == []
+    other = replace(second, transaction=6, target=8).pack(1, 2)
+    assert from_page(stage, replace(first, transaction=6).pack(0, 2), other, b"", b"\xff" * 129) == []
     assert [(ack.result, ack.text) for ack in told] == [(Result.REFUSED, "the parts do not belong together")]
 
 

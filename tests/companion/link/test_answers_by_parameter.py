@@ -3,9 +3,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import Motion, Outcome, Reasons, Result, Stage
 
 GROUND = (255, 190)

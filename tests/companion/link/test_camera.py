@@ -12,10 +12,9 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.operations import Tap
 from anytraverse.regions import Box
 from companion.config.video import CameraSettings
-from companion.link.answer import Answer, Via
 from companion.link.camera import SMALLEST, Tapped, read_tap
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer, Via
 from companion.wire.ids import Motion, Result
 
 CAMERA = 101
@@ -24,7 +23,7 @@ ACCEPTED, LATER, DENIED, UNSUPPORTED = 0, 1, 2, 3
 POINT, RECTANGLE, STOP = 2004, 2005, 2010
 REQUEST, SET_RATE = 512, 511
 URL = "rtsp://rover.local:8554/anytraverse"
-ANSWER = Answer((0, 0), Via.TRACK_POINT, 7, Motion.NONE, (Tap(3, (0.4, 0.5, 0.6, 0.7), "obstacle", -1.0),))
+ANSWER = Answer(7, Motion.NONE, (Tap(3, (0.4, 0.5, 0.6, 0.7), "obstacle", -1.0),))
 
 
 @pytest.fixture

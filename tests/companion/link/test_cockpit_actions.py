@@ -12,9 +12,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from anytraverse.resources import resource
 from companion.cli import main
-from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest
 from companion.sim.loopback_link import LoopbackLink
+from companion.wire.answers import Answer
 from companion.wire.ids import Motion
 from companion.wire.parameters import build
 

@@ -13,12 +13,12 @@ from pymavlink.mavftp import MAVFTP
 
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link import encode
-from companion.link.answer import Answer
 from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
 from companion.sim.loopback_link import FileClient, LoopbackLink
 from companion.storage.file_reader import Reader
 from companion.storage.served_files import Folder
 from companion.storage.served_tree import Document, Documents, Tree
+from companion.wire.answers import Answer
 from companion.wire.ftp import FtpError, FtpPayload, Opcode
 from companion.wire.ids import COMPONENT_ID
 

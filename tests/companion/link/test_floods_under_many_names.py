@@ -23,13 +23,12 @@ from companion.link.access_control import (
     REQUESTS_PER_SECOND,
     AccessControl,
 )
-from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest
 from companion.link.limits import LeaseTable
 from companion.link.link import READING_FOR, Link
 from companion.sim.loopback_link import FileClient, LoopbackLink, pair
 from companion.storage.served_tree import Document, Tree
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import TUNNEL_ANSWER, Motion, Outcome, Reasons, Result, Stage
 from companion.wire.parameters import build
 
@@ -46,7 +45,7 @@ BOTH = LinkSettings("udpout:127.0.0.1:14550", more={"wifi": ConnectionSettings("
 
 def answer(transaction: int, part: int = 0, parts: int = 1) -> Any:
     operations = (SetWord(f"word {part}", 1.0),)
-    payload = AnswerMessage(transaction, 7, Motion.GO, operations, part, parts).pack()
+    payload = Answer(7, Motion.GO, operations, transaction).pack(part, parts)
     return mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), payload.ljust(128, b"\0"))
 
 

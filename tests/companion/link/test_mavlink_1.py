@@ -7,9 +7,9 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import ConnectionSettings, LinkSettings
-from companion.link.answer import Answer
 from companion.link.encode import MavlinkVersion
 from companion.sim.loopback_link import Frame, LoopbackLink, Wire
+from companion.wire.answers import Answer
 from tests.companion.link.payloads import LONG_CALL, SUMMARY
 
 GO = mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 1, 1, 0, 0, 0, 0, 0)

@@ -8,10 +8,10 @@ import pytest
 
 from anytraverse.operations import ForgetWord, SetWord
 from bench.link.fuzz import Broken, Fuzz, well_formed
-from companion.link.answer import Answer, Via
 from companion.link.inbound import ParameterRequest
 from companion.link.link import Link
 from companion.link.parser import Parser
+from companion.wire.answers import Answer, Via
 from companion.wire.ids import Motion
 
 FRAMES = 100_000
@@ -57,11 +57,13 @@ def test_a_link_that_fell_silent_would_be_found_out(monkeypatch: pytest.MonkeyPa
 
 def test_what_the_daemon_could_not_believe_is_known() -> None:
     def answer(weight: float, target: int = 1) -> Answer:
-        return Answer((255, 190), Via.COMMAND, target, Motion.GO, (SetWord("drum", weight),))
+        return Answer(target, Motion.GO, (SetWord("drum", weight),), sender=(255, 190), via=Via.COMMAND)
 
     assert well_formed(answer(0.5), set())
     assert not well_formed(answer(1.5), set())
     assert not well_formed(answer(0.5, 70_000), set())
     assert not well_formed(ParameterRequest((255, 190), "AT_X", 1.0), {"AT_Y"})
-    assert not well_formed(Answer((255, 190), Via.TEXT, 0, Motion.NONE, (ForgetWord("a"),) * 17), set())
-    assert not well_formed(Answer((255, 190), Via.TUNNEL, 0, Motion.GO), set())
+    assert not well_formed(
+        Answer(0, Motion.NONE, (ForgetWord("a"),) * 17, sender=(255, 190), via=Via.TEXT), set()
+    )
+    assert not well_formed(Answer(0, Motion.GO, sender=(255, 190), via=Via.TUNNEL), set())

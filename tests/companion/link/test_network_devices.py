@@ -10,12 +10,12 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import ConnectionSettings, LinkSettings
-from companion.link.answer import Answer, Via
 from companion.link.inbound import InboundEvent
 from companion.link.parser import Parser
 from companion.link.streams import Tcp
 from companion.link.transport import KEPT, Udp, open_transport
 from companion.wire import devices
+from companion.wire.answers import Answer, Via
 from companion.wire.ids import Motion
 from tests.companion.link.devices import AUTOPILOT, DEADLINE, GROUND, HEARTBEAT, Peer, link_to, until
 
@@ -41,7 +41,7 @@ def test_udpout_speaks_first_and_hears_answers(ground: socket.socket) -> None:
     end = time.monotonic() + DEADLINE
     while not heard and time.monotonic() < end:
         heard = [event for event in link.poll(time.monotonic()) if isinstance(event, Answer)]
-    assert heard == [Answer((255, 190), Via.COMMAND, 7, Motion.GO)]
+    assert heard == [Answer(7, Motion.GO, sender=(255, 190), via=Via.COMMAND)]
     link.close()
 
 

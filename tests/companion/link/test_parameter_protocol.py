@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import LinkSettings
-from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest
 from companion.sim.loopback_link import LoopbackLink
+from companion.wire.answers import Answer
 from companion.wire.messages import MESSAGES
 from companion.wire.parameters import Parameter, ParameterError, build
 

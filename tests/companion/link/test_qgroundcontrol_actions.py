@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.operations import OtherPlace
 from anytraverse.resources import resource
 from companion.cli import main
-from companion.link.answer import Answer
 from companion.link.inbound import PolicyRequest
 from companion.sim.loopback_link import LoopbackLink
+from companion.wire.answers import Answer
 from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion, Policy
 
 FILE = json.loads(resource("config/qgroundcontrol/anytraverse.json").read_text(encoding="utf-8"))

@@ -4,10 +4,10 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
-from companion.link.answer import Answer
 from companion.link.inbound import ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.outbox import MAX_ROUTES
 from companion.sim.loopback_link import LoopbackLink, Wire
+from companion.wire.answers import Answer
 from companion.wire.ids import TUNNEL_SUMMARY, Policy
 from companion.wire.parameters import build
 from companion.wire.payloads import Summary

@@ -10,11 +10,10 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
-from companion.link.answer import Answer
 from companion.link.inbound import RcChannels, VehicleUpdate
 from companion.link.signing import RECENT, open_signing
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import Motion, Outcome, Reasons, Result
 from companion.wire.ids import Stage as CallStage
 from companion.wire.signing import LAST, MINUTE, stream_of, ticks, timestamp_of

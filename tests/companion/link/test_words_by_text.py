@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import ForgetWord, SetWord
-from companion.link.answer import Answer
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import Result
 
 GROUND = (255, 190)

@@ -21,7 +21,7 @@ from anytraverse.operations import ForgetCall, OtherPlace, SetWord, Tap
 from anytraverse.preferences import Preferences
 from companion.desk.drives.rehearsal import AskedCall, Rehearsal
 from companion.observers.page.page import missing
-from companion.wire.answers import Acknowledgement, AnswerMessage, AnyOperation
+from companion.wire.answers import Acknowledgement, Answer, AnyOperation
 from companion.wire.ids import Motion, Reasons, Result, Stage
 from companion.wire.typed_answers import placed, read_typed
 from companion.wire.weights import own_weight, turned
@@ -124,7 +124,7 @@ class RoversOwnPage:
         self._turns = Turns(self.stage.turn)
 
     def _answer(self, payload: bytes, _at: float) -> None:
-        message = AnswerMessage.unpack(payload)
+        message = Answer.unpack(payload)[0]
         if (message.motion, message.operations) not in self.sent:
             self.sent.append((message.motion, message.operations))
         done = Acknowledgement.without_figures(message.transaction, message.target, Result.APPLIED, "noted")
@@ -167,8 +167,8 @@ class RehearsalPage:
     def _ask(self) -> None:
         try:
             while line := self.desk.ask(self.call, ""):
-                motion, changes = read_typed(line)
-                self.sent.append((motion, tuple(placed(one, self.call.data) for one in changes)))
+                answer = placed(read_typed(line), self.call.data)
+                self.sent.append((answer.motion, answer.operations))
         except KeyboardInterrupt:
             pass
 

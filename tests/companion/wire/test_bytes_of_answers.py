@@ -3,7 +3,7 @@
 import pytest
 
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
-from companion.wire.answers import Acknowledgement, AnswerMessage, AnyOperation, CancelIncident, PackIncident
+from companion.wire.answers import Acknowledgement, Answer, AnyOperation, CancelIncident, PackIncident
 from companion.wire.delivery import split
 from companion.wire.ids import Motion, Outcome, Reasons, Result, Stage
 
@@ -35,27 +35,27 @@ ANSWERS: dict[str, tuple[tuple[AnyOperation, ...], str]] = {
         "010403020102010100010403046275736801000004726f636b020300000000000000102710278813046472756d05",
     ),
 }
-LONG = [SetWord("w" * 40 + str(number), number / 10) for number in range(4)]
+LONG = tuple(SetWord("w" * 40 + str(number), number / 10) for number in range(4))
 W = "77" * 40
 
 
 @pytest.mark.parametrize("name", ANSWERS)
 def test_an_answer_has_the_bytes_that_it_always_had(name: str) -> None:
     operations, payload = ANSWERS[name]
-    answer = AnswerMessage(0x01020304, 258, Motion.GO, operations)
+    answer = Answer(258, Motion.GO, operations, 0x01020304)
     assert answer.pack().hex() == payload
-    assert AnswerMessage.unpack(bytes.fromhex(payload)) == answer
+    assert Answer.unpack(bytes.fromhex(payload)) == (answer, 0, 1)
 
 
 def test_a_long_answer_is_split_into_the_parts_that_it_always_had() -> None:
-    assert [part.hex() for part in split(77, 3, Motion.STAY, LONG)] == [
+    assert [part.hex() for part in split(Answer(3, Motion.STAY, LONG, 77))] == [
         f"014d00000003000200020201000029{W}3001e80329{W}31",
         f"014d00000003000201020201d00729{W}3201b80b29{W}33",
     ]
 
 
 def test_an_answer_without_target_and_motion_has_the_bytes_that_it_always_had() -> None:
-    assert [part.hex() for part in split(1, 0, Motion.NONE, ())] == ["0101000000000000000100"]
+    assert [part.hex() for part in split(Answer(0, Motion.NONE, transaction=1))] == ["0101000000000000000100"]
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.operations import ForgetWord, SetWord, Tap
+from companion.wire.answers import Answer
 from companion.wire.ids import Motion
 from companion.wire.typed_answers import CommandError, placed, read_typed, typed
 from tests.companion.link.payloads import CALL
@@ -30,25 +31,23 @@ def test_an_answer_is_read_back_as_it_was(
     )
     operations = tuple(kinds[number % 3](word) for number, word in enumerate(words))
     try:
-        line = typed(motion, operations)
+        line = typed(Answer(0, motion, operations))
     except CommandError:
         return
-    read, changes = read_typed(line)
-    assert read is motion
-    assert [type(one).__name__ for one in changes] == [
-        "Tap" if isinstance(one, Tap) else type(one).__name__ for one in operations
-    ]
-    assert [one.word for one in changes if hasattr(one, "word")] == words
+    read = read_typed(line)
+    assert read.motion is motion
+    assert [type(one) for one in read.operations] == [type(one) for one in operations]
+    assert [one.word for one in read.operations if hasattr(one, "word")] == words
 
 
 def test_a_tap_keeps_its_box() -> None:
     tap = Tap(CALL.frame_id, (0.4012, 0.5, 0.6, 0.8), "drum", -1.0)
-    line = typed(Motion.GO, (tap,))
+    line = typed(Answer(0, Motion.GO, (tap,)))
     assert line == "tap drum: -1 0.4012 0.5000 0.6000 0.8000, go"
-    assert placed(read_typed(line)[1][0], CALL) == tap
+    assert placed(read_typed(line), CALL).operations == (tap,)
 
 
 @pytest.mark.parametrize("word", ["look", "call 7", "go"])
 def test_a_word_that_would_be_a_command_is_refused(word: str) -> None:
     with pytest.raises(CommandError, match="read otherwise"):
-        typed(Motion.NONE, (ForgetWord(word),))
+        typed(Answer(0, Motion.NONE, (ForgetWord(word),)))

@@ -152,7 +152,7 @@ def test_a_rover_that_is_busy_too_late_is_not_said_to_be_asked_again(sky: Sky) -
     sky.run(61.0)
     assert pending.status is Status.EXPIRED
     late = Acknowledgement(
-        pending.transaction, 7, ids.Result.BUSY, ids.Stage.OPEN, ids.Outcome.NONE,
+        pending.answer.transaction, 7, ids.Result.BUSY, ids.Stage.OPEN, ids.Outcome.NONE,
         None, None, ids.Reasons.NONE, 99, "vision is busy",
     )  # fmt: skip
     sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, late.pack()))
@@ -215,7 +215,7 @@ def test_answers_to_one_rover_keep_their_order(sky: Sky) -> None:
 
 def test_an_answer_that_is_never_acknowledged_keeps_the_next_one_back_for_eight_seconds(sky: Sky) -> None:
     sky.run(2.0)
-    sky.unheard.add(sky.answer(BUSH, motion=ids.Motion.NONE).transaction)
+    sky.unheard.add(sky.answer(BUSH, motion=ids.Motion.NONE).answer.transaction)
     second = sky.answer(motion=ids.Motion.LOOK_AGAIN)
     sky.run(7.0)
     assert second.first_sent is None

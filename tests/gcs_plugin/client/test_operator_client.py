@@ -81,7 +81,7 @@ def test_only_component_191_of_that_rover_is_believed(
     pending = sky.answer(BUSH)
     sky.run(0.2)
     forged = Acknowledgement(
-        pending.transaction, 7, ids.Result.APPLIED, ids.Stage.CLOSED, ids.Outcome.ANSWERED,
+        pending.answer.transaction, 7, ids.Result.APPLIED, ids.Stage.CLOSED, ids.Outcome.ANSWERED,
         None, None, ids.Reasons.NONE, 0, "",
     )  # fmt: skip
     sky.hear(speaker(system, component).tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, forged.pack()))
@@ -145,7 +145,7 @@ def test_an_acknowledgement_without_an_outcome_closes_the_call_only_when_it_is_s
     pending = sky.answer(BUSH)
     sky.run(0.2)
     ack = Acknowledgement(
-        pending.transaction, 7, result, ids.Stage.CLOSED, ids.Outcome.NONE,
+        pending.answer.transaction, 7, result, ids.Stage.CLOSED, ids.Outcome.NONE,
         None, None, ids.Reasons.NONE, 0, "",
     )  # fmt: skip
     sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, ack.pack()))

@@ -12,12 +12,11 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
-from companion.link.answer import Answer
 from companion.pages.requests import RequestError
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_tree import Document, Documents, MissingError, ServedFolder, Tree
 from companion.wire import ids
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.payloads import CallData, Summary
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console

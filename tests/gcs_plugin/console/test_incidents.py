@@ -16,10 +16,9 @@ from typing import Any
 
 import pytest
 
-from companion.link.answer import Answer
 from companion.pages.requests import RequestError
 from companion.storage.served_tree import Document, Documents
-from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident
+from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Policy, Result, Stage, State
 from companion.wire.incidents import MOST_MEMBERS, Incidents, Packed
 from companion.wire.payloads import CallData, Summary

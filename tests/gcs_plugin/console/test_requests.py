@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.operations import ForgetWord, SetWord, Tap
-from companion.pages.requests import AnswerRequest, RequestError
+from companion.pages.requests import RequestError
+from companion.wire.answers import Answer
 from companion.wire.delivery import split
 from companion.wire.ids import Motion, Policy
 from gcs_plugin.console.requests import FileRequest, PolicyRequest, UndoRequest, read_request
@@ -46,7 +48,7 @@ def test_a_tap_with_a_name_and_a_motion_is_one_answer() -> None:
     changes = [{"tap": "Drum", "weight": -1, "box": box, "frame": 4711}, {"word": "grass", "weight": 0.5}]
     request = read("answer", call=7, motion="go", changes=changes)
     tap = Tap(4711, (0.41, 0.55, 0.6, 0.81), "drum", -1.0)
-    assert request == AnswerRequest(7, Motion.GO, (tap, SetWord("grass", 0.5)))
+    assert request == Answer(7, Motion.GO, (tap, SetWord("grass", 0.5)))
 
 
 def test_policies_undoing_and_files_are_requests() -> None:
@@ -54,7 +56,7 @@ def test_policies_undoing_and_files_are_requests() -> None:
     assert read("undo", call=7) == UndoRequest(7)
     assert read("fetch", what="large", call=7) == FileRequest("large", 7)
     forgotten = read("answer", motion="none", changes=[{"forget": "bush"}])
-    assert forgotten == AnswerRequest(0, Motion.NONE, (ForgetWord("bush"),))
+    assert forgotten == Answer(0, Motion.NONE, (ForgetWord("bush"),))
 
 
 @pytest.mark.parametrize(
@@ -90,9 +92,9 @@ def test_any_body_is_a_request_that_fits_the_wire_or_is_refused(kind: str, body:
     except RequestError:
         return
     assert 1 <= rover <= 255
-    if isinstance(request, AnswerRequest):
+    if isinstance(request, Answer):
         for one in request.operations:
             if isinstance(one, SetWord | Tap):
                 assert -1 <= one.weight <= 1
                 assert one.word == one.word.lower()
-            assert split(1, request.call, request.motion, (one,))
+            assert split(replace(request, operations=(one,), transaction=1))

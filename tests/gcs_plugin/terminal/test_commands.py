@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
-from companion.wire.answers import CancelIncident, PackIncident
+from companion.wire.answers import Answer, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Policy
 from companion.wire.typed_answers import NO_BOX, NO_FRAME, CommandError
 from companion.wire.words_text import operation_text
@@ -19,42 +19,45 @@ BOX = (0.4, 0.55, 0.6, 0.8)
 @pytest.mark.parametrize(
     ("line", "command"),
     [
-        ("go", Reply(Motion.GO)),
-        ("  OK ", Reply(Motion.GO)),
-        ("stay", Reply(Motion.STAY)),
-        ("look", Reply(Motion.LOOK_AGAIN)),
-        ("look  again", Reply(Motion.LOOK_AGAIN)),
-        ("bush: -1", Reply(Motion.NONE, (SetWord("bush", -1.0),))),
-        ("Dry  Grass: .5;", Reply(Motion.NONE, (SetWord("dry grass", 0.5),))),
-        ("bush: -1; grass: 1", Reply(Motion.NONE, (SetWord("bush", -1.0), SetWord("grass", 1.0)))),
-        ("bush: -1, go", Reply(Motion.GO, (SetWord("bush", -1.0),))),
-        ("bush: -1 go", Reply(Motion.GO, (SetWord("bush", -1.0),))),
-        ("bush:-1; go", Reply(Motion.GO, (SetWord("bush", -1.0),))),
-        ("grass: 1 look again", Reply(Motion.LOOK_AGAIN, (SetWord("grass", 1.0),))),
-        ("tap drum -1", Reply(Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),))),
-        ("tap drum -1 go", Reply(Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),))),
-        ("tap drum -1, stay", Reply(Motion.STAY, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),))),
-        ("tap oil drum -1 0.40 0.55 0.60 0.80", Reply(Motion.NONE, (Tap(NO_FRAME, BOX, "oil drum", -1.0),))),
-        ("tap area 51: -1", Reply(Motion.NONE, (Tap(NO_FRAME, NO_BOX, "area 51", -1.0),))),
+        ("go", Reply(Answer(0, Motion.GO))),
+        ("  OK ", Reply(Answer(0, Motion.GO))),
+        ("stay", Reply(Answer(0, Motion.STAY))),
+        ("look", Reply(Answer(0, Motion.LOOK_AGAIN))),
+        ("look  again", Reply(Answer(0, Motion.LOOK_AGAIN))),
+        ("bush: -1", Reply(Answer(0, Motion.NONE, (SetWord("bush", -1.0),)))),
+        ("Dry  Grass: .5;", Reply(Answer(0, Motion.NONE, (SetWord("dry grass", 0.5),)))),
+        ("bush: -1; grass: 1", Reply(Answer(0, Motion.NONE, (SetWord("bush", -1.0), SetWord("grass", 1.0))))),
+        ("bush: -1, go", Reply(Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
+        ("bush: -1 go", Reply(Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
+        ("bush:-1; go", Reply(Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
+        ("grass: 1 look again", Reply(Answer(0, Motion.LOOK_AGAIN, (SetWord("grass", 1.0),)))),
+        ("tap drum -1", Reply(Answer(0, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
+        ("tap drum -1 go", Reply(Answer(0, Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
+        ("tap drum -1, stay", Reply(Answer(0, Motion.STAY, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
+        (
+            "tap oil drum -1 0.40 0.55 0.60 0.80",
+            Reply(Answer(0, Motion.NONE, (Tap(NO_FRAME, BOX, "oil drum", -1.0),))),
+        ),
+        ("tap area 51: -1", Reply(Answer(0, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "area 51", -1.0),)))),
         (
             "tap drum -1; bush: -1 go",
-            Reply(Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0), SetWord("bush", -1.0))),
+            Reply(Answer(0, Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0), SetWord("bush", -1.0)))),
         ),
-        ("forget bush", Reply(Motion.NONE, (ForgetWord("bush"),))),
-        ("forget bush go", Reply(Motion.GO, (ForgetWord("bush"),))),
-        ("forget call 7", Reply(Motion.NONE, (ForgetCall(7),))),
-        ("new episode", Reply(Motion.NONE, (NewEpisode(),))),
-        ("7 go", Reply(Motion.GO, (), 7)),
-        ("C7 go", Reply(Motion.GO, (), 7)),
-        ("h9: stay", Reply(Motion.STAY, (), 9)),
-        ("7: bush: -1 go", Reply(Motion.GO, (SetWord("bush", -1.0),), 7)),
-        ("rover 2 go", Reply(Motion.GO, (), None, 2)),
-        ("rover 2: C7 tap drum -1", Reply(Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),), 7, 2)),
+        ("forget bush", Reply(Answer(0, Motion.NONE, (ForgetWord("bush"),)))),
+        ("forget bush go", Reply(Answer(0, Motion.GO, (ForgetWord("bush"),)))),
+        ("forget call 7", Reply(Answer(0, Motion.NONE, (ForgetCall(7),)))),
+        ("new episode", Reply(Answer(0, Motion.NONE, (NewEpisode(),)))),
+        ("7 go", Reply(Answer(7, Motion.GO))),
+        ("C7 go", Reply(Answer(7, Motion.GO))),
+        ("h9: stay", Reply(Answer(9, Motion.STAY))),
+        ("7: bush: -1 go", Reply(Answer(7, Motion.GO, (SetWord("bush", -1.0),)))),
+        ("rover 2 go", Reply(Answer(0, Motion.GO), 2)),
+        ("rover 2: C7 tap drum -1", Reply(Answer(7, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)), 2)),
         ("rover 2", Select(2)),
         ("rover 2 status", Show("status", 2)),
         ("policy hold", SetPolicy(Policy.HOLD)),
         ("rover 2 Policy  OFF", SetPolicy(Policy.OFF, 2)),
-        ("policy: -1", Reply(Motion.NONE, (SetWord("policy", -1.0),))),
+        ("policy: -1", Reply(Answer(0, Motion.NONE, (SetWord("policy", -1.0),)))),
         ("calls", Show("calls")),
         ("Quit", Show("quit")),
     ],
@@ -111,7 +114,7 @@ def test_a_wrong_line_is_refused_with_an_example_on_one_line(line: str, said: st
 @pytest.mark.parametrize("line", ["gold: 1", "setting sun: 1", "go: 1", "forgetmenot: -1"])
 def test_a_word_may_begin_like_an_order(line: str) -> None:
     word, _, weight = line.partition(": ")
-    assert parse(line) == Reply(Motion.NONE, (SetWord(word, float(weight)),))
+    assert parse(line) == Reply(Answer(0, Motion.NONE, (SetWord(word, float(weight)),)))
 
 
 _FIRST = st.from_regex(r"[abefijkmnpquvwxyzäöü][a-zäöü]{2,9}", fullmatch=True)
@@ -169,7 +172,7 @@ def test_what_is_written_out_is_read_back(
     line = line if rover is None else f"rover {rover} {line}"
     motions = {"go": Motion.GO, "stay": Motion.STAY, "look again": Motion.LOOK_AGAIN}
     expected = motions.get(motion.lstrip(", "), Motion.NONE)
-    assert parse(line) == Reply(expected, tuple(changes), call_id, rover)
+    assert parse(line) == Reply(Answer(call_id or 0, expected, tuple(changes)), rover)
 
 
 @settings(max_examples=200, deadline=None)
@@ -195,7 +198,7 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
     )
     typed = [parse(operation_text(operation)) for operation in operations]
     assert typed == [
-        Reply(Motion.NONE, (change,))
+        Reply(Answer(0, Motion.NONE, (change,)))
         for change in (
             SetWord("old wall", -0.25),
             Tap(NO_FRAME, (0.1, 0.25, 0.5, 0.75), "area 51", 0.3),
@@ -211,11 +214,11 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
 @pytest.mark.parametrize(
     ("line", "reply"),
     [
-        ("not the same place", Reply(Motion.NONE, (OtherPlace(),))),
-        ("Not that place C12", Reply(Motion.NONE, (OtherPlace(12),))),
-        ("other place; gravel: 1, go", Reply(Motion.GO, (OtherPlace(), SetWord("gravel", 1.0)))),
-        ("rover 2 other place 12", Reply(Motion.NONE, (OtherPlace(12),), rover=2)),
-        ("other place: -1", Reply(Motion.NONE, (SetWord("other place", -1.0),))),
+        ("not the same place", Reply(Answer(0, Motion.NONE, (OtherPlace(),)))),
+        ("Not that place C12", Reply(Answer(0, Motion.NONE, (OtherPlace(12),)))),
+        ("other place; gravel: 1, go", Reply(Answer(0, Motion.GO, (OtherPlace(), SetWord("gravel", 1.0))))),
+        ("rover 2 other place 12", Reply(Answer(0, Motion.NONE, (OtherPlace(12),)), 2)),
+        ("other place: -1", Reply(Answer(0, Motion.NONE, (SetWord("other place", -1.0),)))),
     ],
 )
 def test_a_match_is_refused_by_one_line(line: str, reply: Reply) -> None:
@@ -229,7 +232,7 @@ def test_a_match_is_refused_by_one_line(line: str, reply: Reply) -> None:
         ("Incident C7", Incident(PackIncident(7))),
         ("cancel incident", Incident(CancelIncident(0))),
         ("rover 2 cancel incident 7", Incident(CancelIncident(7), rover=2)),
-        ("incident: -1", Reply(Motion.NONE, (SetWord("incident", -1.0),))),
+        ("incident: -1", Reply(Answer(0, Motion.NONE, (SetWord("incident", -1.0),)))),
     ],
 )
 def test_an_incident_file_is_asked_for_and_cancelled(line: str, command: Command) -> None:

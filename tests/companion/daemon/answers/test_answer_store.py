@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.operations import SetWord, Tap
-from companion.link.answer import PAYLOADS, Answer, Via
 from companion.link.answer_store import (
     IN_ALL,
     MAX_TEXTS,
@@ -19,22 +18,22 @@ from companion.link.answer_store import (
     AnswerStore,
     KnownAnswer,
 )
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import PAYLOADS, Acknowledgement, Answer, Via
 from companion.wire.ids import CHANGING_RESULTS, PAGE_SENDER, Motion, Result
 
 GROUND, OTHER = (255, 190), (254, 1)
 BOX = (0.4, 0.5, 0.6, 0.7)
 ANSWERS = {
-    Via.TUNNEL: Answer(GROUND, Via.TUNNEL, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9),
-    Via.PAGE: Answer(PAGE_SENDER, Via.PAGE, 7, Motion.GO, (SetWord("drum", -1.0),), transaction=9),
-    Via.COMMAND: Answer(GROUND, Via.COMMAND, 7, Motion.GO, confirmation=1),
+    Via.TUNNEL: Answer(7, Motion.GO, (SetWord("drum", -1.0),), transaction=9, sender=GROUND, via=Via.TUNNEL),
+    Via.PAGE: Answer(7, Motion.GO, (SetWord("drum", -1.0),), transaction=9, sender=PAGE_SENDER, via=Via.PAGE),
+    Via.COMMAND: Answer(7, Motion.GO, sender=GROUND, via=Via.COMMAND, confirmation=1),
     **{
-        via: Answer(GROUND, via, 7, Motion.NONE, (Tap(3, BOX, "obstacle", -1.0),), confirmation=1)
+        via: Answer(7, Motion.NONE, (Tap(3, BOX, "obstacle", -1.0),), sender=GROUND, via=via, confirmation=1)
         for via in (Via.TRACK_POINT, Via.TRACK_RECTANGLE)
     },
-    Via.AT_ANSWER: Answer(GROUND, Via.AT_ANSWER, 7, Motion.GO),
+    Via.AT_ANSWER: Answer(7, Motion.GO, sender=GROUND, via=Via.AT_ANSWER),
     Via.TEXT: Answer(
-        GROUND, Via.TEXT, 0, Motion.NONE, (SetWord("mud", -1.0),), name="AT_WORDS", raw=b"mud: -1"
+        0, Motion.NONE, (SetWord("mud", -1.0),), sender=GROUND, via=Via.TEXT, name="AT_WORDS", raw=b"mud: -1"
     ),
 }
 vias = pytest.mark.parametrize("via", Via)

@@ -22,6 +22,7 @@ from companion.desk.tuning.episode import LabelledDrive
 from companion.desk.tuning.operators import LabelOperator
 from companion.desk.tuning.trial import Combination
 from companion.vision.warm_up import load_engine
+from companion.wire.answers import Answer
 from companion.wire.ids import Motion
 
 CRATE = Box(0.55, 0.8, 0.65, 0.95)
@@ -57,10 +58,10 @@ Called = tuple[DriveJudge, Call, DriveFrame, LabelOperator]
 def test_a_thing_that_the_perceiver_cannot_ground_is_tapped_where_the_call_points(called: Called) -> None:
     judge, call, frame, operator = called
     thing = meant(call, {Reason.UNKNOWN_OBJECT}, CRATE)
-    operations, motion = operator(judge, thing, frame)
+    answer = operator(judge, thing, frame)
     box = (CRATE.left, CRATE.top, CRATE.right, CRATE.bottom)
-    assert operations == [Tap(call.frame_id, box, "crate", -1.0)]
-    assert motion is Motion.GO
+    assert answer.operations == (Tap(call.frame_id, box, "crate", -1.0),)
+    assert answer.motion is Motion.GO
 
 
 def test_a_tapped_thing_that_is_asked_about_again_is_tapped_again(drive: Path) -> None:
@@ -72,7 +73,7 @@ def test_a_tapped_thing_that_is_asked_about_again_is_tapped_again(drive: Path) -
         if judged is not None and judged.opened is not None:
             call = meant(judged.opened, {Reason.UNKNOWN_OBJECT}, CRATE)
             first = operator(judge, call, frame)
-            judge.answer(*first, frame.at)
+            judge.answer(first, frame.at)
             assert "crate" in judge.engine.memory.preferences
             assert operator(judge, call, frame) == first
             return
@@ -81,20 +82,20 @@ def test_a_tapped_thing_that_is_asked_about_again_is_tapped_again(drive: Path) -
 
 def test_ground_is_named_with_the_weight_of_its_class(called: Called) -> None:
     judge, call, frame, operator = called
-    operations, _ = operator(judge, meant(call, {Reason.UNKNOWN_OBJECT}, GRAVEL), frame)
-    assert operations == [SetWord("gravel", 1.0)]
+    answer = operator(judge, meant(call, {Reason.UNKNOWN_OBJECT}, GRAVEL), frame)
+    assert answer.operations == (SetWord("gravel", 1.0),)
 
 
 def test_of_a_scene_all_classes_without_a_word_are_named(called: Called) -> None:
     judge, call, frame, operator = called
-    operations, _ = operator(judge, meant(call, {Reason.UNKNOWN_SCENE}, CRATE), frame)
-    assert operations == [SetWord("gravel", 1.0)]  # `tree` has a word, and a crate cannot be named
+    answer = operator(judge, meant(call, {Reason.UNKNOWN_SCENE}, CRATE), frame)
+    assert answer.operations == (SetWord("gravel", 1.0),)  # `tree` has a word, and a crate cannot be named
 
 
 def test_nothing_is_named_that_a_word_in_use_means(called: Called) -> None:
     judge, call, frame, operator = called
-    operations, _ = operator(judge, meant(call, {Reason.UNKNOWN_OBJECT}, Box(0.4, 0.1, 0.6, 0.3)), frame)
-    assert operations == []
+    answer = operator(judge, meant(call, {Reason.UNKNOWN_OBJECT}, Box(0.4, 0.1, 0.6, 0.3)), frame)
+    assert answer.operations == ()
 
 
 def test_what_is_asked_about_is_told_by_its_class(called: Called) -> None:
@@ -109,6 +110,6 @@ def test_an_answered_scene_keeps_where_its_frame_was_taken(drive: Path) -> None:
     for frame in LabelledDrive(open_dataset(f"folder:{drive}"), 10.0).frames():
         judged = judge.judge(replace(frame, place=at, travelled=frame.at))
         if judged is not None and judged.opened is not None:
-            judge.answer((), Motion.GO, frame.at)
+            judge.answer(Answer(0, Motion.GO), frame.at)
             break
     assert [entry.place for entry in judge.engine.memory.history][-1] == at

@@ -14,7 +14,6 @@ from anytraverse.regions import Box
 from companion.config import Config, load_config
 from companion.config.schema import Mount, Stopping
 from companion.desk.drives.drive import DriveError
-from companion.desk.tuning.operators import GivenAnswer
 from companion.desk.tuning.proposal import (
     Candidate,
     fragment,
@@ -30,6 +29,7 @@ from companion.desk.tuning.proposal import (
 )
 from companion.desk.tuning.trial import Combination, MadeCall, Outcome
 from companion.vision.warm_up import judging_settings, load_engine
+from companion.wire.typed_answers import read_typed
 
 REGION = Box(0.3, 0.5, 0.7, 0.9)
 NOW = Combination(0.9, 0.3, 0.8, REGION)
@@ -83,7 +83,11 @@ def test_of_equal_candidates_the_one_with_the_fewest_changes_is_proposed() -> No
 
 
 def test_a_call_near_the_time_of_a_named_thing_keeps_it() -> None:
-    answers = [GivenAnswer(10.0, "tap drum -1, go"), GivenAnswer(30.0, "go"), GivenAnswer(50.0, "gravel: 1")]
+    answers = [
+        (10.0, read_typed("tap drum -1, go")),
+        (30.0, read_typed("go")),
+        (50.0, read_typed("gravel: 1")),
+    ]
     named = named_times(answers)
     assert named == [10.0, 50.0]
     calls = [MadeCall(0, 12.9, ()), MadeCall(1, 30.0, ()), MadeCall(2, 46.9, ())]

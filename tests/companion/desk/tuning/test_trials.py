@@ -15,17 +15,17 @@ from anytraverse.regions import Box
 from companion.config import Config, load_config
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.episode import Episode
-from companion.desk.tuning.operators import GivenAnswer
 from companion.desk.tuning.running import Judged, Where, figures_of, perceive, run_episode
 from companion.desk.tuning.trial import Combination, MadeCall, Outcome, Trial
 from companion.vision.warm_up import load_engine
+from companion.wire.typed_answers import read_typed
 
 ANSWERS = (
-    GivenAnswer(0.4, "dry grass: 0.4, go"),
-    GivenAnswer(1.0, "tap rock -1, go"),
-    GivenAnswer(1.6, "tap trunk -1 0.4 0.5 0.6 0.8; gravel: 1"),
-    GivenAnswer(1.6, "forget bush, go"),
-    GivenAnswer(2.2, "stay"),
+    (0.4, read_typed("dry grass: 0.4, go")),
+    (1.0, read_typed("tap rock -1, go")),
+    (1.6, read_typed("tap trunk -1 0.4 0.5 0.6 0.8; gravel: 1")),
+    (1.6, read_typed("forget bush, go")),
+    (2.2, read_typed("stay")),
 )
 
 
@@ -95,7 +95,7 @@ def test_processes_and_a_second_run_give_the_same(drive: Path, tmp_path: Path) -
 
 def test_an_answer_that_is_refused_is_told_and_the_call_gets_a_go(drive: Path, tmp_path: Path) -> None:
     config = load_config(drive.parent / "companion.toml")
-    answers = tuple(GivenAnswer(0.1 * at, "no such word at all: 1, go") for at in range(30))
+    answers = tuple((0.1 * at, read_typed("no such word at all: 1, go")) for at in range(30))
     episode = Episode(str(drive), 10.0, answers)
     combination = Combination(0.97, 0.1, 0.4, Box(0.35, 0.46, 0.65, 0.95))
     (outcome,) = run_episode(config, episode, [combination], Where(tmp_path, 10**9)).outcomes

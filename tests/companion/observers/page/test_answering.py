@@ -16,7 +16,7 @@ from companion.observers.page.calls import shown_calls
 from companion.observers.page.messages import Kind, Message
 from companion.observers.page.news import News
 from companion.pages.requests import RequestError
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import PAGE_SENDER, Motion, Result
 
 OPEN = {"id": 7, "kind": "call", "stage": "open", "frame_id": 4711, "age": 3, "holding": True}
@@ -29,13 +29,17 @@ class Desk:
     def __init__(self, opened: dict[str, Any] | None = OPEN) -> None:
         self.now = 1000.0
         self.news = News(lambda: self.now)
-        self.sent: list[AnswerMessage] = []
+        self.sent: list[Answer] = []
+        self.parts: list[tuple[int, int]] = []
+        """Of `sent`: which part each is, of how many."""
         self.answering = Answering(self.news, self.take, lambda: self.now, lambda: 1.8e9 + self.now)
         self.tell(opened)
 
     def take(self, payload: bytes, at: float) -> None:
         assert at == self.now
-        self.sent.append(AnswerMessage.unpack(payload))
+        answer, part, parts = Answer.unpack(payload)
+        self.sent.append(answer)
+        self.parts.append((part, parts))
 
     def tell(self, opened: dict[str, Any] | None, **words: float) -> None:
         state = {"state": "calling", "words": words or {"grass": 1.0}, "open": opened}
@@ -124,7 +128,7 @@ def test_a_long_answer_goes_in_parts_and_too_long_a_one_is_refused() -> None:
     desk = Desk()
     words = [{"word": f"a rather long name of a thing {number}", "weight": 1} for number in range(30)]
     desk.post(call=7, changes=words[:6])
-    assert [(one.part, one.parts) for one in desk.sent] == [(0, 2), (1, 2)]
+    assert desk.parts == [(0, 2), (1, 2)]
     with pytest.raises(RequestError, match="send them in two"):
         desk.post(call=7, changes=words)
 

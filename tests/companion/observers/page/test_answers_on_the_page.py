@@ -12,7 +12,7 @@ import pytest
 from anytraverse.operations import SetWord
 from companion.observers.page.messages import LONGEST_SAID
 from companion.observers.page.page import WebChild, missing
-from companion.wire.answers import Acknowledgement, AnswerMessage
+from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import Motion, Result
 from tests.companion.observers.page.played import TOKEN, Stage
 from tests.companion.observers.page.test_a_page_that_fails import SAYS
@@ -44,7 +44,7 @@ def test_an_answer_reaches_the_supervisor_and_its_acknowledgement_the_page(
     posted = stage.post("/answer", GO)
     assert (posted.status, json.loads(posted.body)) == (200, {"done": "sent"})
     stage.until(lambda: bool(given))
-    message = AnswerMessage.unpack(given[0])
+    message = Answer.unpack(given[0])[0]
     assert (message.target, message.motion, message.operations) == (7, Motion.GO, (SetWord("gravel", 1.0),))
 
     def shown() -> dict[str, str]:

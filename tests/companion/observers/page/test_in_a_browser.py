@@ -14,7 +14,7 @@ import pytest
 
 from anytraverse.operations import Tap
 from companion.observers.page.page import missing
-from companion.wire.answers import Acknowledgement, AnswerMessage, CancelIncident, PackIncident
+from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
 from tests.companion.observers.page import played
@@ -145,22 +145,22 @@ def held(stage: Stage, tab: Any, given: list[bytes], key: str) -> set[Motion]:
     tab.keyboard.down(key)
     stage.until(lambda: len(given) == 3)
     tab.keyboard.up(key)
-    assert len({AnswerMessage.unpack(one).transaction for one in given}) == 1
-    return {AnswerMessage.unpack(one).motion for one in given}
+    assert len({Answer.unpack(one)[0].transaction for one in given}) == 1
+    return {Answer.unpack(one)[0].motion for one in given}
 
 
 def have_it_packed(stage: Stage, card: Any, given: list[bytes]) -> None:
     """Ask for an incident file of call 7, cancel it, and have it packed all the same: it can be saved."""
-    stay = AnswerMessage.unpack(given[-1])
+    stay = Answer.unpack(given[-1])[0]
     stage.page.acknowledge(Acknowledgement.without_figures(stay.transaction, 7, Result.APPLIED, "noted"))
     card.get_by_role("button", name="Pack an incident file of C7").click()
-    stage.until(lambda: AnswerMessage.unpack(given[-1]).operations == (PackIncident(7),))
+    stage.until(lambda: Answer.unpack(given[-1])[0].operations == (PackIncident(7),))
     stage.news["incidents"] = Incidents(packing=7).document()
     cancelling = card.get_by_role("button", name="Cancel packing of C7")
     stage.until(cancelling.is_visible)
     cancelling.click()
-    stage.until(lambda: AnswerMessage.unpack(given[-1]).operations == (CancelIncident(7),))
-    cancel = AnswerMessage.unpack(given[-1])
+    stage.until(lambda: Answer.unpack(given[-1])[0].operations == (CancelIncident(7),))
+    cancel = Answer.unpack(given[-1])[0]
     stage.page.acknowledge(Acknowledgement.without_figures(cancel.transaction, 0, Result.APPLIED, "no more"))
     stage.news["incidents"] = Incidents(failed=(7, "it was cancelled")).document()
     stage.until(lambda: "It could not be packed: it was cancelled." in card.inner_text())
@@ -203,7 +203,7 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         tab.keyboard.type("Old drum")
         tab.keyboard.press("Enter")
         stage.until(lambda: bool(given))
-        message = AnswerMessage.unpack(given[0])
+        message = Answer.unpack(given[0])[0]
         (tap,) = message.operations
         assert isinstance(tap, Tap)
         assert (message.target, message.motion) == (7, Motion.GO)

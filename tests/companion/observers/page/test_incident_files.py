@@ -15,7 +15,7 @@ import pytest
 
 from companion.observers.page.page import missing
 from companion.observers.page.server import MOST_DOWNLOADS
-from companion.wire.answers import Acknowledgement, AnswerMessage, CancelIncident, PackIncident
+from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
 from tests.companion.observers.page.played import TOKEN, Stage
@@ -38,9 +38,9 @@ class Page:
         (home / "notes.txt").write_bytes(b"of the owner")
         (folder / "status.json").write_bytes(b"{}")
         os.symlink(folder / "status.json", home / "0014-C7.zip")
-        self.given: list[AnswerMessage] = []
+        self.given: list[Answer] = []
         self.stage = Stage(folder, token=TOKEN)
-        self.stage.page.answer = lambda payload, _at: self.given.append(AnswerMessage.unpack(payload))
+        self.stage.page.answer = lambda payload, _at: self.given.append(Answer.unpack(payload)[0])
         self.tell(Incidents())
         self.stage.until(lambda: self.stage.up() and self.get("/healthz")[0] == 200)
 

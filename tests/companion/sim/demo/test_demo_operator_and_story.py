@@ -81,7 +81,7 @@ def test_a_thing_of_which_the_box_has_a_corner_is_tapped_where_it_is() -> None:
     corner = Shown("drum", "meadow", thing="drum-1", surprise=True, outline=[0.25, 0.4, 0.3125, 0.5])
     typed = answers(AutoOperator(), call(), corner)
     assert typed[0] == "tap drum -1 0.2500 0.4000 0.3125 0.5000 go"
-    assert read_typed(typed[0])[0] is Motion.GO
+    assert read_typed(typed[0]).motion is Motion.GO
 
 
 @pytest.mark.parametrize("place", ZONES)

@@ -44,6 +44,17 @@ class Answered:
         }
 
 
+Own = tuple[Sequence[Answered], Pending | None]
+"""What was answered from a page to a call, the oldest first, and what takes it back."""
+
+
+def too_late(answers: Sequence[Answered]) -> bool:
+    """Whether an answer came too late, and none was applied."""
+    acks = [one.pending.acknowledgement for one in answers]
+    stale = any(ack is not None and ack.result is Result.STALE for ack in acks)
+    return stale and not any(one.pending.applied for one in answers)
+
+
 def undoing(answers: Sequence[Answered], undone: Pending | None) -> tuple[Operation, ...]:
     """Return what takes back the answers to a call: its scene is forgotten, its words are as before.
 

@@ -11,11 +11,11 @@ from typing import Any
 from anytraverse.operations import Operation
 from anytraverse.picture_size import jpeg_size
 from companion.pages import wording as browser_wording
-from companion.pages.given import Answered, undoing, undone_words
+from companion.pages.given import Answered, too_late, undoing, undone_words
 from companion.wire.call_figures import asked
 from companion.wire.delivery import Pending
 from companion.wire.documents import CallRecord
-from companion.wire.ids import Kind, Motion, Outcome, Result, Stage
+from companion.wire.ids import Kind, Motion, Outcome, Stage
 from companion.wire.packing import clean
 from companion.wire.texts import name
 from gcs_plugin.client.rovers import Call, Rover
@@ -122,12 +122,8 @@ class Stories:
         story = self.by_id.get(call.data.id)
         if story is None or any(one.pending.applied for one in story.answers):
             return False
-        stale = any(
-            one.pending.acknowledgement is not None and one.pending.acknowledgement.result is Result.STALE
-            for one in story.answers
-        )
         closed = call.data.stage is Stage.CLOSED and call.data.outcome in _CLOSED_BY_ANSWER
-        return call.data.stage is Stage.ANSWERED or closed or stale
+        return call.data.stage is Stage.ANSWERED or closed or too_late(story.answers)
 
     def undo(self, number: int) -> tuple[Operation, ...]:
         """Return what takes back the answers to a call: its scene is forgotten, its words are as before."""

@@ -7,9 +7,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-from companion.observers.page.calls import OwnAnswers
 from companion.observers.page.news import SILENT, News
-from companion.pages.given import Answered, undoing
+from companion.pages.given import Answered, Own, undoing
 from companion.pages.requests import (
     RequestError,
     check_answer,
@@ -98,13 +97,13 @@ class Answering:
         """Return the newest request for an incident file of a call, 0: of the last minute."""
         return self._incidents.get(call)
 
-    def by_call(self) -> dict[int, OwnAnswers]:
+    def by_call(self) -> dict[int, Own]:
         """Return what was answered to each call."""
         return {number: self._of(number) for number in {one.pending.answer.target for one in self._answers}}
 
-    def _of(self, number: int) -> OwnAnswers:
+    def _of(self, number: int) -> Own:
         answers = [one for one in self._answers if one.pending.answer.target == number]
-        return OwnAnswers(answers, self._undone.get(number))
+        return answers, self._undone.get(number)
 
     def deliver(self) -> None:
         """Send what is due. Called once a second, since what is not acknowledged is sent again.

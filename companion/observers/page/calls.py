@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from companion.pages import wording
-from companion.pages.given import Answered, undoing, undone_words
-from companion.wire.delivery import Pending
+from companion.pages.given import Own, too_late, undoing, undone_words
 from companion.wire.documents import (
     PICTURES,
     CallRecord,
@@ -16,7 +15,7 @@ from companion.wire.documents import (
     record_from,
     state_from,
 )
-from companion.wire.ids import PAGE_SENDER, Result
+from companion.wire.ids import PAGE_SENDER
 from companion.wire.json_values import DocumentError
 from companion.wire.parameters import THR_SCENE
 from companion.wire.payloads import CallData
@@ -24,30 +23,12 @@ from companion.wire.payloads import CallData
 _MOST_NAMES = 24
 
 
-class OwnAnswers(NamedTuple):
-    """What was answered on the page to a call, the oldest first, and what takes it back."""
-
-    answers: Sequence[Answered] = ()
-    undone: Pending | None = None
-
-    @property
-    def too_late(self) -> bool:
-        """Whether an answer of the page came too late, and none before."""
-        acks = [one.pending.acknowledgement for one in self.answers]
-        return any(ack is not None and ack.result is Result.STALE for ack in acks) and not any(
-            one.pending.applied for one in self.answers
-        )
-
-
-_NOTHING = OwnAnswers()
-
-
 def shown_calls(
     state: Mapping[str, Any],
     told_at: float,
     records: Sequence[Mapping[str, Any]],
     address: Callable[[str], str],
-    own: Mapping[int, OwnAnswers],
+    own: Mapping[int, Own],
     incident: Callable[[int], dict[str, Any] | None] = lambda _call: None,
 ) -> dict[str, Any]:
     """Return what the page shows of calls: the open call or hold, the newest before it, and their words.
@@ -82,7 +63,7 @@ def shown_calls(
     for call in found:
         call["incident"] = incident(call["id"])
     there = {call["id"] for call in found}
-    alone = [one for number, its in own.items() if number not in there for one in its.answers]
+    alone = [one for number, (answers, _) in own.items() if number not in there for one in answers]
     newest = sorted(alone, key=lambda one: one.pending.created)[-1:]
     return {
         "calls": found,
@@ -98,12 +79,12 @@ def _more(
     state: StateFile,
     known: Mapping[int, CallRecord],
     address: Callable[[str], str],
-    own: Mapping[int, OwnAnswers],
+    own: Mapping[int, Own],
 ) -> dict[str, Any]:
     """Return pictures of a call, what was answered to it, and what was in a similar scene."""
-    here = own.get(call.id, _NOTHING)
+    answers, undone = own.get(call.id, ((), None))
     pictures = {size: address(picture_path(call.id, size)) for size in PICTURES}
-    ours = {(PAGE_SENDER, one.pending.answer.transaction) for one in here.answers}
+    ours = {(PAGE_SENDER, one.pending.answer.transaction) for one in answers}
     recorded = record.answers if record is not None else ()
     given = [one for one in recorded if (one.sender, one.transaction) not in ours]
     found = record.nearest if record is not None else None
@@ -121,9 +102,9 @@ def _more(
         "large": {},
         "given": [wording.answered(one) for one in given if one.at is None],
         "said": [{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
-        "answers": [one.document() for one in here.answers],
-        "first": wording.first_answer(record, None) if record is not None and here.too_late else "",
-        "undo": undone_words(undoing(here.answers, here.undone)),
-        "undone": here.undone.told if here.undone is not None else None,
+        "answers": [one.document() for one in answers],
+        "first": wording.first_answer(record, None) if record is not None and too_late(answers) else "",
+        "undo": undone_words(undoing(answers, undone)),
+        "undone": undone.told if undone is not None else None,
         "nearest": nearest,
     }

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections import deque
 from collections.abc import Hashable, ItemsView
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
 from companion.wire.answers import COMMANDS, PAYLOADS, Acknowledgement, Answer, Via
@@ -67,15 +67,8 @@ REPEAT_WITHIN = 5.0
 _SAVED = 16
 
 
-@dataclass(frozen=True)
-class KnownAnswer:
-    """An answer that was received. reply: what it got, None while it is undecided.
-
-    at: s, when it was received, or decided.
-    """
-
-    at: float
-    reply: Acknowledgement | None = None
+Known = tuple[float, Acknowledgement | None]
+"""When an answer was received, or decided, s; and the reply that it got, None while it is undecided."""
 
 
 class AnswerStore:
@@ -95,7 +88,7 @@ class AnswerStore:
 
     def __init__(self, saved: Any = None) -> None:
         """saved: what `saved` returned before a restart. Anything else in it is ignored."""
-        self._entries: SenderCache[KnownAnswer] = SenderCache(OF_A_SENDER, IN_ALL)
+        self._entries: SenderCache[Known] = SenderCache(OF_A_SENDER, IN_ALL)
         self._undecided_for = UNDECIDED_FOR
         self._before: dict[tuple[Any, ...], Acknowledgement] = {}
         self._rows: deque[list[Any]] = deque(maxlen=_SAVED)
@@ -111,13 +104,14 @@ class AnswerStore:
         """Set the s within which an answer is decided; a repetition is not new before."""
         self._undecided_for = seconds
 
-    def find(self, answer: Answer, now: float) -> KnownAnswer | None:
+    def find(self, answer: Answer, now: float) -> Known | None:
         """Find what `answer` is a repetition of; None for a new answer."""
         known = self._entries.get(answer.key)
         if known is None or (answer.via is Via.AT_ANSWER and answer.motion is Motion.STAY):
             return None
-        age = now - known.at
-        if known.reply is None:
+        at, reply = known
+        age = now - at
+        if reply is None:
             return known if age < self._undecided_for else None
         if answer.via in COMMANDS and not answer.confirmation:
             return None
@@ -130,7 +124,7 @@ class AnswerStore:
         """Note that a new answer is being decided. False, and not noted, if too many texts wait already."""
         if answer.via is Via.TEXT and self._undecided_texts(now) >= MAX_TEXTS:
             return False
-        self._entries.put(answer.key, KnownAnswer(now))
+        self._entries.put(answer.key, (now, None))
         return True
 
     def finish(self, answer: Answer, reply: Acknowledgement, now: float) -> None:
@@ -148,14 +142,14 @@ class AnswerStore:
             key = replace(answer, target=target).key
             self._entries.pop(key)
             if known:
-                self._entries.put(key, KnownAnswer(now, reply))
+                self._entries.put(key, (now, reply))
 
     def forget_refused_matches(self) -> None:
         """Forget the decided AT_ANSWERs that refused a match: now they may mean the next one."""
         of_matches = [
             key
-            for key, known in self._entries.items()
-            if key[0][1] is Via.AT_ANSWER and known.reply is not None and key[3]
+            for key, (_, reply) in self._entries.items()
+            if key[0][1] is Via.AT_ANSWER and reply is not None and key[3]
         ]
         for key in of_matches:
             self._entries.pop(key)
@@ -191,4 +185,4 @@ class AnswerStore:
 
     def _undecided_texts(self, now: float) -> int:
         texts = [known for key, known in self._entries.items() if key[0][1] is Via.TEXT]
-        return sum(known.reply is None and now - known.at < self._undecided_for for known in texts)
+        return sum(reply is None and now - at < self._undecided_for for at, reply in texts)

@@ -171,8 +171,9 @@ class AnswerService:
         known = self._store.find(answer, now)
         if known is None:
             return False
-        if known.reply is not None:
-            self._reply(answer, known.reply, now)
+        _, reply = known
+        if reply is not None:
+            self._reply(answer, reply, now)
         elif answer.via is Via.TEXT:
             self._texts.acknowledge(answer, mavlink.PARAM_ACK_IN_PROGRESS, now)
         return True

@@ -134,7 +134,7 @@ class AnswerHandler:
     def _apply(self, answer: Answer, target: int | None, now: float) -> Handled:
         operations = answer.taught
         taps = taps_of(operations)
-        try:
+        try:  # what is no box must not come to the state machine
             for tap in taps:
                 Box(*tap.box)
         except RegionError as error:

@@ -10,14 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.operations import SetWord, Tap
-from companion.link.answer_store import (
-    IN_ALL,
-    MAX_TEXTS,
-    OF_A_SENDER,
-    UNDECIDED_FOR,
-    AnswerStore,
-    KnownAnswer,
-)
+from companion.link.answer_store import IN_ALL, MAX_TEXTS, OF_A_SENDER, UNDECIDED_FOR, AnswerStore
 from companion.wire.answers import PAYLOADS, Acknowledgement, Answer, Via
 from companion.wire.ids import CHANGING_RESULTS, PAGE_SENDER, Motion, Result
 
@@ -55,11 +48,11 @@ def test_an_undecided_answer_is_not_new_until_nobody_decides_it_any_more(via: Vi
     store, answer = AnswerStore(), ANSWERS[via]
     assert store.find(answer, 0.0) is None
     assert store.begin(answer, 0.0)
-    assert store.find(answer, UNDECIDED_FOR - 0.1) == KnownAnswer(0.0)
+    assert store.find(answer, UNDECIDED_FOR - 0.1) == (0.0, None)
     assert store.find(replace(answer, sender=OTHER), 0.1) is None
     assert store.find(answer, UNDECIDED_FOR) is None
     store.set_undecided_for(90.0)
-    assert store.find(answer, 89.0) == KnownAnswer(0.0)
+    assert store.find(answer, 89.0) == (0.0, None)
 
 
 @vias
@@ -75,7 +68,7 @@ def test_a_busy_answer_is_forgotten(via: Via) -> None:
 def test_a_decided_answer_is_known_for_as_long_as_its_message_needs(via: Via, lasts: float | None) -> None:
     store, answer = decided(via=via)
     if lasts is not None:
-        assert store.find(answer, 1.0 + lasts) == KnownAnswer(1.0, reply(answer))
+        assert store.find(answer, 1.0 + lasts) == (1.0, reply(answer))
     assert store.find(answer, 1.0 + (lasts or 0.0) + 0.1) is None or via in PAYLOADS
 
 
@@ -130,7 +123,7 @@ def test_nothing_is_pushed_out_by_another_sender_or_by_what_the_same_one_sends_b
     for number in range(100, 100 + 2 * OF_A_SENDER):
         store.begin(replace(other, transaction=number, target=number, raw=b"%d" % number), 2.0)
     known = store.find(answer, 3.0)
-    assert (known == KnownAnswer(1.0, reply(answer))) == (sender == OTHER or flood is not via)
+    assert (known == (1.0, reply(answer))) == (sender == OTHER or flood is not via)
     assert len(store) <= 1 + OF_A_SENDER
 
 

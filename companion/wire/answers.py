@@ -182,6 +182,11 @@ class Answer:
         return tuple(one for one in self.operations if not isinstance(one, IncidentRequest))
 
     @property
+    def about_files(self) -> bool:
+        """Whether it is about incident files alone, which concerns no call and changes nothing."""
+        return bool(self.operations) and not self.taught
+
+    @property
     def refuses_match(self) -> bool:
         """Whether it says only that a match was not the same place, which concerns no call."""
         alone = self.motion is Motion.NONE and bool(self.operations)

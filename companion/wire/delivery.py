@@ -152,7 +152,7 @@ class Pending:
         """Return whether later answers to the same rover must wait for this one."""
         if self.settled or self._closed_at is not None:
             return False
-        if self.answer.operations and not self.answer.taught:
+        if self.answer.about_files:
             return False  # it changes nothing of a call, so that no answer has to wait for it
         return self.first_sent is None or now - self.first_sent < BLOCKS_S
 

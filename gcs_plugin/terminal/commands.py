@@ -13,8 +13,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from companion.wire.answers import Answer, CancelIncident, IncidentRequest, PackIncident
-from companion.wire.ids import Policy
+from companion.wire.answers import Answer, CancelIncident, PackIncident
+from companion.wire.ids import Motion, Policy
 from companion.wire.typed_answers import CommandError, in_range, read_typed
 
 MAX_LINE = 1000
@@ -26,18 +26,8 @@ _INCIDENT = re.compile(r"(cancel\s+)?incident(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII
 
 
 @dataclass(frozen=True)
-class Reply:
-    """Holds an answer as it was typed: its target is 0 when none was named. rover: None when not named."""
-
-    answer: Answer
-    rover: int | None = None
-
-
-@dataclass(frozen=True)
 class Select:
-    """Selects a rover for all later lines that name none: `rover 2` alone."""
-
-    rover: int
+    """Selects the rover of the line for all later lines that name none: `rover 2` alone."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +35,6 @@ class SetPolicy:
     """Requests a policy: `policy hold`."""
 
     policy: Policy
-    rover: int | None = None
 
 
 @dataclass(frozen=True)
@@ -57,15 +46,6 @@ class Picture:
 
     call_id: int | None = None
     size: str = ""
-    rover: int | None = None
-
-
-@dataclass(frozen=True)
-class Incident:
-    """Has an incident file packed on the rover, or no more: `incident`, `incident 7`, `cancel incident 7`."""
-
-    request: IncidentRequest
-    rover: int | None = None
 
 
 @dataclass(frozen=True)
@@ -73,15 +53,19 @@ class Show:
     """Shows something or quits: `status`, `calls`, `words`, `help` or `quit`."""
 
     what: str
-    rover: int | None = None
 
 
 SHOWS = ("status", "calls", "words", "help", "quit")
-Command = Reply | Select | SetPolicy | Picture | Incident | Show
+Command = Answer | Select | SetPolicy | Picture | Show
+"""An answer is as it was typed: its target is 0 where none was named. One that is about an incident file asks
+for it: `incident`, `incident 7`, `cancel incident 7`."""
 
 
-def parse(line: str) -> Command | None:
-    """Parse a line into a command; None for an empty line or a `#` comment. Raises CommandError."""
+def parse(line: str) -> tuple[int | None, Command] | None:
+    """Parse a line: the rover that it names, None where it names none, and the command.
+
+    None for an empty line or a `#` comment. Raises CommandError.
+    """
     rest = line.replace("\t", " ").strip()
     if not rest or rest.startswith("#"):
         return None
@@ -90,25 +74,27 @@ def parse(line: str) -> Command | None:
     if len(rest) > MAX_LINE:
         raise CommandError(f"a line of {len(rest)} characters: {MAX_LINE} at most")
     rover, rest = _leading(_ROVER, rest)
-    if rover is not None and not rest:
-        return Select(in_range("rover", rover, 1, 255))
     if rover is not None:
         in_range("rover", rover, 1, 255)
+    return rover, _command(rest) if rest else Select()
+
+
+def _command(rest: str) -> Command:
     if rest.lower() in SHOWS:
-        return Show(rest.lower(), rover)
+        return Show(rest.lower())
     if found := _POLICY.match(rest):
-        return SetPolicy(_policy(found[1]), rover)
+        return SetPolicy(_policy(found[1]))
     if found := _PICTURE.match(rest):
-        return Picture(_number(found[1]), (found[2] or "").lower(), rover)
+        return Picture(_number(found[1]), (found[2] or "").lower())
     if found := _INCIDENT.match(rest):
         kind = CancelIncident if found[1] else PackIncident
-        return Incident(kind(_number(found[2]) or 0), rover)
+        return Answer(0, Motion.NONE, (kind(_number(found[2]) or 0),))
     call_id, rest = _leading(_CALL, rest)
     if call_id is not None:
         in_range("call", call_id, 1, 0xFFFF)
     if not rest:
         raise CommandError(f"what about call {call_id}? Write it as `{call_id} go` or `{call_id} stay`")
-    return Reply(read_typed(rest, call_id or 0), rover)
+    return read_typed(rest, call_id or 0)
 
 
 def _leading(pattern: re.Pattern[str], rest: str) -> tuple[int | None, str]:

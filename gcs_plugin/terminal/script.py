@@ -19,11 +19,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from companion.wire.answers import Answer
 from companion.wire.ids import Kind, Reasons, Stage
 from companion.wire.payloads import CallData
 from companion.wire.typed_answers import CommandError
 from gcs_plugin.client.rovers import Call
-from gcs_plugin.terminal.commands import Reply, parse
+from gcs_plugin.terminal.commands import parse
 
 EXAMPLE = '[{"reasons": ["unknown_object"], "answer": "tap drum -1 go"}, {"when": "clear", "answer": "go"}]'
 MAX_RULES = 200
@@ -70,8 +71,8 @@ class Rule:
     @property
     def changes(self) -> bool:
         """Whether its answer changes words or scenes, so that a sign may turn."""
-        command = parse(self.answer)
-        return isinstance(command, Reply) and bool(command.answer.operations)
+        _, command = parse(self.answer) or (None, None)
+        return isinstance(command, Answer) and bool(command.operations)
 
     @property
     def left(self) -> bool:
@@ -151,10 +152,10 @@ def _rule(number: int, row: Any) -> Rule:
 
 def _answer(number: int, line: Any) -> str:
     try:
-        command = parse(line) if isinstance(line, str) else None
+        rover, command = (parse(line) if isinstance(line, str) else None) or (None, None)
     except CommandError as error:
         raise ScriptError(f"rule {number}: {error}") from error
-    if not isinstance(command, Reply) or command.answer.target or command.rover is not None:
+    if rover is not None or not isinstance(command, Answer) or command.target or command.about_files:
         raise ScriptError(f'rule {number}: "answer" is a line without rover and id: "tap drum -1 go"')
     return str(line)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.wire.answers import Answer
 from companion.wire.delivery import Status
-from companion.wire.ids import Motion, Result
+from companion.wire.ids import Result
 from companion.wire.packing import PayloadError
 from companion.wire.typed_answers import CommandError, WeightMissingError
 from companion.wire.weights import own_weight, turned
@@ -18,7 +18,7 @@ from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.terminal import wording
-from gcs_plugin.terminal.commands import Incident, Picture, Reply, Select, SetPolicy, Show, parse
+from gcs_plugin.terminal.commands import Picture, Select, SetPolicy, Show, parse
 from gcs_plugin.terminal.output import Output, plain
 from gcs_plugin.terminal.resolve import address, choose_rover, picture_of
 from gcs_plugin.terminal.script import Script
@@ -137,23 +137,19 @@ class Session:
     def type(self, line: str, now: float, *, by_person: bool = True) -> None:
         """Carry out one typed line, or show why not."""
         try:
-            command = parse(line)
+            named, command = parse(line) or (None, None)
             match command:
-                case Reply():
-                    self._reply(command, now, by_person=by_person)
+                case Answer():
+                    self._answer(command, self._meant(named), now, by_person=by_person)
                 case Select():
-                    self._selected = choose_rover(self._client.rovers, command.rover).system
+                    self._selected = choose_rover(self._client.rovers, named).system
                     self._output.say([f"lines now mean rover {self._selected}"])
                 case SetPolicy():
-                    rover = choose_rover(self._client.rovers, command.rover, self._selected)
-                    self._client.set_policy(rover.system, command.policy, now)
+                    self._client.set_policy(self._meant(named).system, command.policy, now)
                 case Picture():
-                    self._fetch(command, now)
-                case Incident():
-                    rover = choose_rover(self._client.rovers, command.rover, self._selected)
-                    self._client.answer(rover.system, Answer(0, Motion.NONE, (command.request,)), now)
+                    self._fetch(command, named, now)
                 case Show():
-                    self._show(command, now)
+                    self._show(command.what, named, now)
         except WeightMissingError as error:
             self._output.problem(str(self._with_own_weight(error)))
         except (CommandError, PayloadError) as error:
@@ -168,10 +164,15 @@ class Session:
                 return WeightMissingError(error.word, f"{word}: {weight:g}")
         return error
 
-    def _reply(self, reply: Reply, now: float, *, by_person: bool) -> None:
-        rover = choose_rover(self._client.rovers, reply.rover, self._selected)
-        answer = address(reply.answer, rover, now)
-        self._refuse_turning(answer, rover, by_person=by_person)
+    def _meant(self, named: int | None) -> Rover:
+        """Return the rover that a line means; `named` is the one that it names. Raises CommandError."""
+        return choose_rover(self._client.rovers, named, self._selected)
+
+    def _answer(self, typed: Answer, rover: Rover, now: float, *, by_person: bool) -> None:
+        answer = typed
+        if not typed.about_files:
+            answer = address(typed, rover, now)
+            self._refuse_turning(answer, rover, by_person=by_person)
         self._client.answer(rover.system, answer, now)
 
     def _refuse_turning(self, answer: Answer, rover: Rover, *, by_person: bool) -> None:
@@ -189,10 +190,10 @@ class Session:
             raise CommandError(question)
         self._turning = None
 
-    def _fetch(self, picture: Picture, now: float) -> None:
+    def _fetch(self, picture: Picture, named: int | None, now: float) -> None:
         if self._keep is None:
             raise CommandError("pictures are not fetched here: `ftp get /calls/7.jpg` does it")
-        rover = choose_rover(self._client.rovers, picture.rover, self._selected)
+        rover = self._meant(named)
         path, name = picture_of(picture, rover)
         same = [one for one, fetch in self._fetches.items() if fetch.system == rover.system]
         for replaced in same:
@@ -217,22 +218,22 @@ class Session:
         if fetch.settled:
             del self._fetches[name]
 
-    def _show(self, show: Show, now: float) -> None:
-        if show.what == "quit":
+    def _show(self, what: str, named: int | None, now: float) -> None:
+        if what == "quit":
             self.quit = True
-        elif show.what == "help":
+        elif what == "help":
             self._output.say(HELP)
         else:
-            self._output.say(self._lines(show, now))
+            self._output.say(self._lines(what, named, now))
 
-    def _lines(self, show: Show, now: float) -> list[str]:
+    def _lines(self, what: str, named: int | None, now: float) -> list[str]:
         rovers = self._client.rovers
-        chosen = list(rovers.values()) if show.rover is None else [choose_rover(rovers, show.rover)]
+        chosen = list(rovers.values()) if named is None else [choose_rover(rovers, named)]
         if not chosen:
             return ["no rover is heard yet"]
-        if show.what == "calls":
+        if what == "calls":
             return [line for rover in chosen for line in wording.calls_lines(rover, now)]
-        if show.what == "words":
+        if what == "words":
             for rover in chosen:
                 self._client.request_parameters(rover.system)
             return [line for rover in chosen for line in wording.words_lines(rover)]

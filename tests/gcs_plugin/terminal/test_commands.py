@@ -11,7 +11,7 @@ from companion.wire.answers import Answer, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Policy
 from companion.wire.typed_answers import NO_BOX, NO_FRAME, CommandError
 from companion.wire.words_text import operation_text
-from gcs_plugin.terminal.commands import Command, Incident, Reply, Select, SetPolicy, Show, parse
+from gcs_plugin.terminal.commands import Command, Select, SetPolicy, Show, parse
 
 BOX = (0.4, 0.55, 0.6, 0.8)
 
@@ -19,47 +19,50 @@ BOX = (0.4, 0.55, 0.6, 0.8)
 @pytest.mark.parametrize(
     ("line", "command"),
     [
-        ("go", Reply(Answer(0, Motion.GO))),
-        ("  OK ", Reply(Answer(0, Motion.GO))),
-        ("stay", Reply(Answer(0, Motion.STAY))),
-        ("look", Reply(Answer(0, Motion.LOOK_AGAIN))),
-        ("look  again", Reply(Answer(0, Motion.LOOK_AGAIN))),
-        ("bush: -1", Reply(Answer(0, Motion.NONE, (SetWord("bush", -1.0),)))),
-        ("Dry  Grass: .5;", Reply(Answer(0, Motion.NONE, (SetWord("dry grass", 0.5),)))),
-        ("bush: -1; grass: 1", Reply(Answer(0, Motion.NONE, (SetWord("bush", -1.0), SetWord("grass", 1.0))))),
-        ("bush: -1, go", Reply(Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
-        ("bush: -1 go", Reply(Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
-        ("bush:-1; go", Reply(Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
-        ("grass: 1 look again", Reply(Answer(0, Motion.LOOK_AGAIN, (SetWord("grass", 1.0),)))),
-        ("tap drum -1", Reply(Answer(0, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
-        ("tap drum -1 go", Reply(Answer(0, Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
-        ("tap drum -1, stay", Reply(Answer(0, Motion.STAY, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
+        ("go", (None, Answer(0, Motion.GO))),
+        ("  OK ", (None, Answer(0, Motion.GO))),
+        ("stay", (None, Answer(0, Motion.STAY))),
+        ("look", (None, Answer(0, Motion.LOOK_AGAIN))),
+        ("look  again", (None, Answer(0, Motion.LOOK_AGAIN))),
+        ("bush: -1", (None, Answer(0, Motion.NONE, (SetWord("bush", -1.0),)))),
+        ("Dry  Grass: .5;", (None, Answer(0, Motion.NONE, (SetWord("dry grass", 0.5),)))),
+        (
+            "bush: -1; grass: 1",
+            (None, Answer(0, Motion.NONE, (SetWord("bush", -1.0), SetWord("grass", 1.0)))),
+        ),
+        ("bush: -1, go", (None, Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
+        ("bush: -1 go", (None, Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
+        ("bush:-1; go", (None, Answer(0, Motion.GO, (SetWord("bush", -1.0),)))),
+        ("grass: 1 look again", (None, Answer(0, Motion.LOOK_AGAIN, (SetWord("grass", 1.0),)))),
+        ("tap drum -1", (None, Answer(0, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
+        ("tap drum -1 go", (None, Answer(0, Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
+        ("tap drum -1, stay", (None, Answer(0, Motion.STAY, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
         (
             "tap oil drum -1 0.40 0.55 0.60 0.80",
-            Reply(Answer(0, Motion.NONE, (Tap(NO_FRAME, BOX, "oil drum", -1.0),))),
+            (None, Answer(0, Motion.NONE, (Tap(NO_FRAME, BOX, "oil drum", -1.0),))),
         ),
-        ("tap area 51: -1", Reply(Answer(0, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "area 51", -1.0),)))),
+        ("tap area 51: -1", (None, Answer(0, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "area 51", -1.0),)))),
         (
             "tap drum -1; bush: -1 go",
-            Reply(Answer(0, Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0), SetWord("bush", -1.0)))),
+            (None, Answer(0, Motion.GO, (Tap(NO_FRAME, NO_BOX, "drum", -1.0), SetWord("bush", -1.0)))),
         ),
-        ("forget bush", Reply(Answer(0, Motion.NONE, (ForgetWord("bush"),)))),
-        ("forget bush go", Reply(Answer(0, Motion.GO, (ForgetWord("bush"),)))),
-        ("forget call 7", Reply(Answer(0, Motion.NONE, (ForgetCall(7),)))),
-        ("new episode", Reply(Answer(0, Motion.NONE, (NewEpisode(),)))),
-        ("7 go", Reply(Answer(7, Motion.GO))),
-        ("C7 go", Reply(Answer(7, Motion.GO))),
-        ("h9: stay", Reply(Answer(9, Motion.STAY))),
-        ("7: bush: -1 go", Reply(Answer(7, Motion.GO, (SetWord("bush", -1.0),)))),
-        ("rover 2 go", Reply(Answer(0, Motion.GO), 2)),
-        ("rover 2: C7 tap drum -1", Reply(Answer(7, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)), 2)),
-        ("rover 2", Select(2)),
-        ("rover 2 status", Show("status", 2)),
-        ("policy hold", SetPolicy(Policy.HOLD)),
-        ("rover 2 Policy  OFF", SetPolicy(Policy.OFF, 2)),
-        ("policy: -1", Reply(Answer(0, Motion.NONE, (SetWord("policy", -1.0),)))),
-        ("calls", Show("calls")),
-        ("Quit", Show("quit")),
+        ("forget bush", (None, Answer(0, Motion.NONE, (ForgetWord("bush"),)))),
+        ("forget bush go", (None, Answer(0, Motion.GO, (ForgetWord("bush"),)))),
+        ("forget call 7", (None, Answer(0, Motion.NONE, (ForgetCall(7),)))),
+        ("new episode", (None, Answer(0, Motion.NONE, (NewEpisode(),)))),
+        ("7 go", (None, Answer(7, Motion.GO))),
+        ("C7 go", (None, Answer(7, Motion.GO))),
+        ("h9: stay", (None, Answer(9, Motion.STAY))),
+        ("7: bush: -1 go", (None, Answer(7, Motion.GO, (SetWord("bush", -1.0),)))),
+        ("rover 2 go", (2, Answer(0, Motion.GO))),
+        ("rover 2: C7 tap drum -1", (2, Answer(7, Motion.NONE, (Tap(NO_FRAME, NO_BOX, "drum", -1.0),)))),
+        ("rover 2", (2, Select())),
+        ("rover 2 status", (2, Show("status"))),
+        ("policy hold", (None, SetPolicy(Policy.HOLD))),
+        ("rover 2 Policy  OFF", (2, SetPolicy(Policy.OFF))),
+        ("policy: -1", (None, Answer(0, Motion.NONE, (SetWord("policy", -1.0),)))),
+        ("calls", (None, Show("calls"))),
+        ("Quit", (None, Show("quit"))),
     ],
 )
 def test_a_line_means_what_it_says(line: str, command: object) -> None:
@@ -114,7 +117,7 @@ def test_a_wrong_line_is_refused_with_an_example_on_one_line(line: str, said: st
 @pytest.mark.parametrize("line", ["gold: 1", "setting sun: 1", "go: 1", "forgetmenot: -1"])
 def test_a_word_may_begin_like_an_order(line: str) -> None:
     word, _, weight = line.partition(": ")
-    assert parse(line) == Reply(Answer(0, Motion.NONE, (SetWord(word, float(weight)),)))
+    assert parse(line) == (None, Answer(0, Motion.NONE, (SetWord(word, float(weight)),)))
 
 
 _FIRST = st.from_regex(r"[abefijkmnpquvwxyzäöü][a-zäöü]{2,9}", fullmatch=True)
@@ -172,7 +175,7 @@ def test_what_is_written_out_is_read_back(
     line = line if rover is None else f"rover {rover} {line}"
     motions = {"go": Motion.GO, "stay": Motion.STAY, "look again": Motion.LOOK_AGAIN}
     expected = motions.get(motion.lstrip(", "), Motion.NONE)
-    assert parse(line) == Reply(Answer(call_id or 0, expected, tuple(changes)), rover)
+    assert parse(line) == (rover, Answer(call_id or 0, expected, tuple(changes)))
 
 
 @settings(max_examples=200, deadline=None)
@@ -198,7 +201,7 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
     )
     typed = [parse(operation_text(operation)) for operation in operations]
     assert typed == [
-        Reply(Answer(0, Motion.NONE, (change,)))
+        (None, Answer(0, Motion.NONE, (change,)))
         for change in (
             SetWord("old wall", -0.25),
             Tap(NO_FRAME, (0.1, 0.25, 0.5, 0.75), "area 51", 0.3),
@@ -214,28 +217,28 @@ def test_what_a_call_s_file_says_of_an_answer_can_be_typed_again() -> None:
 @pytest.mark.parametrize(
     ("line", "reply"),
     [
-        ("not the same place", Reply(Answer(0, Motion.NONE, (OtherPlace(),)))),
-        ("Not that place C12", Reply(Answer(0, Motion.NONE, (OtherPlace(12),)))),
-        ("other place; gravel: 1, go", Reply(Answer(0, Motion.GO, (OtherPlace(), SetWord("gravel", 1.0))))),
-        ("rover 2 other place 12", Reply(Answer(0, Motion.NONE, (OtherPlace(12),)), 2)),
-        ("other place: -1", Reply(Answer(0, Motion.NONE, (SetWord("other place", -1.0),)))),
+        ("not the same place", (None, Answer(0, Motion.NONE, (OtherPlace(),)))),
+        ("Not that place C12", (None, Answer(0, Motion.NONE, (OtherPlace(12),)))),
+        ("other place; gravel: 1, go", (None, Answer(0, Motion.GO, (OtherPlace(), SetWord("gravel", 1.0))))),
+        ("rover 2 other place 12", (2, Answer(0, Motion.NONE, (OtherPlace(12),)))),
+        ("other place: -1", (None, Answer(0, Motion.NONE, (SetWord("other place", -1.0),)))),
     ],
 )
-def test_a_match_is_refused_by_one_line(line: str, reply: Reply) -> None:
+def test_a_match_is_refused_by_one_line(line: str, reply: tuple[int | None, Command]) -> None:
     assert parse(line) == reply
 
 
 @pytest.mark.parametrize(
     ("line", "command"),
     [
-        ("incident", Incident(PackIncident(0))),
-        ("Incident C7", Incident(PackIncident(7))),
-        ("cancel incident", Incident(CancelIncident(0))),
-        ("rover 2 cancel incident 7", Incident(CancelIncident(7), rover=2)),
-        ("incident: -1", Reply(Answer(0, Motion.NONE, (SetWord("incident", -1.0),)))),
+        ("incident", (None, Answer(0, Motion.NONE, (PackIncident(0),)))),
+        ("Incident C7", (None, Answer(0, Motion.NONE, (PackIncident(7),)))),
+        ("cancel incident", (None, Answer(0, Motion.NONE, (CancelIncident(0),)))),
+        ("rover 2 cancel incident 7", (2, Answer(0, Motion.NONE, (CancelIncident(7),)))),
+        ("incident: -1", (None, Answer(0, Motion.NONE, (SetWord("incident", -1.0),)))),
     ],
 )
-def test_an_incident_file_is_asked_for_and_cancelled(line: str, command: Command) -> None:
+def test_an_incident_file_is_asked_for_and_cancelled(line: str, command: tuple[int | None, Command]) -> None:
     assert parse(line) == command
 
 

@@ -203,10 +203,10 @@ def test_a_file_too_long_to_hold_is_refused() -> None:
 
 
 def test_picture_is_a_command_with_an_id_and_a_size() -> None:
-    assert parse("picture") == Picture()
-    assert parse("rover 2 picture C7 large") == Picture(7, "large", rover=2)
-    assert parse("picture 7 RAW") == Picture(7, "raw")
-    assert parse("Picture 12") == Picture(12)
+    assert parse("picture") == (None, Picture())
+    assert parse("rover 2 picture C7 large") == (2, Picture(7, "large"))
+    assert parse("picture 7 RAW") == (None, Picture(7, "raw"))
+    assert parse("Picture 12") == (None, Picture(12))
     with pytest.raises(CommandError):
         parse("picture 70000")
     with pytest.raises(CommandError):

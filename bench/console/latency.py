@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from bench.console.stage import CHROMIUM, start_console
 from companion.wire import ids
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
 
 _WATCH = """
 window.seen = {};
@@ -78,7 +78,7 @@ def _send(link: str, calls: int) -> dict[int, float]:
     encoder = mavlink.MAVLink(None, srcSystem=1, srcComponent=ids.COMPONENT_ID)
     sent = {}
 
-    def say(call: CallData) -> None:
+    def say(call: CallReport) -> None:
         current = call.id if call.stage is ids.Stage.OPEN else 0
         mode = ids.heartbeat_mode(ids.State.CALLING if current else ids.State.OK, current, ids.Policy.HOLD)
         payload = call.pack()
@@ -98,10 +98,10 @@ def _send(link: str, calls: int) -> dict[int, float]:
     return sent
 
 
-def call_of(number: int, stage: ids.Stage) -> CallData:
+def call_of(number: int, stage: ids.Stage) -> CallReport:
     """Return a call about an unknown object."""
     closed = stage is ids.Stage.CLOSED
-    return CallData(
+    return CallReport(
         id=number,
         kind=ids.Kind.CALL,
         stage=stage,

@@ -25,9 +25,9 @@ from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.demo.child import Child
 from companion.wire.answers import Acknowledgement, Answer
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending
 from companion.wire.ids import Kind, Motion, State
-from companion.wire.payloads import CallData
 from companion.wire.signing import SigningKey
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
@@ -255,10 +255,10 @@ class Standing:
         rover = self.client.rovers.get(SYSTEM)
         return None if rover is None else rover.state
 
-    def open_call(self, limit: float = 10.0, *, after: int = 0) -> CallData:
+    def open_call(self, limit: float = 10.0, *, after: int = 0) -> CallReport:
         """Show the thing, and wait for the call that it makes, with an id above `after`."""
         self.thing = True
-        found: list[CallData] = []
+        found: list[CallReport] = []
 
         def opened() -> bool:
             rover = self.client.rovers.get(SYSTEM)

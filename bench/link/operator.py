@@ -9,9 +9,9 @@ from random import Random
 from anytraverse.operations import Operation, SetWord
 from bench.link.synthetic_frames import thing
 from companion.wire.answers import Answer
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending, Status
 from companion.wire.ids import Motion, Result
-from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal.connection import Connection
@@ -85,7 +85,7 @@ class Operator:
         if known.answered_at is None:
             known.answered_at = now
 
-    def _answer(self, call: CallData, now: float) -> Pending:
+    def _answer(self, call: CallReport, now: float) -> Pending:
         """Makes an answer, in turn: go; a word; a word and go; more words than one frame takes, and go."""
         self._number += 1
         name = SetWord(thing(self._shown()), 1.0)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
-from anytraverse.assessment import Assessment, Reason
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import call_data, current_data, current_text
 from companion.wire import texts
-from companion.wire.ids import ALERT, ERROR, Kind, Outcome, Stage, words_hash
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
+from companion.wire.ids import ALERT, ERROR, Kind, Outcome, words_hash
 
 _REFRESH = 15.0
 """Seconds after which an unchanged alert is composed again: its age and figures have changed."""
@@ -26,7 +24,7 @@ class AlertMessage:
     severity: the text's MAV_SEVERITY. quiet: "stay" was answered, so that the text does not escalate.
     """
 
-    data: CallData
+    data: CallReport
     text: str
     severity: int
     quiet: bool
@@ -90,54 +88,36 @@ class ActiveAlert:
             self._key, self._composed_at = key, now
         return self._alert
 
-    def closed_call(self, call: Call, words: Preferences, place: Place, now: float) -> CallData:
-        """Return the final data of a closed call, with the figures of its frame."""
-        return self._closed(
-            Kind.CALL,
-            call.id,
-            call.outcome,
-            call.reasons,
+    def closed_call(self, call: Call, words: Preferences, place: Place, now: float) -> CallReport:
+        """Return the final report of a closed call, with the figures of its frame."""
+        self._alert = None
+        return call_data(
             call.seen,
-            call.frame_id,
+            self._calls.numbers.judging.region,
             words,
             call.place if call.place.latitude is not None else place,
-            now - call.opened_at,
+            number=call.id,
+            kind=Kind.CALL,
+            outcome=call.outcome,
+            reasons=call.reasons,
+            frame_id=call.frame_id,
+            age=now - call.opened_at,
         )
 
     def closed_hold(
         self, number: int, outcome: Outcome, words: Preferences, place: Place, now: float
-    ) -> CallData:
-        """Return the final data of a hold that has ended, with the figures of the newest frame."""
-        seen = self._calls.reason_filter.newest
-        frame_id = seen.frame.id if seen is not None else 0
-        reasons = self._calls.reasons(now)
-        return self._closed(Kind.HOLD, number, outcome, reasons, seen, frame_id, words, place, 0.0)
-
-    def _closed(
-        self,
-        kind: Kind,
-        number: int,
-        outcome: Outcome,
-        reasons: Iterable[Reason],
-        seen: Assessment | None,
-        frame_id: int,
-        words: Preferences,
-        place: Place,
-        age: float,
-    ) -> CallData:
+    ) -> CallReport:
+        """Return the final report of a hold that has ended, with the figures of the newest frame."""
         self._alert = None
+        seen = self._calls.reason_filter.newest
         return call_data(
             seen,
             self._calls.numbers.judging.region,
             words,
             place,
             number=number,
-            kind=kind,
-            stage=Stage.CLOSED,
+            kind=Kind.HOLD,
             outcome=outcome,
-            reasons=reasons,
-            holding=False,
-            frame_id=frame_id,
-            age=age,
-            picture="",
+            reasons=self._calls.reasons(now),
+            frame_id=seen.frame.id if seen is not None else 0,
         )

@@ -17,8 +17,9 @@ from companion.calls.hold import Hold, HoldState
 from companion.calls.machine import OperatorCalls
 from companion.calls.reason_filter import CALLS_FOR_WORDS
 from companion.vehicle.mission import Mission, MissionState
-from companion.vehicle.position import place_figures, read_place
+from companion.vehicle.position import read_place
 from companion.wire.ids import Policy
+from companion.wire.places import place_figures
 
 _U16 = 0xFFFF
 _U32 = 0xFFFFFFFF

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from anytraverse.assessment import (
     CORRIDOR,
@@ -17,13 +18,14 @@ from anytraverse.history import Place
 from anytraverse.light import light_name
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Region
-from companion.calls.decisions import CallState
+from companion.calls.decisions import Call, CallState
 from companion.calls.machine import OperatorCalls
 from companion.wire import texts
 from companion.wire.call_figures import place_figures, thing_figures
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.packing import Fractions
-from companion.wire.payloads import SECTORS, CallData, Summary
+from companion.wire.payloads import SECTORS, Summary
 
 _FLAGS = {
     Reason.UNKNOWN_SCENE: Reasons.UNKNOWN_SCENE,
@@ -96,7 +98,7 @@ def milliseconds(seconds: float) -> int:
 
 def current_data(
     calls: OperatorCalls, words: Preferences, place: Place, picture: str, now: float
-) -> CallData | None:
+) -> CallReport | None:
     """Return the data of the open call or hold, None when nothing is open."""
     if calls.current_id == 0:
         return None
@@ -113,7 +115,6 @@ def current_data(
         number=calls.current_id,
         kind=calls.kind,
         stage=calls.stage(),
-        outcome=Outcome.NONE,
         reasons=reasons,
         holding=hold is not None and hold.standing,
         frame_id=call.frame_id if call is not None else seen.frame.id if seen else 0,
@@ -122,38 +123,55 @@ def current_data(
     )
 
 
+def recorded(call: Call) -> CallReport:
+    """Return what is recorded of a call: also by which words it was judged, where and when it opened."""
+    seen, place = call.seen, call.place
+    told = call_data(
+        seen,
+        None,
+        Preferences(),
+        place,
+        number=call.id,
+        kind=Kind.CALL,
+        outcome=call.outcome,
+        reasons=call.reasons,
+        frame_id=call.frame_id,
+    )
+    judged_by = None if seen is None else seen.words.format()
+    return replace(told, judged_by=judged_by, time=place.time, attitude=place.attitude)
+
+
 def call_data(
     seen: Assessment | None,
-    region: Region,
+    region: Region | None,
     words: Preferences,
     place: Place,
     *,
     number: int,
     kind: Kind,
-    stage: Stage,
-    outcome: Outcome,
     reasons: Iterable[Reason],
-    holding: bool,
     frame_id: int,
-    age: float,
-    picture: str,
-) -> CallData:
-    """Make the payload of a call or hold. Its figures are those of the frame `seen`."""
+    stage: Stage = Stage.CLOSED,
+    outcome: Outcome = Outcome.NONE,
+    holding: bool = False,
+    age: float = 0.0,
+    picture: str = "",
+) -> CallReport:
+    """Make the report of a call or hold. Its figures are those of the frame `seen`."""
     roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
     reasons = frozenset(reasons)
     place_asked = place_of(kind, seen) if seen is not None else None
-    return CallData(
+    return CallReport(
         id=number,
         kind=kind,
         stage=stage,
         outcome=outcome,
         reasons=flags(reasons),
         holding=holding,
-        test=False,
         why=why(seen, reasons),
         frame_id=frame_id,
         age_s=max(0, round(age)),
-        roi=fractions(region.bounds),
+        roi=fractions(region.bounds) if region is not None else None,
         worst_tile_box=fractions(place_asked) if place_asked is not None else None,
         roi_uncertainty=roi.uncertainty if roi else None,
         worst_tile=tile.uncertainty if tile else None,

@@ -11,6 +11,7 @@ from anytraverse.memory import Memory
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import snapshot
+from companion.calls.summary import recorded
 from companion.daemon.answers.handler import Reply
 from companion.link.answer_store import AnswerStore
 from companion.storage import Batch, JournalError, Row
@@ -101,7 +102,7 @@ class Persistence:
 
     def save_closed_call(self, call: Call, at: float) -> None:
         """Queue a closed call. at: seconds since 1970."""
-        self._queue(lambda: Batch(rows=(Row.of_call(call, at),)))
+        self._queue(lambda: Batch(rows=(Row.of_call(recorded(call), at),)))
 
     def save_frame(self, frame_id: int, png: bytes) -> None:
         """Queue the frame of the open call. It replaces the one before."""

@@ -7,6 +7,7 @@ import logging
 import os
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,16 +16,16 @@ from anytraverse.assessment import Assessment
 from anytraverse.history import Entry
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
-from companion.calls.summary import why
+from companion.calls.summary import recorded
 from companion.daemon.answers.handler import Reply
 from companion.daemon.persistence import Persistence
 from companion.storage import Journal, JournalError
-from companion.storage.batch import record_of
 from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name, scene_picture
 from companion.storage.writer import Writer
 from companion.system.atomic_write import write_atomically
 from companion.vision.client import VisionClient
 from companion.vision.messages import Done, Drawn, FrameJudged
+from companion.wire.call_report import FIGURES, NearestScene
 from companion.wire.ids import State
 from companion.wire.texts import REASONS
 
@@ -113,8 +114,8 @@ class Records:
         """Queue a closed call: for the journal, and for its file."""
         at = self._stamp()
         self._persistence.save_closed_call(call, at)
-        reasons, outcome = sorted(reason.value for reason in call.reasons), call.outcome.name.lower()
-        self._writer.queue_job("record", partial(self._files.close_record, call.id, reasons, outcome, at))
+        told = replace(recorded(call), closed=at).document(("reasons", "outcome", "closed"))
+        self._writer.queue_job("record", partial(self._files.close_record, call.id, told))
 
     def hold_shown(self, number: int, seen: Assessment, state: State) -> None:
         """Have the frame of a hold without a call stored and drawn."""
@@ -246,12 +247,12 @@ class Records:
     def _publish(self, call: Call, seen: Assessment, state: State, title: str) -> None:
         self._store_and_draw(call.id, seen, state, title)
         answers = list(self._answers[1]) if call.id == self._answers[0] else []
-        told = why(seen, call.reasons)
-        figures = {**record_of(call), "why": told, "nearest": self._nearest(call.id, seen)}
+        told = replace(recorded(call), nearest=self._nearest(call.id, seen))
+        figures = told.document((*FIGURES, "why", "nearest"))
         job = partial(self._files.begin_record, call.id, figures, answers, self._remembered())
         self._writer.queue_job("record", job)
 
-    def _nearest(self, number: int, seen: Assessment) -> dict[str, Any] | None:
+    def _nearest(self, number: int, seen: Assessment) -> NearestScene | None:
         """Describe the remembered scene most like a call's frame, of those that another answer taught."""
         memory = self._vision.memory
         if seen.observation is None:
@@ -259,12 +260,8 @@ class Records:
         match = memory.nearest_answered(seen.observation.embedding, {number})
         if match is None:
             return None
-        return {
-            "call": match.entry.call_id or None,
-            "similarity": round(match.similarity, 4),
-            "words": memory.taught(match.entry),
-            "picture": scene_picture(match.entry),
-        }
+        words, picture = memory.taught(match.entry), scene_picture(match.entry)
+        return NearestScene(match.entry.call_id or None, match.similarity, words, picture)
 
     def _store_and_draw(self, number: int, seen: Assessment, state: State, title: str) -> None:
         accepted = self._vision.draw(seen.frame.id, title, state, store=True, roi=seen.roi)

@@ -19,13 +19,13 @@ from companion.link.link import Link
 from companion.storage.call_files import scene_picture
 from companion.system.computer import Computer
 from companion.vehicle.course import unknown
-from companion.vehicle.position import place_figures
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.vision.messages import FrameJudged, Model
+from companion.wire.call_report import STATE
 from companion.wire.documents import MOST_GIVEN
 from companion.wire.ids import VERSION
-from companion.wire.payloads import CallData
+from companion.wire.places import place_figures
 
 _DIGITS = 4
 _OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
@@ -184,7 +184,7 @@ class Status:
             "mission": status["mission"],
             "latency_ms": status["latency_ms"],
             "judging": status["judging"],
-            "open": None if current is None else _open(current),
+            "open": None if current is None else current.document(STATE, _DIGITS),
             "known_place": status["known_place"],
             "words": {word: round(words[word], _DIGITS) for word in words},
             "given": self._given(),
@@ -234,25 +234,3 @@ def _mission(calls: OperatorCalls) -> dict[str, Any] | None:
         return None
     state = mission.state.name.lower()
     return {"state": state, "item": mission.item, "total": mission.total, "over": report.mission_over}
-
-
-def _open(current: CallData) -> dict[str, Any]:
-    figures = {
-        "roi_uncertainty": current.roi_uncertainty,
-        "worst_tile": current.worst_tile,
-        "drivable_share": current.drivable_share,
-        "similarity": current.similarity,
-    }
-    return {
-        "id": current.id,
-        "kind": current.kind.name.lower(),
-        "stage": current.stage.name.lower(),
-        "holding": current.holding,
-        "age": current.age_s,
-        "frame_id": current.frame_id,
-        "why": current.why,
-        "worst_tile_box": current.worst_tile_box
-        and [round(side, _DIGITS) for side in current.worst_tile_box],
-        **{name: value and round(value, _DIGITS) for name, value in figures.items()},
-        "picture": current.picture,
-    }

@@ -22,8 +22,8 @@ from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.wire import notices, texts
 from companion.wire.answers import Acknowledgement, Answer
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Kind, Motion, Outcome, Result, Stage, words_hash
-from companion.wire.payloads import CallData
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +36,7 @@ _OLDEST_REQUEST = 10.0
 
 @dataclass(frozen=True)
 class _Open:
-    data: CallData
+    data: CallReport
     since: float
 
 

@@ -9,6 +9,7 @@ from companion.link import encode
 from companion.link.limits import TokenBucket
 from companion.link.outbox import Outbox
 from companion.wire import notices
+from companion.wire.call_report import CallReport
 from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, SenderId, Stage
 from companion.wire.messages import (
     CLOSED_REPEATS,
@@ -20,7 +21,6 @@ from companion.wire.messages import (
     TEXT_PERIOD,
     TEXT_SLOW_PERIOD,
 )
-from companion.wire.payloads import CallData
 
 SAME_TEXT_GAP = 5.0
 """s in which the same text is not sent again."""
@@ -96,7 +96,7 @@ class StatusText:
 
 @dataclass
 class _Closing:
-    call: CallData
+    call: CallReport
     left: int = CLOSED_REPEATS
     sent_at: float = _NEVER
 
@@ -108,7 +108,7 @@ class AlertRepeater:
     """
 
     def __init__(self) -> None:
-        self._call: CallData | None = None
+        self._call: CallReport | None = None
         self._announced_at = 0.0
         self._text = ""
         self._quiet = False
@@ -133,7 +133,7 @@ class AlertRepeater:
         """Whether a call or hold is open. The numbers then stop and the summaries slow down."""
         return self._call is not None
 
-    def announce(self, call: CallData | None, text: str, now: float, *, quiet: bool, severity: int) -> None:
+    def announce(self, call: CallReport | None, text: str, now: float, *, quiet: bool, severity: int) -> None:
         """Set what is repeated, see `Link.announce`. The same content again changes nothing."""
         if call is not None and call.stage == Stage.CLOSED:
             self._close(call, text)
@@ -149,7 +149,7 @@ class AlertRepeater:
             self._announced_at = now
         self._call, self._text, self._quiet, self._severity = call, text, quiet, severity
 
-    def data(self, now: float) -> CallData | None:
+    def data(self, now: float) -> CallReport | None:
         """The payload that is due, with its age as of `now`; None when none is due."""
         for closing in self._closing:
             if now - closing.sent_at >= DATA_PERIOD:
@@ -182,7 +182,7 @@ class AlertRepeater:
         alert = not self._quiet and now - self._since >= TEXT_ALERT_AFTER
         return StatusText(self._text, min(ALERT, self._severity) if alert else self._severity)
 
-    def _close(self, call: CallData, text: str) -> None:
+    def _close(self, call: CallReport, text: str) -> None:
         if self._closed == call.id:
             return
         self._closed = call.id
@@ -192,9 +192,9 @@ class AlertRepeater:
         self._call, self._text = None, ""
 
 
-def _id_and_stage(call: CallData | None) -> tuple[int, Stage] | None:
+def _id_and_stage(call: CallReport | None) -> tuple[int, Stage] | None:
     return None if call is None else (call.id, call.stage)
 
 
-def _content(call: CallData | None) -> CallData | None:
+def _content(call: CallReport | None) -> CallReport | None:
     return None if call is None else replace(call, age_s=0)

@@ -36,9 +36,10 @@ from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement, Answer
+from companion.wire.call_report import CallReport
 from companion.wire.ids import CAMERA_COMPONENT_ID, ERROR, TUNNEL_CALL, Policy, SenderId, State
 from companion.wire.parameters import Parameter
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 
 READING_FOR = 0.05
 """s that one `poll` may take for all connections together. What is left waits in the devices' buffers."""
@@ -256,7 +257,7 @@ class Link:
             channel.periodic.computer(figures, now)
 
     def announce(
-        self, call: CallData | None, text: str, now: float, *, quiet: bool = False, severity: int = ERROR
+        self, call: CallReport | None, text: str, now: float, *, quiet: bool = False, severity: int = ERROR
     ) -> None:
         """Repeat the open call or hold, until None or a closed one takes its place. Cheap to call again.
 

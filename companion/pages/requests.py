@@ -10,9 +10,9 @@ from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlac
 from anytraverse.preferences import check_weight, clean_word
 from companion.wire import json_values
 from companion.wire.answers import Answer, AnyOperation, CancelIncident
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Motion, Stage
 from companion.wire.packing import Fractions
-from companion.wire.payloads import CallData
 
 MOST_POSTED = 16 << 10
 """Bytes of a request."""
@@ -61,7 +61,7 @@ def read_answer(told: Mapping[str, Any]) -> Answer:
     return Answer(call, motion, operations)
 
 
-def check_answer(answer: Answer, call: CallData | None, current: int) -> None:
+def check_answer(answer: Answer, call: CallReport | None, current: int) -> None:
     """Check an answer against the call that it names, None for one that is not known.
 
     current: id of the open call or hold, 0 for none. Raises RequestError where it may not be sent.

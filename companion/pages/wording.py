@@ -9,21 +9,21 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from companion.wire.documents import CallRecord, GivenAnswer, NearestScene
-from companion.wire.ids import PAGE_SENDER, Kind, Reasons, Stage
+from companion.wire.call_report import CallReport, GivenAnswer, NearestScene, reason_names
+from companion.wire.ids import PAGE_SENDER, Kind, Outcome, Reasons, Stage
 from companion.wire.packing import clean, where
-from companion.wire.payloads import CallData
 from companion.wire.texts import name, percent
 
 OUTCOMES = {
-    "answered": "answered",
-    "accepted": "accepted by a go",
-    "passed": "passed by itself",
-    "taken_over": "taken over, not by the companion",
-    "recovered": "the fault is gone",
-    "switched_off": "the companion was switched off",
+    Outcome.NONE: "",
+    Outcome.ANSWERED: "answered",
+    Outcome.ACCEPTED: "accepted by a go",
+    Outcome.PASSED: "passed by itself",
+    Outcome.TAKEN_OVER: "taken over, not by the companion",
+    Outcome.RECOVERED: "the fault is gone",
+    Outcome.SWITCHED_OFF: "the companion was switched off",
 }
-"""How a call was closed, by the name in its record."""
+"""How a call was closed, where only its record tells of it."""
 _APPLIED = frozenset({"applied", "applied_not_remembered", "not_covered"})
 _NO_MOTION = ("none", "")
 _NAMED = re.compile(r"(?:tap )?([^:;]{1,48}): (-?[01](?:\.[0-9]{1,4})?)(?: .*)?")
@@ -31,9 +31,9 @@ _TAP = re.compile(r"tap ([^:]{1,64}: \S{1,8})(?: \S{1,8}){4}")
 """An answer that names what is in a box; a person sees the box in the picture."""
 
 
-def reason(call: CallData | CallRecord) -> str:
+def reason(call: CallReport) -> str:
     """Say in a sentence why the rover calls."""
-    if isinstance(call, CallData) and call.test:
+    if call.test:
         return "This is a test: nothing is wrong."
     reasons = call.reasons
     there = f" {where(call.worst_tile_box)}" if call.worst_tile_box else ""
@@ -51,14 +51,14 @@ def reason(call: CallData | CallRecord) -> str:
     return "What it called for is gone."
 
 
-def points(call: CallData | CallRecord) -> bool:
+def points(call: CallReport) -> bool:
     """Whether the call is about the thing in its yellow frame. One for a new place is about all of it."""
     if call.reasons & Reasons.UNKNOWN_SCENE and not call.reasons & Reasons.UNKNOWN_OBJECT:
         return False
     return call.worst_tile_box is not None
 
 
-def figures(call: CallData | CallRecord) -> str:
+def figures(call: CallReport) -> str:
     """Give the figures behind the reason: what the rover says of them, else those that it tells."""
     shown = [call.why] if call.why else []
     if not call.why and call.roi_uncertainty is not None:
@@ -72,7 +72,7 @@ def figures(call: CallData | CallRecord) -> str:
     return "; ".join(shown) if call.why else ", ".join(shown)
 
 
-def what_to_do(call: CallData) -> str:
+def what_to_do(call: CallReport) -> str:
     """Say what an operator should do now."""
     if call.stage is Stage.CLOSED:
         return ""
@@ -91,7 +91,7 @@ def what_to_do(call: CallData) -> str:
     return "Go lets it drive on, stay ends the alarm."
 
 
-def stands(call: CallData) -> str:
+def stands(call: CallReport) -> str:
     """Say what the vehicle does because of the call."""
     if call.stage is Stage.CLOSED:
         return ""
@@ -135,7 +135,7 @@ def answered(given: GivenAnswer) -> str:
     return clean(": ".join(filter(None, (said, given.text))))
 
 
-def first_answer(record: CallRecord, own: tuple[int, int] | None) -> str:
+def first_answer(record: CallReport, own: tuple[int, int] | None) -> str:
     """Say who first gave an answer that changed something; "" where nobody did.
 
     own: MAVLink ids of the page's program, None where it has none.
@@ -154,47 +154,37 @@ def first_answer(record: CallRecord, own: tuple[int, int] | None) -> str:
     return clean(f"{who} answered first: {said or 'nothing'}")
 
 
-def named(record: CallRecord) -> dict[str, float]:
+def named(record: CallReport) -> dict[str, float]:
     """Return the words that answers to a call set or tapped, by weight."""
     found = (_NAMED.fullmatch(clean(one)) for answer in record.answers for one in answer.operations)
     return {one[1]: float(one[2]) for one in found if one}
 
 
-def announced(call: CallData) -> dict[str, Any]:
+def announced(call: CallReport) -> dict[str, Any]:
     """Return what a page shows of a call that its rover tells of."""
-    return {
-        "name": name(call.kind, call.id),
-        "kind": call.kind.name.lower(),
-        "stage": call.stage.name.lower(),
-        "open": call.stage is not Stage.CLOSED,
+    return _shown(call) | {
         "test": call.test,
-        "reasons": reason_names(call.reasons),
-        "reason": reason(call),
-        "figures": figures(call),
         "todo": what_to_do(call),
         "stands": stands(call),
         "holding": call.holding,
         "frame": call.frame_id,
         "roi": call.roi,
+    }
+
+
+def recorded(call: CallReport) -> dict[str, Any]:
+    """Return what a page shows of a call that only its record tells of."""
+    return _shown(call) | {"outcome": OUTCOMES[call.outcome]}
+
+
+def _shown(call: CallReport) -> dict[str, Any]:
+    return {
+        "name": name(call.kind, call.id),
+        "kind": call.kind.name.lower(),
+        "stage": call.stage.name.lower(),
+        "open": call.stage is not Stage.CLOSED,
+        "reasons": reason_names(call.reasons),
+        "reason": reason(call),
+        "figures": figures(call),
         "box": call.worst_tile_box if points(call) else None,
     }
-
-
-def recorded(record: CallRecord) -> dict[str, Any]:
-    """Return what a page shows of a call that only its record tells of."""
-    return {
-        "name": name(Kind.CALL, record.id),
-        "kind": "call",
-        "stage": "closed",
-        "open": False,
-        "reasons": reason_names(record.reasons),
-        "reason": reason(record),
-        "figures": figures(record),
-        "outcome": OUTCOMES.get(record.outcome, clean(record.outcome).replace("_", " ")),
-        "box": record.worst_tile_box if points(record) else None,
-    }
-
-
-def reason_names(reasons: Reasons) -> list[str]:
-    """Name the reasons, as pages and files do."""
-    return [str(one.name).lower() for one in Reasons if one and one in reasons]

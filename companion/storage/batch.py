@@ -1,4 +1,4 @@
-"""Defines a `Batch`, which the journal stores in one transaction, and the records of calls for people."""
+"""Defines a `Batch`, which the journal stores in one transaction."""
 
 from __future__ import annotations
 
@@ -8,47 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from anytraverse.memory import Memory
-from anytraverse.regions import Box
-from companion.calls.decisions import Call
 from companion.storage.database import JournalError
-from companion.vehicle.position import place_figures
-
-
-@dataclass(frozen=True)
-class CallRecord:
-    """Describes a closed call, as it is read back from the journal.
-
-    closed_at: seconds since 1970. outcome: a name of wire.ids.Outcome in lower case. record: as of
-    `record_of`. answers: those recorded for it.
-    """
-
-    id: int
-    closed_at: float
-    outcome: str
-    record: Mapping[str, Any]
-    answers: tuple[Mapping[str, Any], ...] = ()
-
-
-def _sides(box: Box) -> list[float]:
-    return [round(side, 4) for side in (box.left, box.top, box.right, box.bottom)]
-
-
-def record_of(call: Call) -> dict[str, Any]:
-    """Return a call's frame id, reasons, figures and place as JSON values."""
-    seen = call.seen
-    roi, tile = (seen.roi, seen.tile) if seen is not None else (None, None)
-    return {
-        "frame_id": call.frame_id,
-        "reasons": sorted(reason.value for reason in call.reasons),
-        "words": seen.words.format() if seen is not None else None,
-        "roi_uncertainty": roi.uncertainty if roi is not None else None,
-        "worst_tile": tile.uncertainty if tile is not None else None,
-        "worst_tile_box": _sides(tile.shown) if tile is not None else None,
-        "drivable_share": roi.drivable_share if roi is not None else None,
-        "similarity": seen.similarity if seen is not None else None,
-        "place": place_figures(call.place),
-    }
-
+from companion.wire.call_report import FIGURES, CallReport
 
 MAX_ROWS = 256
 """Answers and closed calls that may wait for the disk. Beyond that the oldest are dropped."""
@@ -63,9 +24,9 @@ class Row:
     values: tuple[Any, ...]
 
     @classmethod
-    def of_call(cls, call: Call, at: float) -> Row:
+    def of_call(cls, call: CallReport, at: float) -> Row:
         """Make the row of a closed call. at: seconds since 1970. Raises JournalError as `as_json` does."""
-        values = (call.id, at, call.outcome.name.lower(), as_json(record_of(call)))
+        values = (call.id, at, call.outcome.name.lower(), as_json(call.document(FIGURES)))
         return cls("calls", "id, closed_at, outcome, record", values)
 
     @classmethod

@@ -81,7 +81,7 @@ class CallFiles:
         answers: Sequence[Mapping[str, Any]] = (),
         remembered: Collection[int] = (),
     ) -> None:
-        """Write the record of a new call. figures: of `record_of`. answers: those given before a restart.
+        """Write the record of a new call. figures: JSON values. answers: those given before a restart.
 
         remembered: as above.
         """
@@ -113,10 +113,10 @@ class CallFiles:
             self._record["answers"] = [*self._record["answers"], dict(answer)][-ANSWERS:]
             self._write_record()
 
-    def close_record(self, call_id: int, reasons: Sequence[str], outcome: str, at: float) -> None:
-        """Write outcome and time into the newest call's record. at: seconds since 1970."""
+    def close_record(self, call_id: int, end: Mapping[str, Any]) -> None:
+        """Write into the newest call's record how it ended. end: JSON values."""
         if call_id == self._record.get("id"):
-            self._record |= {"reasons": list(reasons), "outcome": outcome, "closed": round(at, 2)}
+            self._record |= end
             self._write_record()
 
     def _write_record(self) -> None:

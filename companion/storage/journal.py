@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory
-from companion.storage.batch import Batch, CallRecord, Row, as_json
+from companion.storage.batch import Batch, Row, as_json
 from companion.storage.daily_copy import DailyCopy
 from companion.storage.database import FRAME_SINCE, Damaged, Database, JournalError
 from companion.storage.memory_rows import read_memory, write_memory
 from companion.storage.salvage import best, salvage
 from companion.system.atomic_write import sync_folder
+from companion.wire.call_report import RECORD, CallReport
 
 _log = logging.getLogger(__name__)
 
@@ -105,13 +106,22 @@ class Journal:
         found = self._database.rows("SELECT png FROM frame WHERE frame_id = ?", frame_id)
         return bytes(found[0][0]) if found else None
 
-    def calls(self, limit: int = 20) -> list[CallRecord]:
+    def calls(self, limit: int = 20) -> list[CallReport]:
         """Return the calls that were closed last, newest first. Raises JournalError."""
         found = self._database.rows(
             "SELECT id, closed_at, outcome, record FROM calls ORDER BY number DESC LIMIT ?", limit
         )
         return [
-            CallRecord(number, closed_at, outcome, json.loads(record), self.answers(number))
+            CallReport.read(
+                {
+                    **json.loads(record),
+                    "id": number,
+                    "closed": closed_at,
+                    "outcome": outcome,
+                    "answers": list(self.answers(number)),
+                },
+                RECORD,
+            )
             for number, closed_at, outcome, record in found
         ]
 

@@ -7,6 +7,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from anytraverse.errors import AnyTraverseError
+from anytraverse.preferences import MAX_WORDS, check_weight, clean_word
+from companion.wire.packing import Fractions
+
 LONGEST = 300
 """Characters of a text."""
 LARGEST = 256 << 10
@@ -50,3 +54,36 @@ def number_of(raw: Any, low: float, high: float) -> float | None:
     if isinstance(raw, bool) or not isinstance(raw, int | float):
         return None
     return float(raw) if low <= raw <= high and math.isfinite(raw) else None
+
+
+def whole_of(raw: Any, low: float, high: float) -> int | None:
+    """Return a number of low..high without its fraction, None for anything else."""
+    number = number_of(raw, low, high)
+    return None if number is None else int(number)
+
+
+def box_of(raw: Any) -> Fractions | None:
+    """Return a list of left, top, right and bottom as a box, None for anything else."""
+    sides = [number_of(one, 0, 1) for one in list_of(raw)]
+    known = [one for one in sides if one is not None]
+    if len(known) != 4 or len(sides) != 4 or not (known[0] < known[2] and known[1] < known[3]):
+        return None
+    return known[0], known[1], known[2], known[3]
+
+
+def word_of(raw: Any) -> str:
+    """Return a word as it is written, "" for anything else."""
+    try:
+        return clean_word(raw) if isinstance(raw, str) else ""
+    except AnyTraverseError:
+        return ""
+
+
+def weights_of(raw: Any, most: int = MAX_WORDS) -> dict[str, float]:
+    """Return the weights by word of the first `most` members of an object, without those that are none."""
+    found = {}
+    for name, value in list(mapping_of(raw).items())[:most]:
+        word, weight = word_of(name), number_of(value, -1, 1)
+        if word and weight is not None:
+            found[word] = check_weight(word, weight)
+    return found

@@ -12,9 +12,9 @@ from dataclasses import replace
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
 from anytraverse.preferences import check_weight, clean_word
 from companion.wire.answers import Answer, AnyOperation
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Motion
 from companion.wire.packing import Fractions
-from companion.wire.payloads import CallData
 from companion.wire.words_text import operation_text
 
 MOTIONS = {
@@ -87,7 +87,7 @@ def typed(answer: Answer) -> str:
     raise CommandError(f'"{line[:40]}" would be read otherwise: use another word')
 
 
-def placed(answer: Answer, call: CallData | None) -> Answer:
+def placed(answer: Answer, call: CallReport | None) -> Answer:
     """Return a typed answer with its taps in the call's frame: in their boxes, or in the worst tile.
 
     call: what it answers, None where that is not known. Raises CommandError for a tap without a place.
@@ -95,7 +95,7 @@ def placed(answer: Answer, call: CallData | None) -> Answer:
     return replace(answer, operations=tuple(_placed(one, call) for one in answer.operations))
 
 
-def _placed(operation: AnyOperation, call: CallData | None) -> AnyOperation:
+def _placed(operation: AnyOperation, call: CallReport | None) -> AnyOperation:
     if not isinstance(operation, Tap):
         return operation
     if call is None:

@@ -13,6 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Answer
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending, Status, random_transaction
 from companion.wire.ids import (
     ANSWER_COMMAND,
@@ -25,7 +26,7 @@ from companion.wire.ids import (
     Result,
 )
 from companion.wire.packing import PayloadError
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 from companion.wire.signing import is_signed
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.fetch import Fetch
@@ -215,7 +216,7 @@ class OperatorClient:
         if message.payload_type == TUNNEL_SUMMARY:
             return rover.handle_summary(Summary.unpack(payload), now)
         if message.payload_type == TUNNEL_CALL:
-            return rover.handle_call(CallData.unpack(payload), now)
+            return rover.handle_call(CallReport.unpack(payload), now)
         if message.payload_type == TUNNEL_ACKNOWLEDGEMENT:
             return self._acknowledged(rover, Acknowledgement.unpack(payload), now)
         return []

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from companion.wire.answers import Acknowledgement
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Status
 from companion.wire.ids import Policy, State
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 from gcs_plugin.client.policy_request import PolicyStatus
 
 
@@ -47,7 +48,7 @@ class CallOpened:
 
     event: ClassVar = "call"
     system: int
-    call: CallData
+    call: CallReport
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class CallChanged:
 
     event: ClassVar = "call_changed"
     system: int
-    call: CallData
+    call: CallReport
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class CallClosed:
 
     event: ClassVar = "closed"
     system: int
-    call: CallData
+    call: CallReport
     after_s: float
 
 

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20.common import MAV_SEVERITY_WARNING
 
 from companion.wire.answers import Acknowledgement
 from companion.wire.call_figures import asked
+from companion.wire.call_report import CallReport
 from companion.wire.documents import StateFile
 from companion.wire.ids import (
     CHANGING_RESULTS,
@@ -28,7 +29,7 @@ from companion.wire.ids import (
     words_hash,
 )
 from companion.wire.parameters import WORD_PREFIX
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.vehicle import Position, Vehicle
 
@@ -54,7 +55,7 @@ class Call:
     received_at: when it was received. reported_at: when it was reported to the operator. Seconds, as `now`.
     """
 
-    data: CallData
+    data: CallReport
     opened_at: float
     received_at: float
     serial: int = 0
@@ -234,7 +235,7 @@ class Rover:
             disk_full=bool(flags & DISK_FULL),
         )
 
-    def handle_call(self, data: CallData, now: float) -> list[ev.Event]:
+    def handle_call(self, data: CallReport, now: float) -> list[ev.Event]:
         """Take in the data of a call or hold; a mere repeat makes no event."""
         known = self.calls.get(data.id)
         number, why = self._asked
@@ -292,7 +293,7 @@ class Rover:
         self.parameters[name] = value
         return [ev.ParameterReceived(self.system, name, value)]
 
-    def _update_call(self, known: Call, data: CallData, now: float) -> list[ev.Event]:
+    def _update_call(self, known: Call, data: CallReport, now: float) -> list[ev.Event]:
         if not known.open and not (known.presumed_closed and data.stage is not Stage.CLOSED):
             return []
         before, known.data, known.received_at = known.data, data, now
@@ -329,7 +330,7 @@ class Rover:
             del self.calls[by_use[0].data.id]
 
 
-def _is_another_call(known: Call, data: CallData, now: float) -> bool:
+def _is_another_call(known: Call, data: CallReport, now: float) -> bool:
     """Return whether `data` is of a new call or hold that has the id of a known one, after a restart.
 
     A call keeps its frame for life. A hold may change its frame, but is announced only once.

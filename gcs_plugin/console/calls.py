@@ -13,8 +13,8 @@ from anytraverse.picture_size import jpeg_size
 from companion.pages import wording as browser_wording
 from companion.pages.given import Answered, too_late, undoing, undone_words
 from companion.wire.call_figures import asked
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending
-from companion.wire.documents import CallRecord
 from companion.wire.ids import Kind, Motion, Outcome, Stage
 from companion.wire.packing import clean
 from companion.wire.texts import name
@@ -45,7 +45,7 @@ class Story:
     revision: int = 0
     answers: list[Answered] = field(default_factory=list)
     said: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=MOST_SAID))
-    record: CallRecord | None = None
+    record: CallReport | None = None
     reads: int = 0
     undone: Pending | None = None
     closed_at: float | None = None
@@ -95,7 +95,7 @@ class Stories:
             self.by_id.pop(next(closed, next(iter(self.by_id))))
         return fresh
 
-    def remember(self, record: CallRecord) -> Story | None:
+    def remember(self, record: CallReport) -> Story | None:
         """Take in the record of a call before this console began; None for one that is known otherwise."""
         if record.id in self.by_id or len(self.by_id) >= SHOWN:
             return None

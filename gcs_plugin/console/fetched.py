@@ -8,11 +8,11 @@ from typing import Any
 
 from anytraverse.picture_size import jpeg_size
 from companion.pages.wording import named
+from companion.wire.call_report import picture_path
 from companion.wire.documents import (
     Check,
     KnownPlace,
     StateFile,
-    picture_path,
     read_checks,
     read_record,
     read_state,

@@ -12,10 +12,10 @@ from typing import Any, Protocol, TextIO
 
 from pymavlink.dialects.v20.common import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_WARNING
 
+from companion.wire.call_report import ONLY_RECORDED, CallReport
 from companion.wire.delivery import STATUS_TEXTS, Status
 from companion.wire.ids import Reasons, Stage, State
 from companion.wire.packing import clean
-from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.events import Event
 from gcs_plugin.client.policy_request import PolicyStatus
@@ -40,11 +40,13 @@ def plain(value: Any) -> Any:
 def record(event: Event, time: float) -> dict[str, Any]:
     """Convert an event to an object: its name, seconds since the start, the rover's system id, its fields.
 
-    The fields of a call, a summary or an acknowledgement are put on the same level.
+    The fields of a call, a summary or an acknowledgement are put on the same level, without those of a call
+    that no message tells.
     """
     fields: dict[str, Any] = {"event": event.event, "time": round(time, 3), "system": event.system}
     for name, value in plain(event).items():
-        fields.update(value if isinstance(value, dict) else {name: value})
+        inner = value if isinstance(value, dict) else {}
+        fields |= {key: one for key, one in inner.items() if key not in ONLY_RECORDED} or {name: value}
     return fields
 
 
@@ -60,7 +62,7 @@ ALARM, GOOD, FAINT, _PLAIN = "1;31", "32", "2", ""
 _ShownState = tuple[int, Stage, bool, int]
 
 
-def _shown_state(call: CallData) -> _ShownState:
+def _shown_state(call: CallReport) -> _ShownState:
     return call.id, call.stage, call.holding, int(call.reasons)
 
 

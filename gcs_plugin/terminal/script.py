@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from companion.wire.answers import Answer
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Kind, Reasons, Stage
-from companion.wire.payloads import CallData
 from companion.wire.typed_answers import CommandError
 from gcs_plugin.client.rovers import Call
 from gcs_plugin.terminal.commands import parse
@@ -56,7 +56,7 @@ class Rule:
     used: int = 0
     _fitted: dict[_Key, int] = field(default_factory=dict)
 
-    def fits(self, key: _Key, call: CallData) -> bool:
+    def fits(self, key: _Key, call: CallReport) -> bool:
         """Return whether the rule fits this call at its stage; also counts the calls that it fits."""
         if (
             call.stage is not self.when

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 
 from companion.wire.answers import Acknowledgement
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import result_text
 from companion.wire.ids import Outcome, Policy, Reasons, Stage, State, words_hash
 from companion.wire.messages import MESSAGES
 from companion.wire.packing import where
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
-from companion.wire.payloads import CallData
 from companion.wire.texts import name, percent
 from gcs_plugin.client.policy_request import PolicyStatus
 from gcs_plugin.client.rovers import Computer, Rover
@@ -55,12 +55,12 @@ _TEST_OUTCOMES = {
 }
 
 
-def why(call: CallData) -> str:
+def why(call: CallReport) -> str:
     """Word all reasons of a call with their figures: `unknown 91% in yellow frame, over 85% calls, ...`."""
     return "; ".join(_reasons(call)) or "no reason given"
 
 
-def _reasons(call: CallData) -> Iterator[str]:
+def _reasons(call: CallReport) -> Iterator[str]:
     if call.test:
         yield "TEST, nothing is wrong"
     asks = call.reasons & (Reasons.UNKNOWN_OBJECT | Reasons.UNKNOWN_SCENE)
@@ -75,7 +75,7 @@ def _reasons(call: CallData) -> Iterator[str]:
         yield "fault: no picture that can be judged"
 
 
-def _asking(call: CallData) -> Iterator[str]:
+def _asking(call: CallReport) -> Iterator[str]:
     """Word why a call asks by its figures, where the rover's own text of it was not received."""
     if call.reasons & Reasons.UNKNOWN_OBJECT:
         worst = (
@@ -87,12 +87,12 @@ def _asking(call: CallData) -> Iterator[str]:
         yield f"new place{known}"
 
 
-def fitting_answers(call: CallData, before: str = "") -> list[str]:
+def fitting_answers(call: CallReport, before: str = "") -> list[str]:
     """Return lines that make sense as an answer to this call now; before: what is typed before each."""
     return [before + line for line in _fitting_lines(call)]
 
 
-def _fitting_lines(call: CallData) -> list[str]:
+def _fitting_lines(call: CallReport) -> list[str]:
     if call.test:
         return ["go", "stay"]
     if call.stage is not Stage.OPEN:
@@ -107,14 +107,14 @@ def _fitting_lines(call: CallData) -> list[str]:
     return ["go", "stay", "look"]
 
 
-def headline(call: CallData, age: float) -> str:
+def headline(call: CallReport, age: float) -> str:
     """Word a call in one line: its id, why it calls, whether the vehicle is held, and its age."""
     stands = _HOLDING[call.holding]
     asks = _STAGES.get(call.stage, why(call))
     return f"{name(call.kind, call.id)} {asks} [{stands}, {duration(age)}]"
 
 
-def call_lines(call: CallData, age: float, before: str = "") -> list[str]:
+def call_lines(call: CallReport, age: float, before: str = "") -> list[str]:
     """Word a call in several lines: headline, box to look at, how to fetch a picture, fitting answers."""
     lines = [headline(call, age)]
     if call.worst_tile_box and call.stage is Stage.OPEN:
@@ -125,24 +125,24 @@ def call_lines(call: CallData, age: float, before: str = "") -> list[str]:
     return lines
 
 
-def changed(call: CallData, age: float, before: str = "") -> str:
+def changed(call: CallReport, age: float, before: str = "") -> str:
     """Word an open call that has another stage or more reasons."""
     answers = "" if call.stage is Stage.ANSWERED else f": {' | '.join(fitting_answers(call, before))}"
     return headline(call, age) + answers
 
 
-def also(call: CallData, added: Reasons, before: str = "") -> str:
+def also(call: CallReport, added: Reasons, before: str = "") -> str:
     """Word reasons that came later, without figures: those of the call are of its own frame."""
     named = " and ".join(text for reason, text in _ADDED_REASONS.items() if added & reason)
     return f"{name(call.kind, call.id)} also {named}: {' | '.join(fitting_answers(call, before))}"
 
 
-def stands(call: CallData) -> str:
+def stands(call: CallReport) -> str:
     """Word a call of which only the holding of the vehicle has changed."""
     return f"{name(call.kind, call.id)} {_HOLDING[call.holding]}"
 
 
-def closed(call: CallData, after_s: float) -> str:
+def closed(call: CallReport, after_s: float) -> str:
     """Word a call that is closed."""
     test = " TEST" if call.test else ""
     how = outcome(call.outcome, test=call.test)

@@ -11,13 +11,14 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Answer, AnyOperation
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending
 from companion.wire.ftp import FtpError, FtpPayload, Opcode
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 
-THING_CALL = CallData(
+THING_CALL = CallReport(
     id=7,
     kind=ids.Kind.CALL,
     stage=ids.Stage.OPEN,
@@ -87,7 +88,7 @@ class TextSender:
 class TinyRover:
     """Speaks once a second; an answer to its call closes it, is applied once and acknowledged each time."""
 
-    def __init__(self, system: int = 1, call: CallData | None = None) -> None:
+    def __init__(self, system: int = 1, call: CallReport | None = None) -> None:
         self.companion = TextSender(system, ids.COMPONENT_ID)
         self.autopilot = TextSender(system, ids.AUTOPILOT_COMPONENT_ID)
         self.system = system
@@ -205,7 +206,7 @@ class TinyRover:
 
 
 @pytest.fixture
-def thing_call() -> CallData:
+def thing_call() -> CallReport:
     """An open call about an unknown thing that holds the vehicle."""
     return THING_CALL
 
@@ -285,6 +286,6 @@ class Sky:
 
 @pytest.fixture
 def sky(
-    tiny_rover: Callable[..., TinyRover], speaker: Callable[..., TextSender], thing_call: CallData
+    tiny_rover: Callable[..., TinyRover], speaker: Callable[..., TextSender], thing_call: CallReport
 ) -> Sky:
     return Sky(tiny_rover(1, thing_call), speaker(255, 190))

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from anytraverse.operations import ForgetWord, SetWord
 from companion.wire import ids
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
 from gcs_plugin.terminal.commands import parse
 
 
@@ -131,7 +131,7 @@ def proxy(
     tiny_rover: Callable[..., Any],
     speaker: Callable[..., Any],
 ) -> Callable[..., Proxy]:
-    def made(*calls: CallData | None) -> Proxy:
+    def made(*calls: CallReport | None) -> Proxy:
         rovers = [tiny_rover(system, call) for system, call in enumerate(calls, 1)]
         at = Proxy(plugin, monkeypatch, speaker(255, 230), rovers)
         at.run(3.0)
@@ -143,7 +143,7 @@ def proxy(
 Make = Callable[..., Proxy]
 
 
-def test_a_call_is_printed_with_what_to_type_here(proxy: Make, thing_call: CallData) -> None:
+def test_a_call_is_printed_with_what_to_type_here(proxy: Make, thing_call: CallReport) -> None:
     at = proxy(thing_call)
     text = "\n".join(at.lines)
     assert "C7 unknown thing ahead, 38% unexplained" in text
@@ -152,7 +152,7 @@ def test_a_call_is_printed_with_what_to_type_here(proxy: Make, thing_call: CallD
 
 @pytest.mark.parametrize("line", ["at go", "at answer go", "anytraverse answer 7 go", "at 7 go", "at ok"])
 def test_an_answer_reaches_the_call_in_each_of_its_spellings(
-    proxy: Make, thing_call: CallData, line: str
+    proxy: Make, thing_call: CallReport, line: str
 ) -> None:
     at = proxy(thing_call)
     at.type(line)
@@ -184,7 +184,7 @@ def test_a_comma_separates_changes_since_mavproxy_splits_lines_at_semicolons(pro
     assert at.rovers[0].applied == [(0, ids.Motion.NONE, operations)]
 
 
-def test_several_rovers_on_several_links_each_get_their_own(proxy: Make, thing_call: CallData) -> None:
+def test_several_rovers_on_several_links_each_get_their_own(proxy: Make, thing_call: CallReport) -> None:
     at = proxy(thing_call, thing_call)
     at.type("at go")
     assert "rovers 1, 2 are heard" in at.lines[-1]
@@ -194,7 +194,7 @@ def test_several_rovers_on_several_links_each_get_their_own(proxy: Make, thing_c
     assert at.module.multi_vehicle, "MAVProxy hands other modules one vehicle's messages only"
 
 
-def test_nothing_is_sent_to_a_companion_that_fell_silent(proxy: Make, thing_call: CallData) -> None:
+def test_nothing_is_sent_to_a_companion_that_fell_silent(proxy: Make, thing_call: CallReport) -> None:
     at = proxy(thing_call)
     at.run(4.0, silent=True)
     at.type("at go")
@@ -248,7 +248,7 @@ def test_help_and_mistakes_are_told(proxy: Make) -> None:
         assert said in at.lines[-1]
 
 
-def test_open_calls_and_words_complete(proxy: Make, thing_call: CallData) -> None:
+def test_open_calls_and_words_complete(proxy: Make, thing_call: CallReport) -> None:
     at = proxy(thing_call)
     complete = at.state.completion_functions
     assert complete["(AT_CALL)"]("") == ["7", "go", "stay", "look"]
@@ -256,7 +256,7 @@ def test_open_calls_and_words_complete(proxy: Make, thing_call: CallData) -> Non
 
 
 def test_a_mistake_inside_is_told_once_and_the_rest_goes_on(
-    proxy: Make, thing_call: CallData, monkeypatch: pytest.MonkeyPatch
+    proxy: Make, thing_call: CallReport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     at = proxy(None)
     receive = at.module._client.receive
@@ -274,7 +274,7 @@ def test_a_mistake_inside_is_told_once_and_the_rest_goes_on(
 
 
 def test_unloading_leaves_nothing_behind_and_names_what_is_given_up(
-    proxy: Make, thing_call: CallData
+    proxy: Make, thing_call: CallReport
 ) -> None:
     at = proxy(thing_call)
     at.run(4.0, silent=True)

@@ -12,8 +12,9 @@ from anytraverse.operations import Operation, SetWord
 from companion.sim.loopback_link import LoopbackLink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Answer
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Status
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 
@@ -46,7 +47,7 @@ class Both:
 
 
 @pytest.fixture
-def both(thing_call: CallData, quiet_summary: Summary) -> Callable[..., Both]:
+def both(thing_call: CallReport, quiet_summary: Summary) -> Callable[..., Both]:
     def made(sender: tuple[int, int] = (255, 190)) -> Both:
         pair = Both(sender)
         pair.link.link.set_state(ids.State.CALLING, thing_call.id, ids.Policy.HOLD)
@@ -65,7 +66,7 @@ def acknowledgement(request: Answer, result: ids.Result = ids.Result.APPLIED) ->
     )  # fmt: skip
 
 
-def test_what_the_link_announces_the_client_knows(both: Callable[..., Both], thing_call: CallData) -> None:
+def test_what_the_link_announces_the_client_knows(both: Callable[..., Both], thing_call: CallReport) -> None:
     pair = both()
     assert [event.call for event in pair.of(ev.CallOpened)] == [thing_call]
     assert [event.text for event in pair.of(ev.TextReceived)][:1] == [
@@ -82,7 +83,7 @@ def test_what_the_link_announces_the_client_knows(both: Callable[..., Both], thi
 FIGURES = "unknown 71% in yellow frame, over 25% calls"
 
 
-def test_why_a_call_is_open_is_known_from_its_text(both: Callable[..., Both], thing_call: CallData) -> None:
+def test_why_a_call_is_open_is_known_from_its_text(both: Callable[..., Both], thing_call: CallReport) -> None:
     pair = both()
     pair.link.link.announce(replace(thing_call, id=8, frame_id=5000), f"C8 {FIGURES}", pair.link.now)
     pair.run(3.0)

@@ -26,7 +26,7 @@ from companion.pages.access import Gate
 from companion.pages.listen import Listen, hashed
 from companion.pages.requests import MOST_POSTED, RequestError, check_answer, read_answer, read_object
 from companion.pages.site import EventStreams, Server, event, posted, static_routes
-from companion.wire.documents import NearestScene
+from companion.wire.call_report import NearestScene
 from companion.wire.ids import Stage
 from companion.wire.typed_answers import CommandError, read_typed, typed
 

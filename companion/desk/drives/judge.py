@@ -18,8 +18,8 @@ from companion.daemon.answers.outcome import outcome_text
 from companion.daemon.settings.mapping import call_numbers
 from companion.desk.drives.drive import DriveFrame
 from companion.wire.answers import Answer
-from companion.wire.ids import Kind, Motion, Outcome, Policy, Stage
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
+from companion.wire.ids import Kind, Motion, Policy, Stage
 
 FIGURES = ("traversability", "uncertainty", "drivable_share", "worst_tile")
 """Figures of the region of interest that a row has."""
@@ -80,7 +80,7 @@ class DriveJudge:
             self._calls.vehicle_reported(ModeReport(travelled=frame.travelled), frame.at)
         return Judgement(seen, opened, any(isinstance(one, WouldHold) for one in decisions))
 
-    def told(self, call: Call) -> CallData:
+    def told(self, call: Call) -> CallReport:
         """Return what the operator is told of a call that has just opened."""
         assert call.seen is not None
         return call_data(
@@ -91,12 +91,8 @@ class DriveJudge:
             number=call.id,
             kind=Kind.CALL,
             stage=Stage.OPEN,
-            outcome=Outcome.NONE,
             reasons=call.reasons,
-            holding=False,
             frame_id=call.frame_id,
-            age=0.0,
-            picture="",
         )
 
     def answer(self, answer: Answer, now: float) -> tuple[str, bool]:

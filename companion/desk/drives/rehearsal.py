@@ -16,8 +16,8 @@ from companion.calls.decisions import Call
 from companion.desk.drives.drive import Drive, DriveFrame
 from companion.desk.drives.judge import DriveJudge, Judgement, row
 from companion.vision.pictures import panel, unmarked
+from companion.wire.call_report import CallReport
 from companion.wire.ids import State
-from companion.wire.payloads import CallData
 from companion.wire.typed_answers import CommandError, placed, read_typed
 
 MOST_TRIES = 8
@@ -43,7 +43,7 @@ class AskedCall:
     id: int
     frame: str
     at: float
-    data: CallData
+    data: CallReport
     embedding: Embedding
     raw: bytes
     judged: bytes

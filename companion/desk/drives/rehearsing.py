@@ -22,8 +22,8 @@ from companion.desk.drives.rehearsal import AskedCall, Rehearsal, learnt, rehear
 from companion.desk.drives.report import page as report_page
 from companion.desk.memory.command import merged, read_checked
 from companion.desk.memory.scene_file import Scene, write_scenes
-from companion.pages.wording import reason_names
 from companion.vision.warm_up import load_engine
+from companion.wire.call_report import reason_names
 
 if TYPE_CHECKING:
     from companion.desk.drives.browser_desk import BrowserDesk

@@ -8,7 +8,7 @@ from typing import Any
 
 from anytraverse.history import Entry
 from companion.desk.memory.pictures import picture_of
-from companion.vehicle.position import place_figures
+from companion.wire.places import place_figures
 
 HEAD = (
     f"{'scene':>5}  {'call':<6}  {'answered':<16}  {'place':<20}  "

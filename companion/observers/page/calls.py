@@ -7,18 +7,11 @@ from typing import Any
 
 from companion.pages import wording
 from companion.pages.given import Own, too_late, undoing, undone_words
-from companion.wire.documents import (
-    PICTURES,
-    CallRecord,
-    StateFile,
-    picture_path,
-    record_from,
-    state_from,
-)
+from companion.wire.call_report import PICTURES, RECORD, CallReport, picture_path
+from companion.wire.documents import StateFile, state_from
 from companion.wire.ids import PAGE_SENDER
 from companion.wire.json_values import DocumentError
 from companion.wire.parameters import THR_SCENE
-from companion.wire.payloads import CallData
 
 _MOST_NAMES = 24
 
@@ -44,7 +37,7 @@ def shown_calls(
     now, kept = state_from(state), {}
     for record in records:
         try:
-            read = record_from(record)
+            read = CallReport.read(record, RECORD)
         except DocumentError:
             continue
         kept[read.id] = read
@@ -74,10 +67,10 @@ def shown_calls(
 
 
 def _more(
-    call: CallData | CallRecord,
-    record: CallRecord | None,
+    call: CallReport,
+    record: CallReport | None,
     state: StateFile,
-    known: Mapping[int, CallRecord],
+    known: Mapping[int, CallReport],
     address: Callable[[str], str],
     own: Mapping[int, Own],
 ) -> dict[str, Any]:

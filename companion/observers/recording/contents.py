@@ -30,7 +30,7 @@ from companion.calls.decisions import (
     WouldResume,
 )
 from companion.observers.recording.foxglove import encode
-from companion.vehicle.position import place_figures
+from companion.wire.places import place_figures
 
 _DIGITS = 6
 EVENTS = (CallOpened, CallClosed, HoldStarted, HoldMoved, WouldHold, WouldResume)

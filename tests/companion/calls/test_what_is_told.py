@@ -21,8 +21,9 @@ from companion.calls.summary import (
     summary,
     why,
 )
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Reasons, Stage, State, words_hash
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 from tests.companion.calls.scenes import (
     ACROSS,
     AHEAD,
@@ -52,13 +53,13 @@ def text(scene: Scene, *silent: str) -> str:
     return said
 
 
-def data(scene: Scene) -> CallData:
+def data(scene: Scene) -> CallReport:
     """The data of what is open, after the wire."""
     made = current_data(
         scene.calls, Preferences.of(scene.words), Place(51.5, -0.1, 359.99), "7.jpg", scene.now
     )
     assert made is not None
-    return CallData.unpack(made.pack())
+    return CallReport.unpack(made.pack())
 
 
 def test_with_nothing_open_nothing_is_told(report: Scene) -> None:
@@ -82,7 +83,7 @@ def test_data_have_the_words_of_all_figures_which_the_payload_has_no_room_for(re
     made = current_data(report.calls, Preferences.of(report.words), Place(), "", report.now)
     assert made is not None
     assert made.why == "new place, .50, .85 needed; unknown 95% in yellow frame, over 25% calls"
-    assert CallData.unpack(made.pack()).why == ""
+    assert CallReport.unpack(made.pack()).why == ""
 
 
 def test_a_new_place_names_the_one_that_it_is_most_nearly(report: Scene) -> None:
@@ -292,7 +293,7 @@ def test_data_survive_whatever_is_not_known_or_too_much(report: Scene) -> None:
         age=1e9,
         picture="p" * 200,
     )
-    told = CallData.unpack(made.pack())
+    told = CallReport.unpack(made.pack())
     assert (told.id, told.similarity, told.latitude, told.age_s) == (0xFFFF, None, None, 0xFFFF)
     assert told.picture == "p" * 60
 

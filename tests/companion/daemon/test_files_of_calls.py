@@ -26,8 +26,8 @@ from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
 from companion.vision.pictures import LIMIT, panel
+from companion.wire.call_report import CallReport
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion
-from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import HEIGHT, WIDTH
 from tests.companion.daemon.rig import MakeRig, Rig
 
@@ -103,7 +103,7 @@ def test_the_state_tells_what_the_link_turned_away(make_rig: MakeRig) -> None:
 def test_the_calls_data_names_the_picture_that_is_served_and_it_fits_a_radio(make_rig: MakeRig) -> None:
     rig = make_rig(pictures=3)
     rig.see(3.0, "drum")
-    data = CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+    data = CallReport.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
     content = fetched(rig, data.picture)
     assert len(content) <= LIMIT
     drawn = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
@@ -120,7 +120,7 @@ def test_the_calls_data_names_the_picture_that_is_served_and_it_fits_a_radio(mak
 def test_a_blocked_hold_has_a_picture_of_what_it_was_blocked_by_until_it_is_over(make_rig: MakeRig) -> None:
     rig = make_rig(pictures=3)
     rig.see(3.0, "rock")
-    data = CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+    data = CallReport.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
     assert (data.kind, data.id, data.picture) == (Kind.HOLD, 1, "/calls/1.jpg")
     assert len(fetched(rig, data.picture)) <= LIMIT
     assert names(rig, "/calls").keys() == {"1.jpg", "1-large.jpg", "1-raw.jpg"}
@@ -129,7 +129,7 @@ def test_a_blocked_hold_has_a_picture_of_what_it_was_blocked_by_until_it_is_over
     rig.see(3.0)
     assert told(rig, "/state.json")["open"] is None
     rig.see(3.0, "drum")
-    call = CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+    call = CallReport.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
     assert (call.kind, call.picture) == (Kind.CALL, "/calls/2.jpg")
 
 
@@ -224,7 +224,7 @@ def test_file_picture_and_data_of_a_call_are_of_one_assessment_after_an_answer_t
     rig = make_rig(pictures=3)
     rig.see(3.0, "drum")
     for words in ("grass: 1; rock: -1", "grass: 1; rock: -1; trail: 1"):
-        call, data = rig.calls.call, CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
+        call, data = rig.calls.call, CallReport.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1])
         assert call is not None
         assert call.seen is not None
         assert call.seen.roi is not None
@@ -246,13 +246,13 @@ def test_a_picture_that_cannot_be_drawn_costs_no_call(
     rig = make_rig(pictures=3)
     rig.see(3.0, "drum")
     assert rig.state == ("CALLING", 1)
-    assert CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
+    assert CallReport.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
 
 
 def test_without_pictures_a_call_is_told_all_the_same(held: Rig) -> None:
     assert names(held, "/calls").keys() == {"1.json"}
     assert "picture" not in told(held, "/calls/1.json")
-    assert CallData.unpack(held.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
+    assert CallReport.unpack(held.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
 
 
 def test_the_newest_maps_are_small_grey_pictures_of_one_frame(rig: Rig) -> None:
@@ -275,7 +275,7 @@ def test_what_cannot_be_written_costs_the_file_and_no_call(make_rig: MakeRig) ->
     (rig.folder / "calls").write_text("a file in the folder's place")
     rig.see(3.0, "drum")
     assert rig.state == ("CALLING", 1)
-    assert CallData.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
+    assert CallReport.unpack(rig.stage.tunnels(TUNNEL_CALL)[-1]).picture == ""
 
 
 def test_before_it_looks_it_says_that_it_starts(tmp_path: Path) -> None:
@@ -322,7 +322,7 @@ def test_a_computer_without_a_clock_stamps_with_the_autopilots_time(
     call = told(rig, "/calls/1.json")
     times = [call["place"]["time"], call["answers"][0]["at"], call["closed"]]
     assert all(0 < stamp - 1_790_000_000 < 10 for stamp in times)
-    assert [round(record.closed_at, 2) for record in rig.journal.calls()] == [call["closed"]]
+    assert [round(record.closed or 0.0, 2) for record in rig.journal.calls()] == [call["closed"]]
     entry = next(one for one in rig.engine.memory.history if one.call_id == 1)
     assert entry.place.time is not None
     assert abs(entry.place.time - 1_790_000_000) < 10

@@ -21,9 +21,9 @@ from companion.config import load_config
 from companion.desk.check.table import CHECKS
 from companion.vision.pictures import LIMIT
 from companion.wire.answers import Answer, PackIncident
+from companion.wire.call_report import CallReport
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, TUNNEL_CALL, Motion
 from companion.wire.incidents import Incidents, read_incidents
-from companion.wire.payloads import CallData
 from tests.companion.daemon.painted_drive import to_a_drum
 from tests.companion.vision import painted
 
@@ -44,13 +44,13 @@ def ground(tmp_path: Path) -> Iterator[Any]:
     master.close()
 
 
-def call_told(master: Any) -> CallData:
+def call_told(master: Any) -> CallReport:
     """The first that names its picture, which is drawn a little later."""
     for _ in range(500):
         message = master.recv_match(type="TUNNEL", blocking=True, timeout=10)
         assert message is not None
         if message.payload_type == TUNNEL_CALL:
-            told = CallData.unpack(bytes(message.payload[: message.payload_length]))
+            told = CallReport.unpack(bytes(message.payload[: message.payload_length]))
             if told.picture:
                 return told
     raise AssertionError("no call with a picture")

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.observers.page.calls import OwnAnswers, shown_calls
+from anytraverse.operations import SetWord, Tap
+from companion.observers.page.calls import shown_calls
 from companion.pages.given import Answered
-from companion.wire.answers import SetWord, TapBox
+from companion.wire.answers import Answer
 from companion.wire.delivery import Pending
 from companion.wire.documents import read_state
 from companion.wire.ids import TUNNEL_CALL, Motion, Policy
@@ -56,8 +57,9 @@ class Noted:
         }
 
     def _page(self, state: dict[str, Any], records: list[dict[str, Any]]) -> Any:
-        pending = Pending(0, 1, Motion.GO, (SetWord("drum", 1.0),), 8, 0.0)
-        own = {1: OwnAnswers([Answered(pending, 1.79e9, dict(read_state(json.dumps(state).encode()).words))])}
+        pending = Pending(0, Answer(1, Motion.GO, (SetWord("drum", 1.0),), 8), 0.0)
+        words = dict(read_state(json.dumps(state).encode()).words)
+        own = {1: ([Answered(pending, 1.79e9, words)], None)}
         shown = shown_calls(state, 1000.0, records, lambda path: f"{path}?v=1", own)
         alone = shown_calls({}, 1000.0, records, lambda _path: "", {})
         return json.loads(json.dumps([shown, alone]))
@@ -82,7 +84,7 @@ def test_what_is_told_of_a_drive(make_rig: MakeRig, monkeypatch: pytest.MonkeyPa
     noted.note("after a restart")
     call = rig.calls.call
     assert call is not None
-    rig.answer(1, Motion.NONE, TapBox(call.frame_id, (0.4, 0.6, 0.6, 0.8), "tümpel ü", -1.0), transaction=8)
+    rig.answer(1, Motion.NONE, Tap(call.frame_id, (0.4, 0.6, 0.6, 0.8), "tümpel ü", -1.0), transaction=8)
     rig.see(3.0, "drum")
     noted.note("blocked by a word")
     rig.answer(1, Motion.GO, SetWord("drum", 1.0), transaction=9)

@@ -12,8 +12,8 @@ from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import Mount, Stopping
+from companion.wire.call_report import CallReport
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Result, Stage
-from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import AHEAD
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
@@ -22,7 +22,7 @@ BOX = (AHEAD.left, AHEAD.top, AHEAD.right, AHEAD.bottom)
 
 def closed(rig: Rig) -> list[tuple[Kind, int, Outcome]]:
     """What was told to be over, each once."""
-    told = [CallData.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
+    told = [CallReport.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
     return list(dict.fromkeys((one.kind, one.id, one.outcome) for one in told if one.stage is Stage.CLOSED))
 
 
@@ -115,7 +115,7 @@ def test_a_hold_for_a_mistaken_name_is_shown_and_ended_by_a_tap_on_what_it_is(he
     hold = held.calls.hold
     assert hold is not None
     assert hold.seen is not None
-    told = [CallData.unpack(payload) for payload in held.stage.tunnels(TUNNEL_CALL)][-1]
+    told = [CallReport.unpack(payload) for payload in held.stage.tunnels(TUNNEL_CALL)][-1]
     assert (told.kind, told.frame_id) == (Kind.HOLD, hold.seen.frame.id)
     held.answer(2, Motion.GO, Tap(told.frame_id - 1, BOX, "gnome", 1.0), transaction=8)
     held.see(1.0, "drum")

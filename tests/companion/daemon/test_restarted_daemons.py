@@ -8,8 +8,8 @@ import sqlite3
 import pytest
 
 from anytraverse.operations import Tap
+from companion.wire.call_report import CallReport
 from companion.wire.ids import TUNNEL_CALL, Motion, Policy, Result
-from companion.wire.payloads import CallData
 from tests.anytraverse.conftest import AHEAD
 from tests.companion.daemon.rig import AUTO, HOLD, WORDS, MakeRig, Rig
 
@@ -64,7 +64,7 @@ def test_a_call_is_told_with_a_picture_before_and_after_a_restart(make_rig: Make
     rig = make_rig(pictures=3)
     for _ in range(2):
         rig.see(3.0, "drum")
-        told = [CallData.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
+        told = [CallReport.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
         assert told[-1].picture == "/calls/1.jpg"
         assert (rig.folder / "calls" / "1.jpg").is_file()
         rig.restart()

@@ -11,8 +11,8 @@ import pytest
 from anytraverse.operations import SetWord
 from companion.calls.snapshot import snapshot
 from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
+from companion.wire.call_report import CallReport
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Reasons, Result, Stage
-from companion.wire.payloads import CallData
 from tests.companion.daemon.rig import AUTO, MakeRig, Rig
 
 
@@ -23,9 +23,9 @@ def ask(rig: Rig) -> int:
     return path.stat().st_mtime_ns
 
 
-def told(rig: Rig) -> list[CallData]:
+def told(rig: Rig) -> list[CallReport]:
     """The test calls' data that the ground heard."""
-    heard = [CallData.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
+    heard = [CallReport.unpack(payload) for payload in rig.stage.tunnels(TUNNEL_CALL)]
     return [data for data in heard if data.test]
 
 

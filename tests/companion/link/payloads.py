@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Kind, Outcome, Policy, Reasons, Stage, State
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 
 SUMMARY = Summary(
     State.OK, Policy.REPORT, Reasons.NONE, 0, 0, 1, 50, 40, 0.5, 0.1, 0.2, 0.9, 60, 7, 0, (0.5,) * 16
 )
-CALL = CallData(
+CALL = CallReport(
     id=7,
     kind=Kind.CALL,
     stage=Stage.OPEN,

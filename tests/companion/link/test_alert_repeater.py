@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from companion.config.link_settings import LinkSettings
 from companion.link.alerts import AlertRepeater
 from companion.sim.loopback_link import LoopbackLink
+from companion.wire.call_report import CallReport
 from companion.wire.ids import TUNNEL_CALL, TUNNEL_SUMMARY, Outcome, Reasons, Stage
-from companion.wire.payloads import CallData
 from tests.companion.link.payloads import CALL, SUMMARY
 
 CLOSED = replace(CALL, stage=Stage.CLOSED, outcome=Outcome.ANSWERED)
@@ -17,8 +17,8 @@ TEXT = "C7 unknown thing ahead 38%: go/stay/word"
 UNLIMITED = LinkSettings("udpout:127.0.0.1:14550", budget=0.0)
 
 
-def calls(stage: LoopbackLink) -> list[CallData]:
-    return [CallData.unpack(payload) for payload in stage.tunnels(TUNNEL_CALL)]
+def calls(stage: LoopbackLink) -> list[CallReport]:
+    return [CallReport.unpack(payload) for payload in stage.tunnels(TUNNEL_CALL)]
 
 
 def texts(stage: LoopbackLink) -> list[tuple[float, int, str]]:

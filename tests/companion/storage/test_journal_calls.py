@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from anytraverse.assessment import Reason
-from companion.calls.decisions import Call
 from companion.storage import Batch, Journal, JournalError, Row
 from companion.storage import journal as journal_module
 from companion.storage.batch import as_json
-from companion.wire.ids import Outcome
+from companion.wire.call_report import CallReport
+from companion.wire.ids import Outcome, Reasons
 
 
 @pytest.fixture
@@ -22,8 +21,8 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
     journal.close()
 
 
-def _call(number: int, outcome: Outcome = Outcome.ANSWERED) -> Call:
-    return Call(number, 40 + number, {Reason.UNKNOWN_OBJECT}, 0.0, None, outcome=outcome)
+def _call(number: int, outcome: Outcome = Outcome.ANSWERED) -> CallReport:
+    return CallReport(number, outcome=outcome, reasons=Reasons.UNKNOWN_OBJECT, frame_id=40 + number)
 
 
 def test_the_state_of_the_calls_comes_back(journal: Journal, tmp_path: Path) -> None:
@@ -65,16 +64,17 @@ def test_frame_state_memory_and_rows_are_kept_together_or_not_at_all(tmp_path: P
 
 
 def test_closed_calls_are_listed_newest_first_with_their_answers(journal: Journal) -> None:
-    journal.commit(Batch(rows=(Row.of_answer(1, {"motion": "go", "words": "drum: -1"}, 1.8e9),)))
+    journal.commit(Batch(rows=(Row.of_answer(1, {"motion": "go", "operations": ["drum: -1"]}, 1.8e9),)))
     journal.commit(Batch(rows=(Row.of_call(_call(1), 1.8e9),)))
     journal.commit(Batch(rows=(Row.of_call(_call(2, Outcome.PASSED), 1.8e9),)))
     newest, oldest = journal.calls()
-    assert (newest.id, newest.outcome, newest.answers) == (2, "passed", ())
-    assert (oldest.id, oldest.outcome) == (1, "answered")
-    assert oldest.answers == ({"motion": "go", "words": "drum: -1"},)
-    assert oldest.record["reasons"] == ["unknown_object"]
-    assert oldest.record["frame_id"] == 41
-    assert oldest.closed_at == 1.8e9
+    assert (newest.id, newest.outcome, newest.answers) == (2, Outcome.PASSED, ())
+    assert (oldest.id, oldest.outcome) == (1, Outcome.ANSWERED)
+    assert journal.answers(1) == ({"motion": "go", "operations": ["drum: -1"]},)
+    assert [(one.motion, one.operations) for one in oldest.answers] == [("go", ("drum: -1",))]
+    assert oldest.reasons == Reasons.UNKNOWN_OBJECT
+    assert oldest.frame_id == 41
+    assert oldest.closed == 1.8e9
     assert [call.id for call in journal.calls(1)] == [2]
 
 

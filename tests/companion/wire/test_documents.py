@@ -10,15 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.wire.documents import (
-    NearestScene,
-    read_checks,
-    read_record,
-    read_state,
-)
+from companion.wire.call_report import CallReport, NearestScene
+from companion.wire.documents import read_checks, read_record, read_state
 from companion.wire.ids import Kind, Reasons, Stage
 from companion.wire.json_values import LARGEST, LONGEST, DocumentError
-from companion.wire.payloads import CallData
 
 STATE: dict[str, Any] = {
     "state": "holding",
@@ -88,7 +83,7 @@ def test_an_open_call_is_read_as_its_data_on_the_wire_would_be() -> None:
     assert (call.reasons, call.holding, call.picture) == (Reasons.UNKNOWN_OBJECT, True, "/calls/7.jpg")
     assert call.roi == (0.3, 0.5, 0.7, 0.95)
     assert call.why == "unknown 71% in yellow frame, over 25% calls"
-    assert CallData.unpack(call.pack()) == replace(call, why="")
+    assert CallReport.unpack(call.pack()) == replace(call, why="")
     assert state.words == {"grass": 1.0, "dirt path": 0.5}
     assert state.known_place is not None
     assert state.known_place.changed == {"gravel": (None, 1.0)}
@@ -136,7 +131,7 @@ def test_documents_with_any_values_in_any_place_are_read_within_bounds(
     assert len(state.words) <= 16
     assert all(-1 <= weight <= 1 for weight in state.words.values())
     if state.open_call is not None:
-        CallData.unpack(state.open_call.pack())
+        CallReport.unpack(state.open_call.pack())
     assert all(len(row.text) <= LONGEST for row in read_checks(content))
     try:
         record = read_record(content)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
 from companion.wire.answers import Acknowledgement, Answer, AnyOperation, CancelIncident, PackIncident
+from companion.wire.call_report import CallReport
 from companion.wire.ids import (
     Kind,
     Motion,
@@ -22,7 +23,7 @@ from companion.wire.ids import (
     words_hash,
 )
 from companion.wire.packing import Fractions, PayloadError, shortened
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 
 U16 = st.integers(0, 0xFFFF)
 U32 = st.integers(0, 0xFFFFFFFF)
@@ -59,7 +60,7 @@ SUMMARIES = st.builds(
     sectors=st.tuples(*[st.none() | st.integers(0, 200).map(lambda raw: raw / 200)] * 16),
 )
 CALLS = st.builds(
-    CallData,
+    CallReport,
     id=U16,
     kind=st.sampled_from(Kind),
     stage=st.sampled_from(Stage),
@@ -112,8 +113,8 @@ ACKNOWLEDGEMENTS = st.builds(
     words=U32,
     text=st.text(max_size=22),
 )
-Message = Summary | CallData | Answer | Acknowledgement
-KINDS: list[type[Message]] = [Summary, CallData, Answer, Acknowledgement]
+Message = Summary | CallReport | Answer | Acknowledgement
+KINDS: list[type[Message]] = [Summary, CallReport, Answer, Acknowledgement]
 
 
 def unpacked(kind: type[Message], payload: bytes) -> object:

@@ -16,6 +16,7 @@ from anytraverse.operations import SetWord, Tap
 from companion.link.answers import _COMMAND_RESULTS
 from companion.wire import layouts, refusals
 from companion.wire.answers import Acknowledgement, Answer
+from companion.wire.call_report import CallReport
 from companion.wire.doc_generator import numbers_markdown
 from companion.wire.ids import (
     TUNNEL_ACKNOWLEDGEMENT,
@@ -31,7 +32,7 @@ from companion.wire.ids import (
     State,
     words_hash,
 )
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE = (DOCS / "protocol.md").read_text()
@@ -40,7 +41,7 @@ _LINE = re.compile(r"^ *(\d+)  ((?:[0-9a-f]{2} ?)+)  (.+?) = (.+)$", re.MULTILIN
 
 BEFORE = {"grass": 1.0, "dirt path": 1.0, "bush": -1.0}
 BOX = (0.45, 0.62, 0.55, 0.78)
-EXAMPLES: dict[str, Summary | CallData | Answer | Acknowledgement] = {
+EXAMPLES: dict[str, Summary | CallReport | Answer | Acknowledgement] = {
     "Summary, 45001": Summary(
         state=State.CALLING,
         policy=Policy.HOLD,
@@ -59,7 +60,7 @@ EXAMPLES: dict[str, Summary | CallData | Answer | Acknowledgement] = {
         dropped=2,
         sectors=(*[None] * 2, *[1.0] * 5, 0.4, 0.0, 0.25, *[1.0] * 4, *[None] * 2),
     ),
-    "Call or hold, 45002": CallData(
+    "Call or hold, 45002": CallReport(
         id=7,
         kind=Kind.CALL,
         stage=Stage.OPEN,

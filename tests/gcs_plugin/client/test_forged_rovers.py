@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import KEPT_S, MAX_ROVERS, MOST_SENT, OperatorClient
 from gcs_plugin.client.rovers import FRESH_S
@@ -98,7 +98,7 @@ class Told(NamedTuple):
     calls: bool
 
 
-CALL_OF: dict[bool, CallData | None] = {True: THING_CALL, False: None}
+CALL_OF: dict[bool, CallReport | None] = {True: THING_CALL, False: None}
 TOLD = st.builds(
     Told,
     st.one_of(st.just(0.0), st.floats(0.0, 4.0), st.sampled_from([FRESH_S, 60.0, KEPT_S])),

@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from anytraverse.operations import SetWord
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Status
-from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import MAX_ROVERS, OperatorClient
 
@@ -110,7 +110,7 @@ def test_a_call_that_was_only_thought_closed_opens_again(sky: Sky) -> None:
     assert sky.client.rovers[1].open_calls()
 
 
-def test_a_late_repeat_of_a_closed_call_does_not_open_it_again(sky: Sky, thing_call: CallData) -> None:
+def test_a_late_repeat_of_a_closed_call_does_not_open_it_again(sky: Sky, thing_call: CallReport) -> None:
     sky.run(2.0)
     sky.answer()
     sky.run(2.0)
@@ -119,7 +119,7 @@ def test_a_late_repeat_of_a_closed_call_does_not_open_it_again(sky: Sky, thing_c
     assert sky.client.rovers[1].open_calls() == []
 
 
-def test_an_id_that_begins_anew_with_another_frame_is_another_call(sky: Sky, thing_call: CallData) -> None:
+def test_an_id_that_begins_anew_with_another_frame_is_another_call(sky: Sky, thing_call: CallReport) -> None:
     sky.run(2.0)
     sky.answer()
     sky.run(2.0)
@@ -156,7 +156,7 @@ def test_an_acknowledgement_without_an_outcome_closes_the_call_only_when_it_is_s
     assert len(sky.client.rovers[1].open_calls()) == 1
 
 
-def test_a_hold_has_a_new_frame_each_time_and_is_still_one_hold(sky: Sky, thing_call: CallData) -> None:
+def test_a_hold_has_a_new_frame_each_time_and_is_still_one_hold(sky: Sky, thing_call: CallReport) -> None:
     hold = replace(thing_call, id=9, kind=ids.Kind.HOLD, reasons=ids.Reasons.BLOCKED)
     for second in range(40):
         sky.rover.call = replace(hold, frame_id=second, age_s=second)
@@ -167,7 +167,7 @@ def test_a_hold_has_a_new_frame_each_time_and_is_still_one_hold(sky: Sky, thing_
     assert [event.call.id for event in sky.of(ev.CallOpened)] == [9, 9]
 
 
-def test_a_hold_under_a_newer_call_is_not_thought_closed(sky: Sky, thing_call: CallData) -> None:
+def test_a_hold_under_a_newer_call_is_not_thought_closed(sky: Sky, thing_call: CallReport) -> None:
     sky.rover.call = replace(thing_call, id=6, kind=ids.Kind.HOLD, reasons=ids.Reasons.BLOCKED)
     sky.run(2.0)
     sky.rover.call = thing_call

@@ -17,7 +17,8 @@ from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_tree import Document, Documents, MissingError, ServedFolder, Tree
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Answer
-from companion.wire.payloads import CallData, Summary
+from companion.wire.call_report import CallReport
+from companion.wire.payloads import Summary
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.requests import read_request
@@ -35,7 +36,7 @@ class Desk:
 
     def __init__(
         self,
-        call: CallData,
+        call: CallReport,
         summary: Summary,
         more: Mapping[str, Document | ServedFolder] | None = None,
         folder: Path | None = None,
@@ -115,7 +116,7 @@ class Desk:
 
 
 @pytest.fixture
-def desk(thing_call: CallData, quiet_summary: Summary) -> Iterator[Desk]:
+def desk(thing_call: CallReport, quiet_summary: Summary) -> Iterator[Desk]:
     made = Desk(thing_call, quiet_summary)
     made.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
     made.run(5.0)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from companion.wire import ids
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
 from tests.gcs_plugin.console.test_console import BOX, TEXT, WALL, Desk, desk
 from tests.golden import compare
 
@@ -86,7 +86,7 @@ def test_what_a_page_is_told_of_calls(desk: Desk) -> None:
 
 
 @pytest.mark.parametrize("kind", ["hold", "test", "new place"])
-def test_what_a_page_is_told_of_others(desk: Desk, kind: str, thing_call: CallData) -> None:
+def test_what_a_page_is_told_of_others(desk: Desk, kind: str, thing_call: CallReport) -> None:
     others = {
         "hold": replace(desk.call, kind=ids.Kind.HOLD, reasons=ids.Reasons.BLOCKED, roi=None),
         "test": replace(desk.call, test=True, reasons=ids.Reasons.NONE, worst_tile_box=None, holding=False),

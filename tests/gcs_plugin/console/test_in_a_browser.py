@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from anytraverse.operations import Tap
 from companion.wire import ids
 from companion.wire.answers import CancelIncident, PackIncident
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
 from tests.gcs_plugin.console.served import MISSING, Served
 
 playwright = pytest.importorskip("playwright.sync_api")
@@ -54,7 +54,7 @@ def open_page(served: Served) -> Iterator[Callable[..., Any]]:
 
 
 @pytest.fixture
-def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallData) -> Any:
+def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallReport) -> Any:
     made = tiny_rover(1, thing_call)
     made.files = {"/state.json": b'{"state": "calling", "words": {"mud": -1}, "given": {}}'}
     served.rovers.append(made)
@@ -267,7 +267,7 @@ def test_of_two_rovers_the_one_that_calls_comes_first(
     open_page: Callable[..., Any],
     rover: Any,
     tiny_rover: Callable[..., Any],
-    thing_call: CallData,
+    thing_call: CallReport,
 ) -> None:
     other = tiny_rover(2, None)
     served.rovers.append(other)
@@ -284,7 +284,7 @@ def test_of_two_rovers_the_one_that_calls_comes_first(
 
 
 def test_forged_rovers_do_not_hide_the_rover_and_leave_the_page_when_they_are_silent(
-    served: Served, open_page: Callable[..., Any], tiny_rover: Callable[..., Any], thing_call: CallData
+    served: Served, open_page: Callable[..., Any], tiny_rover: Callable[..., Any], thing_call: CallReport
 ) -> None:
     tab = open_page()
     for system in (0, *range(2, 256)):
@@ -335,7 +335,7 @@ def test_hostile_text_is_text(served: Served, open_page: Callable[..., Any], rov
 
 
 def test_a_call_that_takes_anothers_place_is_not_answered_before_it_can_be_read(
-    served: Served, open_page: Callable[..., Any], rover: Any, thing_call: CallData
+    served: Served, open_page: Callable[..., Any], rover: Any, thing_call: CallReport
 ) -> None:
     tab = open_page()
     served.until(tab.locator(CALL).is_visible)

@@ -19,9 +19,10 @@ import pytest
 from companion.pages.requests import RequestError
 from companion.storage.served_tree import Document, Documents
 from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Motion, Policy, Result, Stage, State
 from companion.wire.incidents import MOST_MEMBERS, Incidents, Packed
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 from gcs_plugin.client.fetch import LIFETIME_S, MAX_BYTES
 from gcs_plugin.console import incidents
 from gcs_plugin.console.incidents import FOLLOWED_S, MOST_STORED
@@ -50,7 +51,7 @@ class Rover:
 
     def __init__(
         self,
-        call: CallData,
+        call: CallReport,
         summary: Summary,
         folder: Path,
         pages: Mapping[int, RoverPage] | None = None,
@@ -104,7 +105,7 @@ class Rover:
 
 
 @pytest.fixture
-def rover(thing_call: CallData, quiet_summary: Summary, tmp_path: Path) -> Iterator[Rover]:
+def rover(thing_call: CallReport, quiet_summary: Summary, tmp_path: Path) -> Iterator[Rover]:
     made = Rover(thing_call, quiet_summary, tmp_path)
     yield made
     json.dumps(made.desk.console.documents(made.desk.link.now))
@@ -358,7 +359,7 @@ def test_the_newest_files_stay_in_the_folder_and_what_is_none_of_ours(rover: Rov
 
 
 def test_where_the_rovers_page_is_named_files_come_from_it(
-    thing_call: CallData, quiet_summary: Summary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    thing_call: CallReport, quiet_summary: Summary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "state" / "incidents").mkdir(parents=True)
     (tmp_path / "state" / "incidents" / NAME).write_bytes(CONTENT)

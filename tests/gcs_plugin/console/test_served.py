@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from companion.wire import ids
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
 from gcs_plugin.console.main import main
 from tests.gcs_plugin.console.served import MISSING, Served
 
@@ -34,7 +34,7 @@ def served() -> Iterator[Served]:
 
 
 @pytest.fixture
-def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallData) -> Iterator[Any]:
+def rover(served: Served, tiny_rover: Callable[..., Any], thing_call: CallReport) -> Iterator[Any]:
     made = tiny_rover(1, thing_call)
     served.rovers = [made]
     served.until(lambda: made.heard_ground and served.news()["rovers"] != [])

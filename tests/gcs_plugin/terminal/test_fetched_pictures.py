@@ -17,8 +17,8 @@ from companion.config.link_settings import LinkSettings
 from companion.link.parser import Parser
 from companion.sim.loopback_link import LoopbackLink
 from companion.storage.served_tree import Document, Documents, Tree
+from companion.wire.call_report import CallReport
 from companion.wire.ftp import FtpPayload, Opcode
-from companion.wire.payloads import CallData
 from companion.wire.typed_answers import CommandError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import LIFETIME_S, Fetch, FetchStatus
@@ -213,7 +213,7 @@ def test_picture_is_a_command_with_an_id_and_a_size() -> None:
         parse("picture of a drum")
 
 
-def test_the_name_here_never_comes_from_the_air(thing_call: CallData) -> None:
+def test_the_name_here_never_comes_from_the_air(thing_call: CallReport) -> None:
     rover = Rover(3)
     assert picture_of(Picture(7), rover) == ("/calls/7.jpg", "rover3-call7.jpg")
     assert picture_of(Picture(7, "large"), rover)[0] == "/calls/7-large.jpg"

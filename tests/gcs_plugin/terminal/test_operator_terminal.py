@@ -18,7 +18,7 @@ import pytest
 
 from anytraverse.operations import SetWord, Tap
 from companion.wire import ids
-from companion.wire.payloads import CallData
+from companion.wire.call_report import CallReport
 
 DEADLINE_S = 20.0
 
@@ -137,7 +137,7 @@ def start() -> Iterator[Callable[..., Operator]]:
 def fly(tiny_rover: Callable[..., Any]) -> Iterator[Callable[..., Air]]:
     airs: list[Air] = []
 
-    def flying(call: CallData | None = None) -> Air:
+    def flying(call: CallReport | None = None) -> Air:
         airs.append(Air(tiny_rover(1, call)))
         return airs[-1]
 
@@ -147,7 +147,7 @@ def fly(tiny_rover: Callable[..., Any]) -> Iterator[Callable[..., Air]]:
 
 
 def test_a_typed_tap_reaches_the_rover_and_the_end_has_the_figures(
-    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallReport
 ) -> None:
     air = fly(thing_call)
     operator = start("--connect", air.link, "--events")
@@ -179,7 +179,7 @@ def test_an_operator_without_a_key_is_told_that_the_rover_will_not_believe_it(
 
 
 def test_a_script_answers_without_anyone_typing(
-    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData, tmp_path: Path
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallReport, tmp_path: Path
 ) -> None:
     script = tmp_path / "answers.json"
     script.write_text(json.dumps([{"reasons": ["unknown_object"], "answer": "bush: -1, go", "after": 0.2}]))
@@ -191,7 +191,7 @@ def test_a_script_answers_without_anyone_typing(
 
 
 def test_a_person_reads_why_it_calls_and_what_fits(
-    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallReport
 ) -> None:
     operator = start("--connect", fly(thing_call).link)
     headline = operator.until(lambda line: "C7" in line)
@@ -207,7 +207,7 @@ def test_a_person_reads_why_it_calls_and_what_fits(
 
 
 def test_a_person_reads_text_and_a_file_gets_the_events(
-    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData, tmp_path: Path
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallReport, tmp_path: Path
 ) -> None:
     log = tmp_path / "log.jsonl"
     operator = start("--connect", fly(thing_call).link, "--log", str(log))
@@ -219,7 +219,7 @@ def test_a_person_reads_text_and_a_file_gets_the_events(
 
 
 def test_a_log_that_cannot_be_written_costs_the_log_and_no_answer(
-    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallReport
 ) -> None:
     air = fly(thing_call)
     operator = start("--connect", air.link, "--events", "--log", "/dev/full")
@@ -232,7 +232,7 @@ def test_a_log_that_cannot_be_written_costs_the_log_and_no_answer(
 
 
 def test_an_answer_that_quit_leaves_behind_is_said_to_be_given_up(
-    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallData
+    start: Callable[..., Operator], fly: Callable[..., Air], thing_call: CallReport
 ) -> None:
     operator = start("--connect", fly(thing_call).link, "--events")
     operator.event("call")

@@ -12,8 +12,8 @@ import pytest
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
 from companion.wire import ids
 from companion.wire.answers import CancelIncident, PackIncident
+from companion.wire.call_report import CallReport
 from companion.wire.ids import words_hash
-from companion.wire.payloads import CallData
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal.script import Script
@@ -83,7 +83,7 @@ Make = Callable[..., Desk]
 @pytest.fixture
 def desk(tiny_rover: Callable[..., Any], speaker: Callable[..., Any]) -> Make:
     def made(
-        *calls: CallData | None,
+        *calls: CallReport | None,
         script: list[dict[str, Any]] | None = None,
         result: ids.Result = ids.Result.APPLIED,
         stage: ids.Stage = ids.Stage.CLOSED,
@@ -99,7 +99,7 @@ def desk(tiny_rover: Callable[..., Any], speaker: Callable[..., Any]) -> Make:
     return made
 
 
-def test_an_answer_goes_to_the_current_call(desk: Make, thing_call: CallData) -> None:
+def test_an_answer_goes_to_the_current_call(desk: Make, thing_call: CallReport) -> None:
     at = desk(thing_call)
     at.type("go")
     assert at.rovers[0].applied == [(7, ids.Motion.GO, ())]
@@ -107,7 +107,7 @@ def test_an_answer_goes_to_the_current_call(desk: Make, thing_call: CallData) ->
 
 @pytest.mark.parametrize("line", ["go", "tap drum -1 go", "bush: -1"])
 def test_an_answer_without_an_id_is_not_taken_for_a_call_that_nobody_has_read(
-    desk: Make, thing_call: CallData, line: str
+    desk: Make, thing_call: CallReport, line: str
 ) -> None:
     at = desk(thing_call)
     at.rovers[0].call = replace(thing_call, id=8, frame_id=5000)
@@ -120,7 +120,7 @@ def test_an_answer_without_an_id_is_not_taken_for_a_call_that_nobody_has_read(
 
 
 def test_that_a_place_is_another_one_concerns_no_call_and_is_sent_at_once(
-    desk: Make, thing_call: CallData
+    desk: Make, thing_call: CallReport
 ) -> None:
     at = desk(thing_call)
     at.rovers[0].call = replace(thing_call, id=8, frame_id=5000)
@@ -131,7 +131,7 @@ def test_that_a_place_is_another_one_concerns_no_call_and_is_sent_at_once(
 
 
 def test_an_incident_file_is_asked_for_and_cancelled_while_a_call_is_new(
-    desk: Make, thing_call: CallData
+    desk: Make, thing_call: CallReport
 ) -> None:
     at = desk(thing_call)
     at.rovers[0].call = replace(thing_call, id=8, frame_id=5000)
@@ -143,7 +143,7 @@ def test_an_incident_file_is_asked_for_and_cancelled_while_a_call_is_new(
     assert at.paper.problems == []
 
 
-def test_nor_for_one_of_which_only_the_heartbeat_has_told(desk: Make, thing_call: CallData) -> None:
+def test_nor_for_one_of_which_only_the_heartbeat_has_told(desk: Make, thing_call: CallReport) -> None:
     at = desk(None)
     at.rovers[0].call = thing_call
     for message in at.ground.parse(at.rovers[0].heartbeat()):
@@ -152,7 +152,9 @@ def test_nor_for_one_of_which_only_the_heartbeat_has_told(desk: Make, thing_call
     assert at.paper.problems == ["7 is new, so nothing was sent: read it, then type that again"]
 
 
-def test_a_call_that_was_open_before_we_came_is_not_called_nothing(desk: Make, thing_call: CallData) -> None:
+def test_a_call_that_was_open_before_we_came_is_not_called_nothing(
+    desk: Make, thing_call: CallReport
+) -> None:
     at = desk(None)
     at.rovers[0].call = thing_call
     for message in at.ground.parse(at.rovers[0].heartbeat()):
@@ -171,7 +173,7 @@ def test_words_without_a_call_are_taken_at_any_time(desk: Make) -> None:
     assert at.rovers[0].applied == [(0, ids.Motion.NONE, operations)]
 
 
-def test_a_tap_takes_the_frame_of_the_call_and_its_worst_tile(desk: Make, thing_call: CallData) -> None:
+def test_a_tap_takes_the_frame_of_the_call_and_its_worst_tile(desk: Make, thing_call: CallReport) -> None:
     at = desk(thing_call, stage=ids.Stage.ANSWERED)
     at.type("tap drum -1")
     at.type("7 tap barrel -0.5 0.1 0.2 0.3 0.4")
@@ -181,7 +183,7 @@ def test_a_tap_takes_the_frame_of_the_call_and_its_worst_tile(desk: Make, thing_
     ]
 
 
-def test_what_fits_nothing_is_refused_with_what_to_do(desk: Make, thing_call: CallData) -> None:
+def test_what_fits_nothing_is_refused_with_what_to_do(desk: Make, thing_call: CallReport) -> None:
     at = desk(None)
     for line, said in [
         ("go", "words alone are taken"),
@@ -221,7 +223,7 @@ def test_before_any_rover_is_heard_a_line_says_so(desk: Make) -> None:
 
 
 def test_with_several_rovers_a_line_must_name_one_or_one_is_selected(
-    desk: Make, thing_call: CallData
+    desk: Make, thing_call: CallReport
 ) -> None:
     at = desk(thing_call, thing_call)
     at.type("go")
@@ -235,7 +237,7 @@ def test_with_several_rovers_a_line_must_name_one_or_one_is_selected(
 
 
 def test_the_script_tries_its_next_rule_when_an_answer_did_not_cover(
-    desk: Make, thing_call: CallData
+    desk: Make, thing_call: CallReport
 ) -> None:
     rules = [{"answer": "bush: -1 go"}, {"answer": "tap drum -1 go"}]
     at = desk(thing_call, script=rules, result=ids.Result.NOT_COVERED, stage=ids.Stage.OPEN)
@@ -244,13 +246,13 @@ def test_the_script_tries_its_next_rule_when_an_answer_did_not_cover(
     assert len(at.rovers[0].applied) == 2
 
 
-def test_the_script_leaves_a_call_alone_once_its_answer_is_taken(desk: Make, thing_call: CallData) -> None:
+def test_the_script_leaves_a_call_alone_once_its_answer_is_taken(desk: Make, thing_call: CallReport) -> None:
     at = desk(thing_call, script=[{"answer": "stay"}, {"answer": "go"}], stage=ids.Stage.ANSWERED)
     at.run(5.0)
     assert at.paper.lines_typed == ["rover 1 7 stay"]
 
 
-def test_the_figures_of_a_session(desk: Make, thing_call: CallData) -> None:
+def test_the_figures_of_a_session(desk: Make, thing_call: CallReport) -> None:
     at = desk(thing_call)
     at.type("go")
     figures = at.session.totals.record(at.client.rovers, 3.0)
@@ -276,7 +278,7 @@ def test_words_say_whether_they_are_all(desk: Make) -> None:
     assert words_lines(rover) == ["rover 1: dry grass: -0.5; grass: 1"]
 
 
-def test_status_words_calls_and_help_are_said(desk: Make, thing_call: CallData) -> None:
+def test_status_words_calls_and_help_are_said(desk: Make, thing_call: CallReport) -> None:
     at = desk(thing_call)
     at.run(1.0)
     for line, said in [

@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -14,17 +15,19 @@ from hypothesis import strategies as st
 
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import Status
 from companion.wire.packing import where
-from companion.wire.payloads import CallData, Summary
+from companion.wire.payloads import Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.policy_request import PolicyStatus
 from gcs_plugin.client.rovers import Rover
 from gcs_plugin.client.vehicle import mode_name
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.commands import parse
-from gcs_plugin.terminal.output import JsonOutput, TextOutput
+from gcs_plugin.terminal.output import JsonOutput, TextOutput, record, to_line
 from gcs_plugin.terminal.runner import MAX_WAITING, Keyboard
+from tests.golden import compare
 
 ACK = Acknowledgement(
     5, 7, ids.Result.NOT_COVERED, ids.Stage.OPEN, ids.Outcome.NONE, 0.34, 0.7,
@@ -33,7 +36,7 @@ ACK = Acknowledgement(
 
 
 @pytest.fixture
-def all_events(thing_call: CallData, quiet_summary: Summary) -> list[ev.Event]:
+def all_events(thing_call: CallReport, quiet_summary: Summary) -> list[ev.Event]:
     closed = replace(thing_call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.PASSED)
     return [
         ev.LinkChanged(1, up=True),
@@ -88,7 +91,7 @@ def test_a_person_never_gets_the_airs_control_characters_and_no_colours_unasked(
     assert "rover 1: answer to 7: taken, but it does not cover what was seen, now 34% unexplained" in text
 
 
-def test_a_call_is_worded_as_its_rover_words_it(thing_call: CallData) -> None:
+def test_a_call_is_worded_as_its_rover_words_it(thing_call: CallReport) -> None:
     thing = replace(thing_call, why="unknown 71% in yellow frame, over 25% calls")
     assert "C7 unknown 71% in yellow frame, over 25% calls, in the middle [vehicle held" in read(
         ev.CallOpened(1, thing)
@@ -99,7 +102,7 @@ def test_a_call_is_worded_as_its_rover_words_it(thing_call: CallData) -> None:
     assert "over 25% calls, in the middle; blocked by what it knows, 90%" in read(ev.CallOpened(1, both))
 
 
-def test_colours_are_there_when_asked_for(thing_call: CallData) -> None:
+def test_colours_are_there_when_asked_for(thing_call: CallReport) -> None:
     assert "\033[1;31mC7" in read(ev.CallOpened(1, thing_call), colours=True)
 
 
@@ -167,13 +170,13 @@ def test_a_hold_that_is_not_the_companions_is_never_told_as_ok(
     assert [line[10:] for line in text.splitlines()] == ([] if told is None else [told])
 
 
-def test_that_the_vehicle_is_held_now_is_told_without_the_rest(thing_call: CallData) -> None:
+def test_that_the_vehicle_is_held_now_is_told_without_the_rest(thing_call: CallReport) -> None:
     opened = ev.CallOpened(1, replace(thing_call, holding=False))
     told = read(opened, ev.CallChanged(1, thing_call)).splitlines()[len(read(opened).splitlines()) :]
     assert [line.split("  ")[1] for line in told] == ["C7 vehicle held"]
 
 
-def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallData) -> None:
+def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallReport) -> None:
     opened = ev.CallOpened(1, thing_call)
     both = replace(thing_call, reasons=ids.Reasons.UNKNOWN_OBJECT | ids.Reasons.BLOCKED)
     calls = (both, thing_call, both, thing_call, replace(both, stage=ids.Stage.CLEAR))
@@ -182,7 +185,7 @@ def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallData) -> None
     assert ["blocked" in told[0], "clear now" in told[1], len(told)] == [True, True, 2]
 
 
-def test_a_picture_that_can_be_fetched_is_told_with_what_to_type(thing_call: CallData) -> None:
+def test_a_picture_that_can_be_fetched_is_told_with_what_to_type(thing_call: CallReport) -> None:
     there = replace(thing_call, picture="/calls/7.jpg")
     assert "  picture  at picture 7" in wording.call_lines(there, 0.0, "at ")
     hold = replace(there, kind=ids.Kind.HOLD, reasons=ids.Reasons.BLOCKED)
@@ -203,7 +206,7 @@ _SHARES = st.none() | st.floats(0, 1)
     picture=st.text(max_size=20),
 )
 def test_every_call_has_a_headline_and_answers_that_can_be_typed(
-    thing_call: CallData,
+    thing_call: CallReport,
     kind: ids.Kind,
     stage: ids.Stage,
     reasons: ids.Reasons,
@@ -287,7 +290,7 @@ def test_nobody_types_at_dev_null() -> None:
 
 
 def test_a_test_call_says_that_it_is_one_when_it_opens_and_when_it_closes(
-    thing_call: CallData,
+    thing_call: CallReport,
 ) -> None:
     test = replace(thing_call, test=True, reasons=ids.Reasons.NONE, holding=False, worst_tile_box=None)
     assert wording.headline(test, 3) == "C7 TEST, nothing is wrong [vehicle not held, 3 s]"
@@ -296,3 +299,8 @@ def test_a_test_call_says_that_it_is_one_when_it_opens_and_when_it_closes(
     assert "C7 TEST closed: answered" in wording.closed(closed, 4)
     assert "nobody answered" in wording.closed(replace(closed, outcome=ids.Outcome.PASSED), 60)
     assert "TEST closed: over" in wording.closed(replace(closed, outcome=ids.Outcome.NONE), 2)
+
+
+def test_every_event_is_told_to_a_program_as_before(all_events: list[ev.Event]) -> None:
+    lines = [to_line(record(event, 1.5)) for event in all_events]
+    compare(Path(__file__).with_name("golden_events.json"), {str(at): line for at, line in enumerate(lines)})

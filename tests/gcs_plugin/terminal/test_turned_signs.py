@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from anytraverse.operations import OtherPlace, SetWord, Tap
+from companion.wire.call_report import CallReport
 from companion.wire.ids import Motion, Stage
-from companion.wire.payloads import CallData
 from gcs_plugin.terminal.script import Script
 from tests.gcs_plugin.terminal.test_session import Desk, Make, desk
 
@@ -23,7 +23,7 @@ def answers(at: Any) -> list[Any]:
 
 
 def test_a_word_with_a_parameter_is_turned_by_the_same_line_once_more(
-    desk: Make, thing_call: CallData
+    desk: Make, thing_call: CallReport
 ) -> None:
     at = desk(thing_call)
     at.type("tap grass -1 go")
@@ -37,7 +37,7 @@ def test_a_word_with_a_parameter_is_turned_by_the_same_line_once_more(
     assert (tap.word, tap.weight) == ("grass", -1.0)
 
 
-def test_another_line_between_begins_anew(desk: Make, thing_call: CallData) -> None:
+def test_another_line_between_begins_anew(desk: Make, thing_call: CallReport) -> None:
     at = desk(thing_call, stage=Stage.ANSWERED)
     for line in ("grass: -1", "grass: 0.5", "grass: -1", "7 grass: -0.5"):
         at.type(line)
@@ -46,7 +46,7 @@ def test_another_line_between_begins_anew(desk: Make, thing_call: CallData) -> N
 
 
 def test_a_word_that_no_parameter_holds_or_that_is_out_of_use_is_asked_about_too(
-    desk: Make, thing_call: CallData
+    desk: Make, thing_call: CallReport
 ) -> None:
     at = desk(thing_call, stage=Stage.ANSWERED)
     at.rovers[0].files = {"/state.json": json.dumps(STATE).encode()}
@@ -66,7 +66,7 @@ def test_a_word_that_no_parameter_holds_or_that_is_out_of_use_is_asked_about_too
 
 
 def test_before_the_words_are_read_a_table_waits_and_a_person_is_asked(
-    tiny_rover: Callable[..., Any], speaker: Callable[..., Any], thing_call: CallData
+    tiny_rover: Callable[..., Any], speaker: Callable[..., Any], thing_call: CallReport
 ) -> None:
     rover = tiny_rover(1, thing_call)
     told, rover.files = {"/state.json": json.dumps(STATE).encode()}, {}
@@ -114,7 +114,7 @@ def test_a_picture_that_is_asked_for_goes_before_the_words(desk: Make) -> None:
     assert at.client.rovers[1].given()["mud"] == -0.5
 
 
-def test_a_known_word_without_a_weight_is_proposed_with_its_own(desk: Make, thing_call: CallData) -> None:
+def test_a_known_word_without_a_weight_is_proposed_with_its_own(desk: Make, thing_call: CallReport) -> None:
     at = desk(thing_call)
     for line in ("Grass, go", "sand, go"):
         at.type(line)
@@ -125,7 +125,7 @@ def test_a_known_word_without_a_weight_is_proposed_with_its_own(desk: Make, thin
     ]
 
 
-def test_a_table_turns_no_sign_and_a_person_still_may(desk: Make, thing_call: CallData) -> None:
+def test_a_table_turns_no_sign_and_a_person_still_may(desk: Make, thing_call: CallReport) -> None:
     at = desk(thing_call, script=[{"answer": "grass: -1, go", "after": 2}])
     assert answers(at) == []
     assert at.paper.problems == [f"{GRASS}. A table turns no sign: type it yourself"]

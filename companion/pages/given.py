@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from anytraverse.operations import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, Tap
@@ -44,42 +44,52 @@ class Answered:
         }
 
 
-Own = tuple[Sequence[Answered], Pending | None]
-"""What was answered from a page to a call, the oldest first, and what takes it back."""
+@dataclass
+class OwnAnswers:
+    """What was answered from a page to one call, the oldest first. undone: what was sent to take it back."""
 
+    answers: list[Answered] = field(default_factory=list)
+    undone: Pending | None = None
 
-def too_late(answers: Sequence[Answered]) -> bool:
-    """Whether an answer came too late, and none was applied."""
-    acks = [one.pending.acknowledgement for one in answers]
-    stale = any(ack is not None and ack.result is Result.STALE for ack in acks)
-    return stale and not any(one.pending.applied for one in answers)
+    @property
+    def applied(self) -> bool:
+        """Whether one of them was applied."""
+        return any(one.pending.applied for one in self.answers)
 
+    @property
+    def too_late(self) -> bool:
+        """Whether one of them came too late, and none was applied before."""
+        acks = [one.pending.acknowledgement for one in self.answers]
+        return any(ack is not None and ack.result is Result.STALE for ack in acks) and not self.applied
 
-def undoing(answers: Sequence[Answered], undone: Pending | None) -> tuple[Operation, ...]:
-    """Return what takes back the answers to a call: its scene is forgotten, its words are as before.
+    def undoing(self) -> tuple[Operation, ...]:
+        """Return what takes them back: the call's scene is forgotten, its words are as before.
 
-    undone: what was sent last to take them back. Where it may still be applied, or was, the result is empty.
-    """
-    taught = [one for one in answers if one.taught]
-    if not taught or (undone is not None and (undone.applied or not undone.settled)):
-        return ()
-    before = taught[0].words
-    touched = {
-        change.word: None
-        for one in taught
-        for change in one.pending.answer.operations
-        if isinstance(change, SetWord | Tap)
-    }
-    restored = (SetWord(word, before[word]) if word in before else ForgetWord(word) for word in touched)
-    return (ForgetCall(taught[0].pending.answer.target), *restored)
+        () where `undone` may still be applied, or was.
+        """
+        taught, undone = [one for one in self.answers if one.taught], self.undone
+        if not taught or (undone is not None and (undone.applied or not undone.settled)):
+            return ()
+        before = taught[0].words
+        touched = {
+            change.word: None
+            for one in taught
+            for change in one.pending.answer.operations
+            if isinstance(change, SetWord | Tap)
+        }
+        restored = (SetWord(word, before[word]) if word in before else ForgetWord(word) for word in touched)
+        return (ForgetCall(taught[0].pending.answer.target), *restored)
 
-
-def undone_words(operations: Sequence[Operation]) -> dict[str, float] | None:
-    """Return word -> weight of the words that undoing sets, so that a page sees which it turns.
-
-    operations: what `undoing` returned. None where nothing is left to undo.
-    """
-    return {one.word: one.weight for one in operations if isinstance(one, SetWord)} if operations else None
+    def document(self) -> dict[str, Any]:
+        """Return what a page shows of them. undo: weight by word that undoing sets, None: nothing is left."""
+        undoing = self.undoing()
+        return {
+            "answers": [one.document() for one in self.answers],
+            "undo": {one.word: one.weight for one in undoing if isinstance(one, SetWord)}
+            if undoing
+            else None,
+            "undone": None if self.undone is None else self.undone.told,
+        }
 
 
 def said(answer: Answer) -> str:

@@ -1,18 +1,14 @@
-"""Words a call for somebody who sees one for the first time: why, what is meant, what to do.
-
-Also what a page is told of a call, whether its rover tells of it now or only its record does.
-"""
+"""Words a call for somebody who sees one for the first time: why, what is meant, what to do."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
 
-from companion.wire.call_report import CallReport, GivenAnswer, NearestScene, reason_names
+from companion.wire.call_report import CallReport, GivenAnswer
 from companion.wire.ids import PAGE_SENDER, Kind, Outcome, Reasons, Stage
 from companion.wire.packing import clean, where
-from companion.wire.texts import name, percent
+from companion.wire.texts import percent
 
 OUTCOMES = {
     Outcome.NONE: "",
@@ -98,27 +94,6 @@ def stands(call: CallReport) -> str:
     return "The vehicle is held." if call.holding else "The vehicle is not held by it."
 
 
-def nearest(found: NearestScene, said: str, motion: str, alike: float | None, picture: str) -> dict[str, Any]:
-    """Tell which answered scene a call's is most like, and what the answer was.
-
-    said: who answered, for a person. motion: of that answer, "" where it is not known. alike: the similarity
-    from which two scenes count as one. picture: its address, "" for none.
-    """
-    words = ", ".join(f"{word} {weight:g}" for word, weight in found.words.items())
-    answer = ", ".join(filter(None, (words, motion))) or "go"
-    there = f"call C{found.call_id}" if found.call_id else "a place that another rover learnt"
-    far = alike is not None and found.similarity < alike
-    most = "Not much like any place that was answered; nearest is" if far else "Most like"
-    return {
-        "call": found.call_id,
-        "similarity": round(found.similarity, 2),
-        "words": [[word, weight] for word, weight in found.words.items()],
-        "alike": not far,
-        "text": clean(f"{most} {there} ({found.similarity:.2f}): {said} {answer}."),
-        "picture": picture,
-    }
-
-
 def newest_motion(motions: Sequence[str]) -> str:
     """Return the last of these that is a motion, for a person; "" where none is. motions: by name."""
     return next((one.replace("_", " ") for one in reversed(motions) if one not in _NO_MOTION), "")
@@ -158,33 +133,3 @@ def named(record: CallReport) -> dict[str, float]:
     """Return the words that answers to a call set or tapped, by weight."""
     found = (_NAMED.fullmatch(clean(one)) for answer in record.answers for one in answer.operations)
     return {one[1]: float(one[2]) for one in found if one}
-
-
-def announced(call: CallReport) -> dict[str, Any]:
-    """Return what a page shows of a call that its rover tells of."""
-    return _shown(call) | {
-        "test": call.test,
-        "todo": what_to_do(call),
-        "stands": stands(call),
-        "holding": call.holding,
-        "frame": call.frame_id,
-        "roi": call.roi,
-    }
-
-
-def recorded(call: CallReport) -> dict[str, Any]:
-    """Return what a page shows of a call that only its record tells of."""
-    return _shown(call) | {"outcome": OUTCOMES[call.outcome]}
-
-
-def _shown(call: CallReport) -> dict[str, Any]:
-    return {
-        "name": name(call.kind, call.id),
-        "kind": call.kind.name.lower(),
-        "stage": call.stage.name.lower(),
-        "open": call.stage is not Stage.CLOSED,
-        "reasons": reason_names(call.reasons),
-        "reason": reason(call),
-        "figures": figures(call),
-        "box": call.worst_tile_box if points(call) else None,
-    }

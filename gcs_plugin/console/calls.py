@@ -11,13 +11,13 @@ from typing import Any
 from anytraverse.operations import Operation
 from anytraverse.picture_size import jpeg_size
 from companion.pages import wording as browser_wording
-from companion.pages.given import Answered, too_late, undoing, undone_words
+from companion.pages.calls import nearest, shown
+from companion.pages.given import Answered, OwnAnswers
 from companion.wire.call_figures import asked
 from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending
-from companion.wire.ids import Kind, Motion, Outcome, Stage
+from companion.wire.ids import Motion, Outcome, Stage
 from companion.wire.packing import clean
-from companion.wire.texts import name
 from gcs_plugin.client.rovers import Call, Rover
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import plain
@@ -43,11 +43,10 @@ class Story:
     opened: float
     pictures: dict[str, bytes] = field(default_factory=dict)
     revision: int = 0
-    answers: list[Answered] = field(default_factory=list)
+    own: OwnAnswers = field(default_factory=OwnAnswers)
     said: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=MOST_SAID))
     record: CallReport | None = None
     reads: int = 0
-    undone: Pending | None = None
     closed_at: float | None = None
     driven_on: bool = False
 
@@ -115,24 +114,26 @@ class Stories:
         """Take note of an answer that leaves from here."""
         story = self.by_id.get(pending.answer.target)
         if story is not None:
-            story.answers.append(Answered(pending, wall, dict(words)))
+            story.own.answers.append(Answered(pending, wall, dict(words)))
 
     def others_were_first(self, call: Call) -> bool:
         """Whether the call was answered, and not from here."""
         story = self.by_id.get(call.data.id)
-        if story is None or any(one.pending.applied for one in story.answers):
+        if story is None or story.own.applied:
             return False
         closed = call.data.stage is Stage.CLOSED and call.data.outcome in _CLOSED_BY_ANSWER
-        return call.data.stage is Stage.ANSWERED or closed or too_late(story.answers)
+        return call.data.stage is Stage.ANSWERED or closed or story.own.too_late
 
     def undo(self, number: int) -> tuple[Operation, ...]:
         """Return what takes back the answers to a call: its scene is forgotten, its words are as before."""
         story = self.by_id.get(number)
-        return undoing(story.answers, story.undone) if story is not None else ()
+        return story.own.undoing() if story is not None else ()
 
     @staticmethod
     def _has_driven_on(story: Story, call: Call, rover: Rover) -> bool:
-        went = any(one.pending.applied and one.pending.answer.motion is Motion.GO for one in story.answers)
+        went = any(
+            one.pending.applied and one.pending.answer.motion is Motion.GO for one in story.own.answers
+        )
         vehicle = rover.vehicle
         drives = vehicle is not None and vehicle.armed and vehicle.mode in _DRIVES
         return went and drives and not call.data.holding and call.data.stage is Stage.CLOSED
@@ -146,9 +147,7 @@ class Stories:
         """
         ordered = sorted(self.by_id.values(), key=lambda one: (_is_open(rover.calls.get(one.id)), one.opened))
         return [
-            self._document(story, rover.calls.get(story.id), now, ids)
-            | {"nearest": self._nearest(story, alike)}
-            for story in reversed(ordered)
+            self._document(story, rover.calls.get(story.id), now, ids, alike) for story in reversed(ordered)
         ]
 
     def _nearest(self, story: Story, alike: float | None) -> dict[str, Any] | None:
@@ -159,14 +158,14 @@ class Stories:
         there = self.by_id.get(found.call_id or 0)
         said, motion = "the answer was", ""
         if there is not None:
-            own = [plain(one.pending.answer.motion) for one in there.answers if one.pending.applied]
+            own = [plain(one.pending.answer.motion) for one in there.own.answers if one.pending.applied]
             given = [one.motion for one in there.record.answers] if there.record is not None else []
             said = "you said" if own else said
             motion = browser_wording.newest_motion(own or given)
         picture = self._url(story, "nearest")
         if not picture and there is not None:
             picture = self._url(there, "small")
-        return browser_wording.nearest(found, said, motion, alike, picture)
+        return nearest(found, said, motion, alike, picture)
 
     def _url(self, story: Story, size: str) -> str:
         if size not in story.pictures:
@@ -174,52 +173,39 @@ class Stories:
         return f"/pictures/{self._system}/{story.id}/{size}.jpg?v={story.serial}.{story.revision}"
 
     def _document(
-        self, story: Story, call: Call | None, now: float, ids: tuple[int, int] | None
+        self, story: Story, call: Call | None, now: float, ids: tuple[int, int] | None, alike: float | None
     ) -> dict[str, Any]:
-        shown: dict[str, Any] = {
-            "id": story.id,
-            "key": f"{story.id}-{story.serial}",
+        record = story.record
+        report = call.data if call is not None else record
+        told = shown(
+            report or CallReport(story.id),
+            story.own,
+            key=f"{story.id}-{story.serial}",
+            pictures={size: self._url(story, size) for size in story.pictures},
+            said=[{"at": round(at, 2), "text": text} for at, text in story.said],
+            nearest=self._nearest(story, alike),
+            since=now - call.age(now) if call is not None else None,
+        ) | {
             "opened": round(story.opened, 2),
             "closed": story.closed_at and round(story.closed_at, 2),
-            "pictures": {size: self._url(story, size) for size in story.pictures},
             "size": _frame_size(story),
-            "answers": [one.document() for one in story.answers],
-            "said": [{"at": round(at, 2), "text": text} for at, text in story.said],
-            "undo": undone_words(self.undo(story.id)),
-            "undone": None if story.undone is None else story.undone.told,
         }
-        if call is None:
-            return shown | _recorded(story)
-        data = call.data
-        others = self.others_were_first(call)
-        return shown | browser_wording.announced(data) | {
-            "since": round(now - call.age(now), 2),
-            "place": None if data.latitude is None else [data.latitude, data.longitude, data.heading],
-            "outcome": "" if call.open else wording.outcome(data.outcome, test=data.test),
-            "first": (others and (story.first_answer(ids) or "Another operator answered first.")) or "",
-        }  # fmt: skip
+        if call is not None:
+            data, others = call.data, self.others_were_first(call)
+            place = None if data.latitude is None else [data.latitude, data.longitude, data.heading]
+            outcome = "" if call.open else wording.outcome(data.outcome, test=data.test)
+            first = (others and (story.first_answer(ids) or "Another operator answered first.")) or ""
+            return told | {"place": place, "outcome": outcome, "first": first}
+        if record is None:
+            return told | {"reason": ""}
+        return told | {
+            "given": list(map(browser_wording.answered, record.answers)),
+            "place": None if record.latitude is None else [record.latitude, record.longitude, None],
+        }
 
 
 def _is_open(call: Call | None) -> bool:
     return call is not None and call.open
-
-
-def _recorded(story: Story) -> dict[str, Any]:
-    """Return what the record of an older call tells."""
-    record = story.record
-    if record is None:
-        return {
-            "name": name(Kind.CALL, story.id),
-            "kind": "call",
-            "stage": "closed",
-            "open": False,
-            "reasons": [],
-        }
-    placed = record.latitude is not None
-    return browser_wording.recorded(record) | {
-        "given": list(map(browser_wording.answered, record.answers)),
-        "place": [record.latitude, record.longitude, None] if placed else None,
-    }
 
 
 def _frame_size(story: Story) -> list[int] | None:

@@ -157,7 +157,7 @@ class Console:
         if not operations:
             raise RequestError(f"nothing that this console answered to call {request.call} is left to undo")
         story = desk.stories.by_id[request.call]
-        story.undone = self.client.answer(desk.system, Answer(0, Motion.NONE, operations), now)
+        story.own.undone = self.client.answer(desk.system, Answer(0, Motion.NONE, operations), now)
         return "asked for"
 
 

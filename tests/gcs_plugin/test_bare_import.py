@@ -54,6 +54,7 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
     allowed = {
         "companion",
         "companion.pages",
+        "companion.pages.calls",
         "companion.pages.given",
         "companion.pages.incidents",
         "companion.pages.listen",

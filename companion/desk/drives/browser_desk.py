@@ -23,6 +23,8 @@ from companion.desk.drives.judge import DriveJudge
 from companion.desk.drives.rehearsal import AskedCall, Rehearsal
 from companion.pages import wording
 from companion.pages.access import Gate
+from companion.pages.calls import nearest, shown
+from companion.pages.given import OwnAnswers
 from companion.pages.listen import Listen, hashed
 from companion.pages.requests import MOST_POSTED, RequestError, check_answer, read_answer, read_object
 from companion.pages.site import EventStreams, Server, event, posted, static_routes
@@ -230,24 +232,24 @@ class BrowserDesk:
             }
             for one in call.said
         ]
-        return wording.announced(call.data) | {
-            "id": call.id,
-            "key": str(call.id),
+        return shown(
+            call.data,
+            OwnAnswers(),
+            key=str(call.id),
+            pictures={kind: f"/calls/{call.id}-{kind}.jpg" for kind in ("raw", "large")},
+            said=[],
+            nearest=self._nearest[call.id],
+            since=since,
+        ) | {
             "stage": Stage.OPEN.name.lower() if waits else "closed",
             "open": waits,
             "outcome": "answered" if call.by_person else "not remembered",
             "stands": f"At {call.at:.1f} s of the drive, {call.frame}.",
             "holding": False,
-            "since": round(since, 2),
-            "pictures": {kind: f"/calls/{call.id}-{kind}.jpg" for kind in ("raw", "large")},
             "large": {},
             "given": [],
-            "said": [],
             "answers": said,
             "first": "",
-            "undo": None,
-            "undone": None,
-            "nearest": self._nearest[call.id],
         }
 
     def _nearest_to(self, call: AskedCall) -> dict[str, Any] | None:
@@ -264,7 +266,7 @@ class BrowserDesk:
         picture = f"/calls/{there.id}-raw.jpg" if there is not None else ""
         alike = self._judge.engine.settings.thresholds.scene
         said = "you said" if there is not None else "the answer was"
-        return wording.nearest(scene, said, motion, alike, picture)
+        return nearest(scene, said, motion, alike, picture)
 
 
 _GATE: dict[str, Any] = {

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from companion.observers.page.news import SILENT, News
-from companion.pages.given import Answered, Own, undoing
+from companion.pages.given import Answered, OwnAnswers
 from companion.pages.requests import (
     RequestError,
     check_answer,
@@ -74,7 +74,7 @@ class Answering:
         self._require_news()
         if state_from(self._news.told.get("state", {})).open_call is not None:
             raise RequestError("a call is open: answer it first, then undo")
-        operations = undoing(*self._of(number))
+        operations = self._of(number).undoing()
         if not operations:
             raise RequestError(f"nothing that was answered on this page to call {number} is left to undo")
         return self._ask(self._undone, number, operations)
@@ -97,13 +97,13 @@ class Answering:
         """Return the newest request for an incident file of a call, 0: of the last minute."""
         return self._incidents.get(call)
 
-    def by_call(self) -> dict[int, Own]:
+    def by_call(self) -> dict[int, OwnAnswers]:
         """Return what was answered to each call."""
         return {number: self._of(number) for number in {one.pending.answer.target for one in self._answers}}
 
-    def _of(self, number: int) -> Own:
+    def _of(self, number: int) -> OwnAnswers:
         answers = [one for one in self._answers if one.pending.answer.target == number]
-        return answers, self._undone.get(number)
+        return OwnAnswers(answers, self._undone.get(number))
 
     def deliver(self) -> None:
         """Send what is due. Called once a second, since what is not acknowledged is sent again.

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from companion.pages import wording
-from companion.pages.given import Own, too_late, undoing, undone_words
+from companion.pages.calls import nearest, shown
+from companion.pages.given import OwnAnswers
 from companion.wire.call_report import PICTURES, RECORD, CallReport, picture_path
 from companion.wire.documents import StateFile, state_from
 from companion.wire.ids import PAGE_SENDER
@@ -21,7 +22,7 @@ def shown_calls(
     told_at: float,
     records: Sequence[Mapping[str, Any]],
     address: Callable[[str], str],
-    own: Mapping[int, Own],
+    own: Mapping[int, OwnAnswers],
     incident: Callable[[int], dict[str, Any] | None] = lambda _call: None,
 ) -> dict[str, Any]:
     """Return what the page shows of calls: the open call or hold, the newest before it, and their words.
@@ -35,28 +36,28 @@ def shown_calls(
     id 0; None where nobody may ask for such files.
     """
     now, kept = state_from(state), {}
-    for record in records:
+    for written in records:
         try:
-            read = CallReport.read(record, RECORD)
+            read = CallReport.read(written, RECORD)
         except DocumentError:
             continue
         kept[read.id] = read
     current, found = now.open_call, []
+
+    def show(call: CallReport, record: CallReport | None, since: float | None = None) -> None:
+        here = own.get(call.id) or OwnAnswers()
+        found.append(_shown(call, record, since, now, kept, address, here) | {"incident": incident(call.id)})
+
     if current is not None:
-        told = wording.announced(current) | {"since": round(told_at - current.age_s, 2)}
-        found.append(told | _more(current, kept.get(current.id), now, kept, address, own))
-    found += [
-        wording.recorded(record) | _more(record, record, now, kept, address, own)
-        for record in kept.values()
-        if current is None or record.id != current.id
-    ]
+        show(current, kept.get(current.id), told_at - current.age_s)
+    for record in kept.values():
+        if current is None or record.id != current.id:
+            show(record, record)
     names: dict[str, float] = {}
     for one in kept.values():
         names = wording.named(one) | names
-    for call in found:
-        call["incident"] = incident(call["id"])
     there = {call["id"] for call in found}
-    alone = [one for number, (answers, _) in own.items() if number not in there for one in answers]
+    alone = [one for number, its in own.items() if number not in there for one in its.answers]
     newest = sorted(alone, key=lambda one: one.pending.created)[-1:]
     return {
         "calls": found,
@@ -66,38 +67,37 @@ def shown_calls(
     }
 
 
-def _more(
+def _shown(
     call: CallReport,
     record: CallReport | None,
+    since: float | None,
     state: StateFile,
     known: Mapping[int, CallReport],
     address: Callable[[str], str],
-    own: Mapping[int, Own],
+    own: OwnAnswers,
 ) -> dict[str, Any]:
-    """Return pictures of a call, what was answered to it, and what was in a similar scene."""
-    answers, undone = own.get(call.id, ((), None))
+    """Return what is shown of a call: pictures, what was answered to it, and what was in a similar scene."""
     pictures = {size: address(picture_path(call.id, size)) for size in PICTURES}
-    ours = {(PAGE_SENDER, one.pending.answer.transaction) for one in answers}
+    ours = {(PAGE_SENDER, one.pending.answer.transaction) for one in own.answers}
     recorded = record.answers if record is not None else ()
     given = [one for one in recorded if (one.sender, one.transaction) not in ours]
     found = record.nearest if record is not None else None
-    nearest = None
+    alike = None
     if found is not None:
         there = known.get(found.call_id or 0)
         motion = wording.newest_motion([one.motion for one in there.answers]) if there is not None else ""
-        alike = state.settings.get(THR_SCENE)
         picture = address(found.picture) if found.picture else ""
-        nearest = wording.nearest(found, "the answer was", motion, alike, picture)
-    return {
-        "id": call.id,
-        "key": str(call.id),
-        "pictures": {size: url for size, url in pictures.items() if url},
+        alike = nearest(found, "the answer was", motion, state.settings.get(THR_SCENE), picture)
+    return shown(
+        call,
+        own,
+        key=str(call.id),
+        pictures={size: url for size, url in pictures.items() if url},
+        said=[{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
+        nearest=alike,
+        since=since,
+    ) | {
         "large": {},
         "given": [wording.answered(one) for one in given if one.at is None],
-        "said": [{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
-        "answers": [one.document() for one in answers],
-        "first": wording.first_answer(record, None) if record is not None and too_late(answers) else "",
-        "undo": undone_words(undoing(answers, undone)),
-        "undone": undone.told if undone is not None else None,
-        "nearest": nearest,
+        "first": wording.first_answer(record, None) if record is not None and own.too_late else "",
     }

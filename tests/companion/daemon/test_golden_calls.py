@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord, Tap
 from companion.observers.page.calls import shown_calls
-from companion.pages.given import Answered
+from companion.pages.given import Answered, OwnAnswers
 from companion.wire.answers import Answer
 from companion.wire.delivery import Pending
 from companion.wire.documents import read_state
@@ -59,7 +59,7 @@ class Noted:
     def _page(self, state: dict[str, Any], records: list[dict[str, Any]]) -> Any:
         pending = Pending(0, Answer(1, Motion.GO, (SetWord("drum", 1.0),), 8), 0.0)
         words = dict(read_state(json.dumps(state).encode()).words)
-        own = {1: ([Answered(pending, 1.79e9, words)], None)}
+        own = {1: OwnAnswers([Answered(pending, 1.79e9, words)])}
         shown = shown_calls(state, 1000.0, records, lambda path: f"{path}?v=1", own)
         alone = shown_calls({}, 1000.0, records, lambda _path: "", {})
         return json.loads(json.dumps([shown, alone]))

@@ -57,7 +57,7 @@ class Desk:
         self.answering.acknowledge(replace(bare, roi_uncertainty=0.1, worst_tile=0.2).pack())
 
     def shown(self, call: int = 7) -> list[tuple[str, str, str]]:
-        documents = [one.document() for one in self.answering.by_call()[call][0]]
+        documents = [one.document() for one in self.answering.by_call()[call].answers]
         return [(one["said"], one["text"], one["tone"]) for one in documents]
 
 

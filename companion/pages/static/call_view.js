@@ -1,5 +1,6 @@
 // One call as everybody may see it: its pictures, why, what was answered, and what became of that.
 
+import { titled } from "./calls.js";
 import { changed, element, showText } from "./elements.js";
 import { Picture } from "./picture.js";
 import { clock, duration } from "./wording.js";
@@ -32,7 +33,7 @@ export class CallView {
     this.data = data;
     this.part.dataset.stage = data.open ? data.stage : "closed";
     const since = data.since === undefined ? "" : `, open for ${duration(time - data.since)}`;
-    showText(this.title, `${data.kind === "hold" ? "Hold" : "Call"} ${data.name}${data.open ? since : `: ${data.outcome || "closed"}`}`);
+    showText(this.title, `${titled(data)}${data.open ? since : `: ${data.outcome || "closed"}`}`);
     for (const name of ["reason", "figures", "stands"]) showText(this[name], data[name] ?? "");
     this.stands.dataset.held = String(Boolean(data.holding));
     this.showPictures(data);

@@ -12,6 +12,11 @@ export class Cards {
     this.byKey = new Map();
   }
 
+  // The card of the first open call, if there is one.
+  get firstOpen() {
+    return [...this.byKey.values()].find((card) => card.data?.open);
+  }
+
   // front, past: the elements in which the cards stand. before, after: what else stands in `past`. show: shows a call on its card.
   // Returns how many cards stand in `past`.
   show(calls, { front, past, before = [], after = [] }, show) {

@@ -55,3 +55,14 @@ export class Stream {
     setTimeout(() => this.stream || !this.wanted || this.open(), AGAIN);
   }
 }
+
+// Returns what says why there is no stream. path: answers while the server runs. token: said where it wants one,
+// refused: where it has too many streams, gone: where nothing answers.
+export const whyNot = (path, { token, refused, gone }) => async () => {
+  try {
+    const answer = await fetch(path, { signal: AbortSignal.timeout(PATIENCE) });
+    return answer.status === 401 ? token : refused;
+  } catch {
+    return gone;
+  }
+};

@@ -1,8 +1,9 @@
 // Connects the stream of events with the sections of the rovers, and keys with the first call.
 
 import { arrange, element, showText } from "./elements.js";
-import { Stream } from "./stream.js";
+import { Stream, whyNot } from "./stream.js";
 import { Alarm } from "./alarm.js";
+import { Untold, aloud } from "./calls.js";
 import { listenToKeys } from "./keys.js";
 import * as model from "./model.js";
 import { joined } from "./plots.js";
@@ -14,6 +15,7 @@ const rovers = new Map(); // system -> RoverView
 const points = new Map();
 const entries = new Map();
 const tracks = new Map();
+const untold = new Untold();
 const alarm = new Alarm(document.getElementById("alarm"));
 let news = null;
 let connection = "";
@@ -59,10 +61,12 @@ function show() {
 }
 
 function tell() {
-  for (const { rover, call } of model.fresh(news.rovers)) {
-    const text = model.aloud(rover, call, news.rovers.length > 1);
-    say(text);
-    alarm.ring(text);
+  for (const { system, calls } of news.rovers) {
+    for (const call of untold.take(calls, system)) {
+      const text = `${news.rovers.length > 1 ? `Rover ${system} calls. ` : ""}${aloud(call)}`;
+      say(text);
+      alarm.ring(text);
+    }
   }
 }
 
@@ -81,21 +85,12 @@ new Stream(["fresh", "news", "points", "timeline", "track"], (kind, content, lat
     tell();
   }
   show();
-}, whyNot, { whileHidden: true });
+}, whyNot("/", {
+  token: "The console wants its token: open it again with ?token=...",
+  refused: "The console answers, but refuses the stream: close other pages like this one.",
+  gone: "No connection to the console: nothing here is live. Start anytraverse-console again; this page connects by itself.",
+}), { whileHidden: true });
 
-async function whyNot() {
-  try {
-    const answer = await fetch("/", { signal: AbortSignal.timeout(5000) });
-    if (answer.status === 401) return "The console wants its token: open it again with ?token=...";
-    return "The console answers, but refuses the stream: close other pages like this one.";
-  } catch {
-    return "No connection to the console: nothing here is live. Start anytraverse-console again; this page connects by itself.";
-  }
-}
-
-document.getElementById("about").before(listenToKeys(() => {
-  const first = news?.rovers.flatMap((one) => one.calls.filter((call) => call.open).map((call) => [one.system, call.key]))[0];
-  return first && view(first[0]).card(first[1]);
-}));
+document.getElementById("about").before(listenToKeys(() => news?.rovers.map((one) => view(one.system).cards.firstOpen).find(Boolean)));
 
 setInterval(show, 500);

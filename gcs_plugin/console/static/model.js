@@ -1,5 +1,6 @@
 // Turns what the console tells into what a person reads. Pure: no page, no network, no clock.
 
+import { titled } from "./calls.js";
 import { POLICIES, STATES, capital, duration, percent, size } from "./wording.js";
 
 const MOST_ENTRIES = 300;
@@ -59,7 +60,7 @@ export function summary(rovers, connection, time) {
     const who = rovers.length > 1 ? `Rover ${rover.system}: ` : "";
     const more = open.length > 1 ? ` ${open.length} calls are open.` : "";
     const hold = call.kind === "hold";
-    return { title: hold ? "HOLDING" : "CALLING", tone: hold ? "hold" : "call", text: `${who || `${mode(rover)} `}${hold ? "Hold" : "Call"} ${call.name}: ${call.reason}${more}`, calls: open.length };
+    return { title: hold ? "HOLDING" : "CALLING", tone: hold ? "hold" : "call", text: `${who || `${mode(rover)} `}${titled(call)}: ${call.reason}${more}`, calls: open.length };
   }
   if (!rovers.length) return { title: "AnyTraverse console", tone: "idle", text: "No rover is heard yet.", calls: 0 };
   const worst = state(rovers[0], time);
@@ -67,24 +68,6 @@ export function summary(rovers, connection, time) {
   const heard = lost && rovers.length > 1 ? `${lost} of ${rovers.length} rovers not heard.` : rovers.length > 1 ? `${rovers.length} rovers are heard, none calls.` : `${worst.text} ${mode(rovers[0])}`;
   return { title: worst.title, tone: worst.tone, text: heard, calls: 0 };
 }
-
-const told = new Set();
-
-// The open calls that were not told yet.
-export function fresh(rovers) {
-  const found = [];
-  for (const rover of rovers) {
-    for (const call of rover.calls) {
-      const key = `${rover.system}/${call.key}/${call.stage === "clear"}`;
-      if (!call.open || told.has(key)) continue;
-      told.add(key);
-      found.push({ rover, call });
-    }
-  }
-  return found;
-}
-
-export const aloud = (rover, call, several) => `${several ? `Rover ${rover.system} calls. ` : ""}${call.name}. ${call.reason} ${call.stands} ${call.todo}`;
 
 const METRES = 111320; // of a degree of latitude
 const LEAST = 20; // metres across that are shown at least

@@ -102,10 +102,6 @@ export class RoverView {
       : [element("li", {}, !rover.checked ? "Nothing is known to be wrong; its checks were not read." : "All its checks pass.")])));
   }
 
-  card(key) {
-    return this.cards.byKey.get(key);
-  }
-
   refreshCards() {
     for (const card of this.cards.byKey.values()) card.refresh();
   }

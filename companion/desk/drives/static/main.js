@@ -1,11 +1,12 @@
 // Connects the stream of events with the cards of a drive's calls.
 
 import { AnswerCard } from "./answer_card.js";
+import { Untold, aloud } from "./calls.js";
 import { Cards } from "./cards.js";
 import { element, showText } from "./elements.js";
 import { listenToKeys } from "./keys.js";
 import { poster, say } from "./sending.js";
-import { Stream } from "./stream.js";
+import { Stream, whyNot } from "./stream.js";
 import { Words } from "./words.js";
 
 const now = () => performance.now() / 1000;
@@ -14,7 +15,7 @@ const send = poster("the rehearsal does not answer. Does it still run?");
 let told = null;
 let connection = "";
 let offset = 0; // this clock less the rehearsal's
-let asked = 0; // the call that was said aloud
+const untold = new Untold();
 
 // A call that can also be left to the rover.
 class RehearsalCard extends AnswerCard {
@@ -51,11 +52,7 @@ function show() {
   part("waiting").hidden = over || part("open").childElementCount > 0;
   part("end").hidden = over || Boolean(lost);
   Object.assign(part("progress"), { max: Math.max(told.count, told.frame, 1), value: told.frame });
-  const call = told.calls.find((one) => one.open);
-  if (call && call.id !== asked) {
-    asked = call.id;
-    say(`${call.name}. ${call.reason} ${call.todo}`);
-  }
+  for (const call of untold.take(told.calls)) say(aloud({ ...call, stands: "" }));
 }
 
 // What stands at the top, in words and a tone.
@@ -70,16 +67,6 @@ function summary(news) {
   }[news.state];
 }
 
-async function whyNot() {
-  try {
-    const answer = await fetch("/", { signal: AbortSignal.timeout(5000) });
-    if (answer.status === 401) return "The page wants its token: open the address again that the terminal shows.";
-    return "The rehearsal answers, but refuses the stream: close other pages like this one.";
-  } catch {
-    return "The rehearsal does not run any more. What was answered is in its folder.";
-  }
-}
-
 new Stream(["news"], (kind, content, late) => {
   if (kind === "connection") connection = content;
   else {
@@ -87,9 +74,13 @@ new Stream(["news"], (kind, content, late) => {
     offset = now() - late - content.clock;
   }
   show();
-}, whyNot, { whileHidden: true });
+}, whyNot("/", {
+  token: "The page wants its token: open the address again that the terminal shows.",
+  refused: "The rehearsal answers, but refuses the stream: close other pages like this one.",
+  gone: "The rehearsal does not run any more. What was answered is in its folder.",
+}), { whileHidden: true });
 
 part("end").addEventListener("click", () => send("end", {}));
 part("about").textContent = "What you answer is remembered for the rover. Stay and look again teach nothing here. Esc takes back what is not sent.";
-part("about").before(listenToKeys(() => [...cards.byKey.values()].find((card) => card.data?.open)));
+part("about").before(listenToKeys(() => cards.firstOpen));
 setInterval(show, 500);

@@ -1,8 +1,13 @@
 // Fetches what the companion tells, only while the page is seen.
 
-import { PATIENCE, Stream } from "./stream.js";
+import { PATIENCE, Stream, whyNot } from "./stream.js";
 
 const FILES_EVERY = 5000; // ms
+const WHY_NOT = {
+  token: "The page wants its token: open it with ?token=... again.",
+  refused: "The rover answers, but refuses the stream: close other pages like this one.",
+  gone: "This page has no connection to the rover, and tries again.",
+};
 
 export class Feed {
   // take: called with ("news" | "points" | "picture" | "answered" | "calls" | "log" | "connection", content, late). late: seconds that
@@ -10,7 +15,7 @@ export class Feed {
   constructor(take) {
     this.take = take;
     this.reading = false;
-    this.stream = new Stream(["news", "points", "picture", "answered"], take, whyNot);
+    this.stream = new Stream(["news", "points", "picture", "answered"], take, whyNot("/healthz", WHY_NOT));
     document.addEventListener("visibilitychange", () => this.readFiles());
     setInterval(() => this.readFiles(), FILES_EVERY);
     this.readFiles();
@@ -36,14 +41,4 @@ async function read(path) {
   const answer = await fetch(path, { signal: AbortSignal.timeout(PATIENCE) });
   if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
   return answer;
-}
-
-async function whyNot() {
-  try {
-    const answer = await fetch("/healthz", { signal: AbortSignal.timeout(PATIENCE) });
-    if (answer.status === 401) return "The page wants its token: open it with ?token=... again.";
-    return "The rover answers, but refuses the stream: close other pages like this one.";
-  } catch {
-    return "This page has no connection to the rover, and tries again.";
-  }
 }

@@ -47,7 +47,7 @@ export function begin(send) {
   if (send) document.getElementById("log").before(lastMinute.part);
 }
 
-export const firstCard = () => cards && [...cards.byKey.values()].find((card) => card.data?.open);
+export const firstCard = () => cards?.firstOpen;
 
 // points, time: of the rover's clock.
 export function showAhead({ ahead, state }, points, time) {

@@ -55,7 +55,7 @@ export class AnswerCard extends CallView {
 
   show(data, rover, time) {
     const before = this.data;
-    super.show(data, time);
+    super.show(data, rover, time);
     this.weights = ownWeights(rover);
     if (data.reasons.length || !before) {
       this.object = data.reasons.includes("unknown_object") || Boolean(data.box);

@@ -29,7 +29,8 @@ export class CallView {
       element("div", { className: "shots" }, this.raw.part, this.judged.part), this.under, this.ask);
   }
 
-  show(data, time) {
+  // rover: what an `AnswerCard` needs besides.
+  show(data, rover, time) {
     this.data = data;
     this.part.dataset.stage = data.open ? data.stage : "closed";
     const since = data.since === undefined ? "" : `, open for ${duration(time - data.since)}`;

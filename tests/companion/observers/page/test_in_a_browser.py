@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -75,6 +76,7 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
     card = tab.locator("#open .call")
     stage.until(card.is_visible)
     assert "none of its words explains" in card.inner_text()
+    assert re.match(r"Call C7, open for \d+ s\n", card.inner_text())
     assert "<img src=x>: 1, go: <b>no</b>" in card.inner_text()
     assert card.locator("b").count() == 0
     sources = card.locator(".shots img:visible").evaluate_all(

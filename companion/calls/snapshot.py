@@ -19,7 +19,7 @@ from companion.calls.reason_filter import CALLS_FOR_WORDS
 from companion.vehicle.mission import Mission, MissionState
 from companion.vehicle.position import read_place
 from companion.wire.ids import Policy
-from companion.wire.places import place_figures
+from companion.wire.places import place_document
 
 _U16 = 0xFFFF
 _U32 = 0xFFFFFFFF
@@ -41,7 +41,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
             "answered": call.state is CallState.ANSWERED,
             "learnt": call.learnt,
             "quiet": call.quiet,
-            "place": place_figures(call.place),
+            "place": place_document(call.place),
         },
         "hold": hold
         and {

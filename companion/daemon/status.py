@@ -25,7 +25,7 @@ from companion.vision.messages import FrameJudged, Model
 from companion.wire.call_report import STATE
 from companion.wire.documents import MOST_GIVEN
 from companion.wire.ids import VERSION
-from companion.wire.places import place_figures
+from companion.wire.places import place_document
 
 _DIGITS = 4
 _OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
@@ -191,7 +191,7 @@ class Status:
             "vocabulary": self._settings.vocabulary,
             "settings": {name: round(value, _DIGITS) for name, value in self._settings.settings.items()},
             "set_by_ground": sorted(status["set_by_ground"]),
-            "place": place_figures(place),
+            "place": place_document(place),
             "computer": status["computer"],
             "link": {name: status["link"][name] for name in _OF_THE_LINK},
         }

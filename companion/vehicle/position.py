@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 from anytraverse.history import Place
-from companion.wire.places import place_of
+from companion.wire.places import place_attributes
 
 
 def read_place(saved: Any) -> Place:
-    """Read what `place_figures` made. Values that are missing or out of range are left unknown."""
-    return Place(**place_of(saved))
+    """Read what `place_document` made. Values that are missing or out of range are left unknown."""
+    return Place(**place_attributes(saved))
 
 
 _METRES_PER_DEGREE = 111_320.0

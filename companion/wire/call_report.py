@@ -41,7 +41,7 @@ from companion.wire.packing import (
     u16_to_fraction,
 )
 from companion.wire.payloads import check_version
-from companion.wire.places import place_figures, place_of
+from companion.wire.places import place_attributes, place_document
 
 STATE = (
     "id", "kind", "stage", "holding", "age", "frame_id", "why", "worst_tile_box", "roi_uncertainty",
@@ -330,7 +330,7 @@ _MEMBERS = {
     "worst_tile": _figure("worst_tile"),
     "drivable_share": _figure("drivable_share"),
     "similarity": _figure("similarity", -1.0),
-    "place": _Member(place_figures, lambda told: place_of(told.get("place"))),
+    "place": _Member(place_document, lambda told: place_attributes(told.get("place"))),
     "nearest": _member("nearest", _nearest, lambda one: None if one is None else one.document()),
     "picture": _member("picture", picture_of),
     "large": _member("large", picture_of),

@@ -27,7 +27,7 @@ class _Placed(Protocol):
     def attitude(self) -> tuple[float, float, float] | None: ...
 
 
-def place_figures(place: _Placed) -> dict[str, float]:
+def place_document(place: _Placed) -> dict[str, float]:
     """Return what is known of a place as JSON values.
 
     Angles are in degrees; latitude and longitude have 7 digits, about 1 cm. time: seconds since 1970.
@@ -42,8 +42,8 @@ def place_figures(place: _Placed) -> dict[str, float]:
     return {name: round(value, _DIGITS.get(name, 2)) for name, value in named.items() if value is not None}
 
 
-def place_of(raw: Any) -> dict[str, Any]:
-    """Return the attributes of a `Place` from what `place_figures` made, None for those out of range."""
+def place_attributes(raw: Any) -> dict[str, Any]:
+    """Return the attributes of a `Place` from what `place_document` made, None for those out of range."""
     told = mapping_of(raw)
 
     def figure(name: str) -> float | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from anytraverse.history import Entry
 from companion.desk.memory.pictures import picture_of
-from companion.wire.places import place_figures
+from companion.wire.places import place_document
 
 HEAD = (
     f"{'scene':>5}  {'call':<6}  {'answered':<16}  {'place':<20}  "
@@ -54,7 +54,7 @@ def figures(folder: Path, entry: Entry) -> dict[str, Any]:
     return {
         "scene": entry.order,
         "call": entry.call_id or None,
-        "place": place_figures(entry.place),
+        "place": place_document(entry.place),
         "words": dict(entry.preferences),
         "tapped": {word: len(taps) for word, taps in entry.examples.items()},
         "refused": len(entry.refused),

@@ -30,7 +30,7 @@ from companion.calls.decisions import (
     WouldResume,
 )
 from companion.observers.recording.foxglove import encode
-from companion.wire.places import place_figures
+from companion.wire.places import place_document
 
 _DIGITS = 6
 EVENTS = (CallOpened, CallClosed, HoldStarted, HoldMoved, WouldHold, WouldResume)
@@ -137,7 +137,7 @@ _NAMES = {
 def _figures(one: Decision) -> dict[str, Any]:
     match one:
         case CallOpened(call) | CallClosed(call):
-            place = place_figures(call.place)
+            place = place_document(call.place)
             told = {"id": call.id, "frame": call.frame_id, "reasons": call.reasons, "place": place}
             return {**told, "outcome": call.outcome, "state": call.state}
         case HoldStarted(hold, reasons):

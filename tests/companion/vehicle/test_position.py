@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from anytraverse.history import Place
 from companion.vehicle.position import read_place
 from companion.vehicle.state import WallClock
-from companion.wire.places import place_figures
+from companion.wire.places import place_document
 
 _ANGLE = st.none() | st.integers(-9000, 9000).map(lambda hundredths: hundredths / 100)
 
@@ -32,7 +32,7 @@ def test_a_place_comes_back_from_json(
     attitude: tuple[float, float, float] | None,
 ) -> None:
     place = Place(latitude, longitude, heading, time, attitude)
-    assert read_place(json.loads(json.dumps(place_figures(place)))) == place
+    assert read_place(json.loads(json.dumps(place_document(place)))) == place
 
 
 def test_nonsense_is_no_place() -> None:

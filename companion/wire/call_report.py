@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import IntEnum
 from functools import reduce
 from operator import or_
@@ -170,7 +170,8 @@ class CallReport:
         """
         found: dict[str, Any] = {}
         for name in members:
-            read = {attribute: one for attribute, one in _MEMBERS[name].read(told).items() if one is not None}
+            read = _MEMBERS[name].read(told.get(name))
+            read = {attribute: value for attribute, value in read.items() if value is not None}
             if name in needed and not read:
                 raise DocumentError(f"what is told of a call has no {name}")
             found |= read
@@ -287,10 +288,11 @@ def _nearest(raw: Any) -> NearestScene | None:
 
 
 class _Member(NamedTuple):
-    """A member of a JSON object: how its value is made of a report, and which attributes are read of it."""
+    """A member of a JSON object: its value by a report, and the attributes by what is read as its value."""
 
+    name: str
     write: Callable[[CallReport], Any]
-    read: Callable[[Mapping[str, Any]], dict[str, Any]]
+    read: Callable[[Any], dict[str, Any]]
 
 
 def _member(
@@ -298,46 +300,51 @@ def _member(
 ) -> _Member:
     """of: the attribute, where it is named otherwise. read: returns None for what is none."""
     attribute = of or name
-    return _Member(
-        lambda report: write(getattr(report, attribute)), lambda told: {attribute: read(told.get(name))}
-    )
+    return _Member(name, lambda report: write(getattr(report, attribute)), lambda raw: {attribute: read(raw)})
 
 
-def _named(kind: type[IntEnum], name: str) -> _Member:
+def _named(name: str, kind: type[IntEnum]) -> _Member:
     """Make a member that is told by name, null for 0."""
     by_name = {one.name.lower(): one for one in kind if one}
     return _member(name, lambda raw: by_name.get(text_of(raw)), lambda one: one.name.lower() if one else None)
 
 
-def _figure(name: str, low: float = 0.0) -> _Member:
-    return _member(name, lambda raw: number_of(raw, low, 1))
+def _number(name: str, low: float, high: float) -> _Member:
+    return _member(name, lambda raw: number_of(raw, low, high))
+
+
+def _whole(name: str, low: int, high: int, of: str = "") -> _Member:
+    return _member(name, lambda raw: whole_of(raw, low, high), of=of)
 
 
 _MEMBERS = {
-    "id": _member("id", lambda raw: whole_of(raw, 1, 0xFFFF)),
-    "kind": _named(Kind, "kind"),
-    "stage": _named(Stage, "stage"),
-    "holding": _member("holding", lambda raw: raw is True),
-    "age": _member("age", lambda raw: whole_of(raw, 0, 1e9), of="age_s"),
-    "frame_id": _member("frame_id", lambda raw: whole_of(raw, 0, 0xFFFFFFFF)),
-    "reasons": _member("reasons", reasons_of, lambda reasons: sorted(reason_names(reasons))),
-    "why": _member("why", lambda raw: clean(text_of(raw))),
-    "words": _member("words", lambda raw: text_of(raw) or None, of="judged_by"),
-    "worst_tile_box": _member(
-        "worst_tile_box", box_of, lambda box: None if box is None else [round(side, 4) for side in box]
-    ),
-    "roi_uncertainty": _figure("roi_uncertainty"),
-    "worst_tile": _figure("worst_tile"),
-    "drivable_share": _figure("drivable_share"),
-    "similarity": _figure("similarity", -1.0),
-    "place": _Member(place_document, lambda told: place_attributes(told.get("place"))),
-    "nearest": _member("nearest", _nearest, lambda one: None if one is None else one.document()),
-    "picture": _member("picture", picture_of),
-    "large": _member("large", picture_of),
-    "raw": _member("raw", picture_of),
-    "outcome": _named(Outcome, "outcome"),
-    "closed": _member(
-        "closed", lambda raw: number_of(raw, 0, 1e11), lambda at: None if at is None else round(at, 2)
-    ),
-    "answers": _member("answers", lambda raw: tuple(map(_answer, list_of(raw)[-MOST_ANSWERS:]))),
+    one.name: one
+    for one in (
+        _whole("id", 1, 0xFFFF),
+        _named("kind", Kind),
+        _named("stage", Stage),
+        _member("holding", lambda raw: raw is True),
+        _whole("age", 0, 10**9, of="age_s"),
+        _whole("frame_id", 0, 0xFFFFFFFF),
+        _member("reasons", reasons_of, lambda reasons: sorted(reason_names(reasons))),
+        _member("why", lambda raw: clean(text_of(raw))),
+        _member("words", lambda raw: text_of(raw) or None, of="judged_by"),
+        _member("worst_tile_box", box_of, lambda box: box and [round(side, 4) for side in box]),
+        _number("roi_uncertainty", 0, 1),
+        _number("worst_tile", 0, 1),
+        _number("drivable_share", 0, 1),
+        _number("similarity", -1, 1),
+        _Member("place", place_document, place_attributes),
+        _member("nearest", _nearest, lambda one: one and one.document()),
+        _member("picture", picture_of),
+        _member("large", picture_of),
+        _member("raw", picture_of),
+        _named("outcome", Outcome),
+        _member("closed", lambda raw: number_of(raw, 0, 1e11), lambda at: at and round(at, 2)),
+        _member(
+            "answers",
+            lambda raw: tuple(map(_answer, list_of(raw)[-MOST_ANSWERS:])),
+            lambda given: list(map(asdict, given)),
+        ),
+    )
 }

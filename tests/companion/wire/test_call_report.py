@@ -16,6 +16,7 @@ from companion.wire.call_report import (
     RECORD,
     STATE,
     CallReport,
+    GivenAnswer,
     NearestScene,
 )
 from companion.wire.ids import Kind, Outcome, Reasons, Stage
@@ -54,6 +55,19 @@ REPORTS = st.builds(
     ),
     picture=st.sampled_from(["", "/calls/7.jpg"]),
     closed=st.none() | st.integers(0, 10**9).map(float),
+    answers=st.lists(
+        st.builds(
+            GivenAnswer,
+            st.none() | st.just(1.79e9),
+            st.none() | st.just((255, 190)),
+            st.integers(0, 0xFFFFFFFF),
+            st.sampled_from(["go", "none"]),
+            st.just(("tümpel ü: -1", "grass: 1")),
+            st.just("applied"),
+            st.just("noted"),
+        ),
+        max_size=2,
+    ).map(tuple),
 )
 
 
@@ -63,7 +77,7 @@ def test_a_report_comes_back_from_the_state_and_from_its_record(report: CallRepo
     state = CallReport.read(told, STATE, STATE[:3])
     assert json.dumps(state.document(STATE, 4)) == json.dumps(told)
     assert (state.kind, state.stage, state.age_s) == (report.kind, report.stage, report.age_s)
-    told = json.loads(json.dumps(report.document([name for name in RECORD if name != "answers"])))
+    told = json.loads(json.dumps(report.document(RECORD)))
     record = CallReport.read(told, RECORD)
     told_by_record = replace(report, kind=Kind.CALL, stage=Stage.CLOSED, holding=False, age_s=0)
     assert record == told_by_record

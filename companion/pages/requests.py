@@ -66,7 +66,7 @@ def check_answer(answer: Answer, call: CallReport | None, current: int) -> None:
 
     current: id of the open call or hold, 0 for none. Raises RequestError where it may not be sent.
     """
-    frames = {tap.frame_id for tap in taps_of(answer.taught)}
+    frames = {tap.frame_id for tap in taps_of(answer.changes)}
     if frames and (call is None or frames != {call.frame_id}):
         raise RequestError("you tapped in an older picture, so nothing was sent: tap in the new one")
     if answer.target and (call is None or call.stage is Stage.CLOSED):

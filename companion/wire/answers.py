@@ -149,13 +149,13 @@ COMMANDS = frozenset({Via.COMMAND, Via.TRACK_POINT, Via.TRACK_RECTANGLE})
 
 @dataclass(frozen=True)
 class Answer:
-    """An operator's answer, from the page or the line where it is given to the journal of the rover.
+    """An operator's answer, the same on the ground, where it is given, and on the rover.
 
     target: id of the call or hold, 0 for the current one. transaction: of `PAYLOADS`, chosen at random by the
     one who sends it, else 0; an answer is applied once for each.
-    The rover notes who sent it, and via what. confirmation: of `COMMANDS`, above 0 where its sender repeats
-    it. name, raw: of a TEXT, which sets words without a call: the extended parameter and its value as
-    received.
+    Only the rover sets the rest. sender, via: who sent it, and what it came by. confirmation: of `COMMANDS`,
+    above 0 where its sender repeats it. name, raw: of a TEXT, which sets words without a call: the extended
+    parameter and its value as received.
     """
 
     target: int
@@ -177,14 +177,14 @@ class Answer:
         return owner, self.target, self.motion, self.operations, self.name, self.raw
 
     @property
-    def taught(self) -> tuple[Operation, ...]:
-        """The operations that the algorithm takes: all but those about incident files."""
+    def changes(self) -> tuple[Operation, ...]:
+        """The operations that change words, examples or scenes: all but those about incident files."""
         return tuple(one for one in self.operations if not isinstance(one, IncidentRequest))
 
     @property
     def about_files(self) -> bool:
         """Whether it is about incident files alone, which concerns no call and changes nothing."""
-        return bool(self.operations) and not self.taught
+        return bool(self.operations) and not self.changes
 
     @property
     def refuses_match(self) -> bool:
@@ -207,7 +207,7 @@ class Answer:
 
     @classmethod
     def unpack(cls, payload: bytes) -> tuple[Answer, int, int]:
-        """Unpack and check a payload: its operations, which part it is, of how many. Raises PayloadError."""
+        """Unpack and check a payload: what is in it, which part it is, of how many. Raises PayloadError."""
         reader = Reader(payload)
         version, transaction, target, motion, part, parts, count = reader.take(layouts.ANSWER.struct)
         check_version(version)

@@ -68,7 +68,7 @@ def address(answer: Answer, rover: Rover, now: float) -> Answer:
         raise CommandError(f"{target} is new, so nothing was sent: read it, then type that again")
     if not target and answer.motion is not Motion.NONE:
         raise CommandError("no call is open, so nothing waits for this; words alone are taken: `bush: -1`")
-    if target and call is None and (taps := taps_of(answer.taught)):
+    if target and call is None and (taps := taps_of(answer.changes)):
         raise CommandError(
             f"call {target} is not told in full yet: wait a moment, or use `{taps[0].word}: -1`"
         )

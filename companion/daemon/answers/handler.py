@@ -132,7 +132,7 @@ class AnswerHandler:
         return handled
 
     def _apply(self, answer: Answer, target: int | None, now: float) -> Handled:
-        operations = answer.taught
+        operations = answer.changes
         taps = taps_of(operations)
         try:  # what is no box must not come to the state machine
             for tap in taps:
@@ -168,7 +168,7 @@ class AnswerHandler:
         number = subject.id if subject is not None else 0
         place = call.place if call is not None else None
         frame_id = observation.frame.id if observation is not None else 0
-        operations = answer.taught
+        operations = answer.changes
         # Another place may match before the vision process has this answer.
         adoption = self._vision.memory.adoption if _refuses_any(operations) else None
         if not self._vision.answer(
@@ -221,7 +221,7 @@ class AnswerHandler:
         if pending.target:
             motion = Motion.NONE if late or cancelled else pending.answer.motion
             result, decisions = self._calls.apply_answer(
-                pending.target, motion, pending.answer.taught, outcome, now, go_at=pending.at
+                pending.target, motion, pending.answer.changes, outcome, now, go_at=pending.at
             )
         call_frame = outcome.call if outcome is not None else None
         newest = outcome.newest if outcome is not None else None

@@ -121,7 +121,7 @@ class SettingsService:
         if isinstance(request, ResetRequest):
             self._reset(request, now)
         elif isinstance(request, Answer):
-            if not self._answer_handler.set_words(request, request.taught):
+            if not self._answer_handler.set_words(request, request.changes):
                 self._acknowledge_text(request, Result.BUSY, now)
                 self._refuse(_BUSY, now)
         elif request.name in self._words:

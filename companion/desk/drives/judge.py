@@ -103,7 +103,7 @@ class DriveJudge:
         call = self._calls.call
         if call is None:
             return "no call is open", False
-        operations, go = answer.taught, answer.motion is Motion.GO
+        operations, go = answer.changes, answer.motion is Motion.GO
         observation = call.seen.observation if call.seen is not None else None
         outcome = self.engine.answer(
             operations, now, call=observation, call_id=call.id, go=go, place=call.place

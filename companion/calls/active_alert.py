@@ -1,4 +1,4 @@
-"""Composes the alert for the open call or hold: data for programs and a text for people."""
+"""Composes the alert for the open call or hold: a report for programs and a text for people."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from anytraverse.preferences import Preferences
 from companion.calls.decisions import Call
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import call_data, current_data, current_text
-from companion.wire import texts
 from companion.wire.call_report import CallReport
 from companion.wire.ids import ALERT, ERROR, Kind, Outcome, words_hash
 
@@ -19,7 +18,7 @@ _REFRESH = 15.0
 
 @dataclass(frozen=True)
 class AlertMessage:
-    """The open call or hold as data and as text.
+    """The report of the open call or hold, and its text.
 
     severity: the text's MAV_SEVERITY. quiet: "stay" was answered, so that the text does not escalate.
     """
@@ -81,8 +80,6 @@ class ActiveAlert:
             if data is None:
                 return None
             text = current_text(calls, silent, now)
-            if failed:
-                text = texts.hold_failed(calls.kind, calls.current_id)
             quiet = calls.call is not None and calls.call.quiet
             self._alert = AlertMessage(data, text, ALERT if failed else ERROR, quiet)
             self._key, self._composed_at = key, now

@@ -1,4 +1,4 @@
-"""Makes the summary of a frame, and the data and text of a call or hold. Pure."""
+"""Makes the summary of a frame, and the report and text of a call or hold. Pure."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def milliseconds(seconds: float) -> int:
 def current_data(
     calls: OperatorCalls, words: Preferences, place: Place, picture: str, now: float
 ) -> CallReport | None:
-    """Return the data of the open call or hold, None when nothing is open."""
+    """Return the report of the open call or hold, None when nothing is open."""
     if calls.current_id == 0:
         return None
     call, hold = calls.call, calls.hold

@@ -111,19 +111,11 @@ class Journal:
         found = self._database.rows(
             "SELECT id, closed_at, outcome, record FROM calls ORDER BY number DESC LIMIT ?", limit
         )
-        return [
-            CallReport.read(
-                {
-                    **json.loads(record),
-                    "id": number,
-                    "closed": closed_at,
-                    "outcome": outcome,
-                    "answers": list(self.answers(number)),
-                },
-                RECORD,
-            )
-            for number, closed_at, outcome, record in found
-        ]
+        told = (
+            {**json.loads(record), "id": number, "closed": at, "outcome": outcome}
+            for number, at, outcome, record in found
+        )
+        return [CallReport.read({**one, "answers": [*self.answers(one["id"])]}, RECORD) for one in told]
 
     def answers(self, call_id: int) -> tuple[Mapping[str, Any], ...]:
         """Return the answers to a call, oldest first. Raises JournalError."""

@@ -20,10 +20,11 @@ from companion.daemon.composition import (
     open_id,
     stored_u32,
 )
-from companion.daemon.daemon import Daemon
 from companion.daemon.death import report_death
 from companion.daemon.settings.mapping import first_words, restored_policy
 from companion.daemon.startup import load
+from companion.daemon.supervisor import Supervisor
+from companion.daemon.turn import Turn
 from companion.desk.check.report import EVERY, CheckReport
 from companion.link.answer_store import AnswerStore
 from companion.link.link import Link
@@ -64,6 +65,26 @@ class _Beside(NamedTuple):
     @classmethod
     def of(cls, config: Config) -> _Beside:
         return cls(Page(config), Video(config), Recorder(config), Live(config), IncidentPacker(config))
+
+    def poll(self, link: Link, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
+        """Keep them running, and hear them. news: what the page is told. link: tells where the video is."""
+        self.page.tell(now, news)
+        self.video.poll(now)
+        link.camera.url = self.video.url
+        self.recorder.poll(now)
+        self.live.poll(now)
+        self.packer.poll(now)
+
+    def show(self, supervisor: Supervisor, now: float) -> None:
+        """Give page and video the pictures that were drawn for them."""
+        live, still = supervisor.live_picture, supervisor.video_pictures
+        if self.page.wanted():
+            live.want()
+        if (picture := live.take()) is not None:
+            self.page.show(picture.frame, picture.captured_at, picture.jpeg)
+        still.watched = self.video.watched
+        if (picture := still.take(now)) is not None:
+            self.video.show(picture.number, picture.jpeg)
 
 
 def main(
@@ -113,41 +134,39 @@ def _main(
     link.answers.to_page = beside.page.acknowledge
     beside.page.answer = link.answers.receive_from_page
 
-    def poll(now: float) -> None:
-        beside.page.tell(now, _starting)
-        beside.video.poll(now)
-        beside.recorder.feed(now)
-        beside.live.feed(now)
-        link.camera.url = beside.video.url
-
-    ready = load(vision, link, stop, service, poll)
+    ready = load(vision, link, stop, service, lambda now: beside.poll(link, now, _starting))
     if ready is None:
         service.stopping()
         return 0
     start_notices = list(ready.notices)
-    daemon = compose(config, Resources(link, vision, journal, writer, served, saved), ready, start_notices)
+    supervisor = compose(
+        config, Resources(link, vision, journal, writer, served, saved), ready, start_notices
+    )
     if ready.model.int8_idle and config.perceiver.precision == "auto":
         start_notices.append(notices.int8_idle())
     for notice in start_notices:
         log.warning("%s", notice)
-        link.send_text(texts.fit(notice), WARNING, time.monotonic())
+        link.texts.send(texts.fit(notice), WARNING, time.monotonic())
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
-    log.info("ready: policy %s", daemon.calls.policy.name.lower())
-    daemon.pointing.shown_for = beside.video.shown_for
-    daemon.pack_incident, daemon.cancel_incident = beside.packer.ask, beside.packer.cancel
-    closing.enter_context(daemon.recording.log_lines())
-    report = CheckReport(config)
-    served.show_checks(report.document)
+    log.info("ready: policy %s", supervisor.calls.policy.name.lower())
+    supervisor.pointing.shown_for = beside.video.shown_for
+    supervisor.incidents.packer = beside.packer
+    supervisor.recording.feeds = beside.recorder, beside.live
+    closing.enter_context(supervisor.recording.log_lines())
+    checks = CheckReport(config)
+    served.show_checks(checks.document)
     service.ready(time.monotonic())
     try:
         job = closing.enter_context(BackgroundJob())
-        _run(daemon, link, stop, service, writer, report, job, beside)
+        report = _Report(supervisor, beside, writer, checks, service, job)
+        supervisor.observers.add(report)
+        _run(supervisor, link, stop, service, beside, report.news)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
-        report_death(link, daemon.calls)
+        report_death(link, supervisor.calls)
         raise
     service.stopping()
-    daemon.leave()
+    supervisor.leave()
     return 0
 
 
@@ -184,63 +203,76 @@ def _signing(config: Config) -> Signing | None:
     return open_signing(key, config.journal.path, unsigned_autopilot=exempt)
 
 
+class _Report:
+    """Observes the turns: once a second it writes the status file, and tells systemd how it goes.
+
+    It has the computer measured and the checks run, in the background, and makes what the page is told.
+    """
+
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        beside: _Beside,
+        writer: Writer,
+        checks: CheckReport,
+        service: ServiceManager,
+        background: BackgroundJob,
+    ) -> None:
+        self._supervisor = supervisor
+        self._beside = beside
+        self._writer = writer
+        self._checks = checks
+        self._service = service
+        self._background = background
+        self._told_at = self._checked_at = float("-inf")
+        self._figures: dict[str, Any] = {}
+
+    def see(self, turn: Turn) -> None:
+        """Report, once a second."""
+        if turn.now - self._told_at < _STATUS_PERIOD:
+            return
+        self._told_at = turn.now
+        left_out = self._supervisor.recording.left_out
+        self._figures = figures = self._supervisor.write_status(
+            web=self._beside.page.figures(),
+            video=self._beside.video.figures(),
+            recording={**self._beside.recorder.figures(), "left_out": left_out},
+            live=self._beside.live.figures(),
+        )
+        self._service.status(f"{figures['state']}, policy {figures['policy']}")
+        if turn.now - self._checked_at < EVERY:
+            self._background.run(self._look_around)
+        elif self._background.run(partial(self._checks.refresh, {**figures, "disk": self._writer.figures()})):
+            self._checked_at = turn.now
+
+    def news(self) -> dict[str, Any]:
+        """Return what the page is told."""
+        return {
+            "told": self._supervisor.call_texts.told,
+            "ahead": self._supervisor.ahead(),
+            "status": self._figures,
+            "state": self._supervisor.state_file(),
+            "check": self._checks.document(),
+            "incidents": self._beside.packer.document(),
+        }
+
+    def _look_around(self) -> None:
+        self._supervisor.computer.measure()
+        self._supervisor.test_call.look()
+
+
 def _run(
-    daemon: Daemon,
+    supervisor: Supervisor,
     link: Link,
     stop: Callable[[], bool],
     service: ServiceManager,
-    writer: Writer,
-    report: CheckReport,
-    background: BackgroundJob,
     beside: _Beside,
+    news: Callable[[], Mapping[str, Any]],
 ) -> None:
-    page, video, recorder, live, packer = beside
-    status_at = checked_at = float("-inf")
-    figures: dict[str, Any] = {}
-
-    def news() -> dict[str, Any]:
-        document = report.document()
-        ahead = daemon.ahead()
-        return {
-            "told": daemon.told(),
-            "ahead": ahead,
-            "status": figures,
-            "state": daemon.state_file(),
-            "check": document,
-            "incidents": packer.document(),
-        }
-
-    def look_around() -> None:
-        daemon.computer.measure()
-        daemon.test_call.look()
-
     while not stop():
-        daemon.turn()
+        supervisor.daemon.turn()
         now = time.monotonic()
-        if daemon.sees_or_reports_fault(now):
+        if supervisor.daemon.sees_or_reports_fault(now):
             service.alive(now)
-        if now - status_at >= _STATUS_PERIOD:
-            recording = {**recorder.figures(), "left_out": daemon.recording.left_out}
-            figures = daemon.write_status(
-                web=page.figures(), video=video.figures(), recording=recording, live=live.figures()
-            )
-            status_at = now
-            service.status(f"{figures['state']}, policy {figures['policy']}")
-            if status_at - checked_at < EVERY:
-                background.run(look_around)
-            elif background.run(partial(report.refresh, {**figures, "disk": writer.figures()})):
-                checked_at = status_at
-        told = daemon.recording.take()
-        recorder.feed(now, told)
-        live.feed(now, told)
-        daemon.recording.listeners = recorder.listener, live.listener
-        packer.poll(now)
-        page.tell(now, news)
-        if page.wanted():
-            daemon.live_picture.want()
-        if (picture := daemon.live_picture.take()) is not None:
-            page.show(picture.frame, picture.captured_at, picture.jpeg)
-        video.poll(now)
-        link.camera.url, daemon.video_pictures.watched = video.url, video.watched
-        if (picture := daemon.video_pictures.take(now)) is not None:
-            video.show(picture.number, picture.jpeg)
+        beside.poll(link, now, news)
+        beside.show(supervisor, now)

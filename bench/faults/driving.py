@@ -149,7 +149,7 @@ def _drives_by_hand(stage: Stage) -> str:
         stage.wait("a status without a hold", lambda: stage.read_status().get("held_by") is None, SOON)
         return ""
     log = (stage.out / "daemon.log").read_text(encoding="utf-8")
-    reasons = re.findall(r"WARNING companion.daemon.executor: hold \d+: (.+)", log)
+    reasons = re.findall(r"WARNING companion.daemon.call_texts: hold \d+: (.+)", log)
     thing = reasons and "fault" not in reasons[-1]
     return "" if thing else f"a person was overruled: {commanded}, {mode}, {reasons}"
 

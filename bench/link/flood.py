@@ -131,7 +131,7 @@ def _run(name: str, seconds: float, key: Signing | None) -> Flooded:
                 match event:
                     case Answer():
                         measured.granted += event.sender != OPERATOR
-                        link.acknowledge(event, _granted(event), now)
+                        link.answers.acknowledge(event, _granted(event), now)
                     case VehicleUpdate(vehicle):
                         if began == math.inf:
                             began, cpu = now, time.process_time()

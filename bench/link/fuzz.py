@@ -201,7 +201,7 @@ class Fuzz:
         link, now = self._link, self.now
         match event:
             case Answer():
-                link.acknowledge(event, _granted(event), now)
+                link.answers.acknowledge(event, _granted(event), now)
             case ParameterRequest(name=name, value=value):
                 link.parameters.set_value(name, value, now)
             case ResetRequest() | PolicyRequest():

@@ -125,8 +125,9 @@ class Companion:
         opened = Resources(self.link, vision, self.journal, self.writer, ServedFiles(folder), {})
         if settings is not None:
             ready = replace(ready, settings=settings)
-        self._daemon = compose(config, opened, ready, [], state_machine=CountedCalls)
-        self.calls = cast(CountedCalls, self._daemon.calls)
+        supervisor = compose(config, opened, ready, [], state_machine=CountedCalls)
+        self._daemon = supervisor.daemon
+        self.calls = cast(CountedCalls, supervisor.calls)
 
     def turn(self) -> None:
         """Runs one turn of the daemon's loop, and then writes what it wants stored to disk."""

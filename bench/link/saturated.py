@@ -91,7 +91,7 @@ def run(seconds: float, seed: int) -> dict[str, Any]:
         while (now := time.monotonic()) < began + _FULL_AFTER + seconds or commanded is not None:
             for _ in range(_TEXTS):
                 number += 1
-                link.send_text(f"text {number} of a rover that has much to say".ljust(50, "."), 6, now)
+                link.texts.send(f"text {number} of a rover that has much to say".ljust(50, "."), 6, now)
             link.poll(now)
             if commanded is not None and (line.held_at or now > commanded + _PATIENCE):
                 late.append((line.held_at[0] if line.held_at else now) - commanded)

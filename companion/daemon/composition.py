@@ -14,13 +14,22 @@ from companion.calls.snapshot import restore
 from companion.config import Config, format_config
 from companion.config.stopping import Stopping, describe_tile
 from companion.daemon.answers.handler import AnswerHandler
-from companion.daemon.daemon import Daemon
+from companion.daemon.call_frames import CallFrames
+from companion.daemon.call_texts import CallTexts
+from companion.daemon.daemon import Daemon, Deciders
+from companion.daemon.executor import DecisionExecutor
+from companion.daemon.health import HealthMonitor
+from companion.daemon.incident_requests import IncidentRequests
+from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
+from companion.daemon.pointing import Pointing
 from companion.daemon.policy.hold_gate import HoldGate
 from companion.daemon.policy.service import PolicyService
+from companion.daemon.policy.shadow_reporter import ShadowReporter
 from companion.daemon.policy.shadow_statistics import ShadowStatistics
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
+from companion.daemon.requests import Requests
 from companion.daemon.settings.mapping import (
     call_numbers,
     first_values,
@@ -30,17 +39,28 @@ from companion.daemon.settings.mapping import (
 )
 from companion.daemon.settings.runtime import RuntimeSettings
 from companion.daemon.settings.service import SettingsService
+from companion.daemon.status import Status
+from companion.daemon.status_file import StatusFile
+from companion.daemon.supervisor import Supervisor
+from companion.daemon.telemetry import Telemetry
+from companion.daemon.trial_call import TrialCall
+from companion.daemon.turn import Event, Observers
+from companion.daemon.vehicle_reports import VehicleReports
+from companion.daemon.vision_results import VisionResults
 from companion.link.link import Link
 from companion.storage import Journal
 from companion.storage.call_files import CallFiles, PictureArchive
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import SLOW, Writer
+from companion.system.computer import Computer
+from companion.system.error_guard import ErrorGuard
+from companion.tasks import Liveness, tasks
 from companion.vehicle.course import CourseJudge
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
-from companion.wire.ids import Policy
+from companion.wire.ids import ERROR, Policy
 from companion.wire.parameters import POLICY, Parameter, build
 
 log = logging.getLogger(__name__)
@@ -66,8 +86,11 @@ def compose(
     startup_notices: list[str],
     *,
     state_machine: type[OperatorCalls] = OperatorCalls,
-) -> Daemon:
-    """Create the daemon, once vision is ready. Adds notices for the operator to `startup_notices`."""
+) -> Supervisor:
+    """Create the daemon and its parts, once vision is ready.
+
+    Adds notices for the operator to `startup_notices`.
+    """
     link, vision, journal, writer, served, saved = opened
     # An answer may wait for its outcome, and then for the disk.
     link.answer_store.set_undecided_for(vision.answers_within + SLOW)
@@ -84,56 +107,81 @@ def compose(
         restore_calls(calls, saved, now, startup_notices)
     statistics = restore_statistics(model.id, calls, saved.get("shadow"), now, startup_notices)
     position = VehiclePosition(lambda: link.vehicle)
-    persistence = Persistence(writer, calls, link.answer_store, stored_u32(saved.get("frame_id")))
-    records = Records(
-        journal,
-        writer,
-        persistence,
-        vision,
-        calls,
-        PictureArchive(folder / "pictures", config.pictures.keep),
-        CallFiles(served.calls),
-        folder / "status.json",
-        position.clock.stamp,
-    )
+    frame_id, stamp = stored_u32(saved.get("frame_id")), position.clock.stamp
+    persistence = Persistence(writer, calls, link.answer_store, frame_id, stamp)
     answer_handler = AnswerHandler(calls, vision, link.answer_store, link.share)
-    after_write = persistence.after_write
     link.dead_man.enabled = config.call.px4_deadman == "manual_control"
-    policy = PolicyService(link, vision, calls, policy_state, after_write, HoldGate(config))
+    policy = PolicyService(link, vision, calls, policy_state, persistence.after_write, HoldGate(config))
     if policy_state.requested is Policy.HOLD:
         _tell_of_stopping(config, judging, ready.step, startup_notices)
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     settings = SettingsService(
-        parameters, link, vision, calls, answer_handler, policy, overrides, statistics, after_write
-    )
-    settings.start(now)
-    records.restore_call_frame()
-    daemon = Daemon(
+        parameters,
         link,
         vision,
         calls,
-        persistence,
-        records,
         answer_handler,
-        settings,
-        position,
-        model,
-        view=round(config.camera.view),
-        recording=Recording(
-            vision,
-            calls,
-            link,
-            settings,
-            position,
-            model,
-            rate=config.recording.rate,
-            config=format_config(config),
-        ),
-        course=CourseJudge(config.mount.heading, config.camera.view),
-        video_rate=config.video.rate,
+        policy,
+        overrides,
+        statistics,
+        persistence.after_write,
     )
-    served.started(daemon.state_file, lambda: calls.reason_filter.newest)
-    return daemon
+    settings.start(now)
+    events: list[Event] = []
+    guard = ErrorGuard(lambda now: link.texts.send(notices.unexpected_error(), ERROR, now))
+    frames = CallFrames(vision, calls, persistence, position, events)
+    executor = DecisionExecutor(link.modes, frames, persistence, statistics, guard, events)
+    test_call, incidents = TrialCall(folder, calls, link, vision, position), IncidentRequests(link, vision)
+    requests = Requests(link, executor, persistence, settings, answer_handler, (incidents, test_call))
+    liveness, computer = Liveness(tasks(calls.numbers), now), Computer(folder)
+    deciders = Deciders(
+        requests,
+        VehicleReports(link, calls, position, CourseJudge(config.mount.heading, config.camera.view)),
+        VisionResults(calls, persistence, frames, executor, requests, answer_handler),
+        policy,
+        test_call,
+        HealthMonitor(liveness, link, vision, calls, persistence),
+        computer,
+    )
+    archive = PictureArchive(folder / "pictures", config.pictures.keep)
+    records = Records(vision, calls, writer, archive, CallFiles(served.calls))
+    frames.restore(journal)
+    records.restore(journal)
+    view, status_file = round(config.camera.view), StatusFile(writer, folder / "status.json")
+    status = Status(link, vision, calls, settings, records, computer, view=view)
+    call_texts, pointing = CallTexts(link.texts, link.alerts, calls, records), Pointing(calls, link)
+    shadow, live_picture = ShadowReporter(statistics, calls, link.texts), LivePicture(vision)
+    video_pictures = VideoPictures(vision, pointing, call_texts, config.video.rate)
+    rate, text = config.recording.rate, format_config(config)
+    recording = Recording(vision, calls, settings, position.clock, rate=rate, config=text)
+    # The figures of a frame do not wait for its files and pictures, nor texts for pictures that are shown.
+    telemetry = Telemetry(link, view)
+    told = telemetry, status, status_file, records, call_texts, shadow, pointing, video_pictures, live_picture
+    observers = Observers((*told, recording), guard)
+    supervisor = Supervisor(
+        daemon=Daemon(link, vision, calls, executor, deciders, observers),
+        calls=calls,
+        persistence=persistence,
+        frames=frames,
+        settings=settings,
+        answer_handler=answer_handler,
+        position=position,
+        computer=computer,
+        incidents=incidents,
+        test_call=test_call,
+        observers=observers,
+        figures=status,
+        status_file=status_file,
+        records=records,
+        call_texts=call_texts,
+        shadow=shadow,
+        pointing=pointing,
+        live_picture=live_picture,
+        video_pictures=video_pictures,
+        recording=recording,
+    )
+    served.started(supervisor.state_file, lambda: calls.reason_filter.newest)
+    return supervisor
 
 
 def restore_settings(

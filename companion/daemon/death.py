@@ -29,7 +29,7 @@ def report_death(link: Link, calls: OperatorCalls) -> None:
     if report.autopilot is not None and (drives or calls.holding.streams):
         link.modes.command(report.autopilot.rest_mode, now)
     link.set_state(State.FAULT, calls.current_id, calls.policy)
-    link.send_text(notices.dying(), ALERT, time.monotonic())
+    link.texts.send(notices.dying(), ALERT, time.monotonic())
     # The link sends within its budgets, so that one tick does not send everything.
     for _ in range(_TICKS):
         link.tick(time.monotonic())

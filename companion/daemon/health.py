@@ -158,11 +158,11 @@ class HealthMonitor:
         if self._persistence.failing != self._journal_failing:
             self._journal_failing = self._persistence.failing
             text = notices.journal_fails() if self._journal_failing else notices.journal_works()
-            self._link.send_text(text, WARNING, now)
+            self._link.texts.send(text, WARNING, now)
         if self._link.stores_timestamps is self._timestamps_failing:
             self._timestamps_failing = not self._timestamps_failing
             text = notices.timestamps_fail() if self._timestamps_failing else notices.timestamps_work()
-            self._link.send_text(text, WARNING, now)
+            self._link.texts.send(text, WARNING, now)
 
     def _check_vision_deaths(self, now: float) -> None:
         """Require a go for the present hold while vision is unreliable, and report when it becomes so.
@@ -176,7 +176,7 @@ class HealthMonitor:
             if self._unreliable:
                 text = notices.vision_unreliable(hold=self._calls.policy is Policy.HOLD)
                 log.error("%s", text)
-                self._link.send_text(text, ALERT, now)
+                self._link.texts.send(text, ALERT, now)
 
     def _check_judging_rate(self, now: float) -> None:
         rate, before = self._vision.rate, self._rate
@@ -184,13 +184,13 @@ class HealthMonitor:
             self._stuck = rate.stuck
             if rate.stuck:
                 log.warning("%s", text := notices.no_lower_rate(rate.stuck))
-                self._link.send_text(text, WARNING, now)
+                self._link.texts.send(text, WARNING, now)
         if rate.value == before:
             return
         self._rate, lower = rate.value, rate.value < before
         text = notices.judging_rate(rate.value, rate.steps[0], rate.why if lower else "")
         log.log(logging.WARNING if lower else logging.INFO, "%s", text)
-        self._link.send_text(text, WARNING if lower else NOTICE, now)
+        self._link.texts.send(text, WARNING if lower else NOTICE, now)
 
     def _check_infrared(self, now: float) -> None:
         if (self._vision.infrared is True) is self._infrared:
@@ -199,7 +199,7 @@ class HealthMonitor:
         misled = self._vision.misled_by_infrared
         text = notices.infrared(handled=not misled) if self._infrared else notices.infrared_over()
         log.warning("%s", REMEDY if misled else text)
-        self._link.send_text(text, WARNING if misled else NOTICE, now)
+        self._link.texts.send(text, WARNING if misled else NOTICE, now)
 
     def _check_autopilot_silence(self, now: float) -> None:
         if self._calls.autopilot_silent(now) == self._autopilot_silent:
@@ -209,7 +209,7 @@ class HealthMonitor:
             log.error("fault: autopilot silent: check its power and its wire to the companion")
         elif not self._calls.monitor.heartbeat_lost(now):
             log.info("the autopilot is heard again")
-            self._link.send_text(notices.autopilot_back(), NOTICE, now)
+            self._link.texts.send(notices.autopilot_back(), NOTICE, now)
 
     def _check_autopilot_present(self, now: float) -> None:
         if self._link.vehicle is not None:
@@ -234,7 +234,7 @@ class HealthMonitor:
             log.warning(
                 "MAV_AUTOPILOT %d on MAV_TYPE %d is not supported: it is never held", *self._unknown_autopilot
             )
-            self._link.send_text(notices.unknown_autopilot(), WARNING, now)
+            self._link.texts.send(notices.unknown_autopilot(), WARNING, now)
 
     def _check_faults(self, now: float) -> None:
         standing = self._calls.reason_filter.standing_faults(now)
@@ -243,9 +243,9 @@ class HealthMonitor:
             if self._fault_seen_at is None:
                 log.error("fault: %s", self.fault(now))
                 if self._calls.current_id == 0:
-                    self._link.send_text(texts.companion_fault(self.fault_name(now)), ERROR, now)
+                    self._link.texts.send(texts.companion_fault(self.fault_name(now)), ERROR, now)
             self._fault_seen_at = now
         elif self._fault_seen_at is not None and now - self._fault_seen_at >= RECOVERED_AFTER:
             seen, self._faults_seen, self._fault_seen_at = self._faults_seen, frozenset(), None
             log.info("the fault is over")
-            self._link.send_text(texts.recovered(view=Fault.VIEW in seen), NOTICE, now)
+            self._link.texts.send(texts.recovered(view=Fault.VIEW in seen), NOTICE, now)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 from anytraverse.assessment import Assessment
+from companion.daemon.call_texts import CallTexts
 from companion.daemon.pointing import Pointing
-from companion.vision.client import VisionClient
+from companion.daemon.turn import Turn
+from companion.vision.client import VisionClient, VisionResult
 from companion.vision.messages import Drawn, VideoMarks
 from companion.wire.ids import State
 from companion.wire.texts import REASONS
@@ -59,12 +60,14 @@ class _Drawing:
         self._restarts = self._vision.watchdog.restarted
         return True
 
-    def drawn(self, drawn: Drawn) -> Shown | None:
-        """Return the picture if it was requested here: with an empty jpeg where it could not be made."""
-        if self._asked is None or drawn.number != self._asked[0]:
-            return None
-        shown, self._asked = self._asked[1], None
-        return shown._replace(jpeg=drawn.panel)
+    def drawn(self, turn: Turn) -> Shown | None:
+        """Return the picture that was requested here, once it was drawn in this turn."""
+        for event in turn.events:
+            match event:
+                case VisionResult(Drawn(number, panel=panel)) if self._asked and number == self._asked[0]:
+                    shown, self._asked = self._asked[1], None
+                    return shown._replace(jpeg=panel) if panel else None
+        return None
 
 
 def _title(seen: Assessment, state: State) -> str:
@@ -89,18 +92,14 @@ class LivePicture:
         drawn, self._drawn = self._drawn, None
         return drawn
 
-    def judged(self, seen: Assessment, state: State) -> None:
-        """Request a picture of this frame, if one is wanted and none is being drawn."""
-        if self._wanted and not self._drawing.busy:
-            self._drawing.ask(seen, _title(seen, state), state)
-            self._wanted = False
-
-    def drawn(self, drawn: Drawn) -> bool:
-        """Take a picture, if it was requested here. Whether it was."""
-        picture = self._drawing.drawn(drawn)
-        if picture is not None and picture.jpeg:
-            self._drawn = picture
-        return picture is not None
+    def see(self, turn: Turn) -> None:
+        """Take a picture that was drawn, and request one of a judged frame, if one is wanted."""
+        self._drawn = self._drawing.drawn(turn) or self._drawn
+        for judged in turn.judged:
+            seen = judged.assessment
+            if self._wanted and not self._drawing.busy:
+                self._drawing.ask(seen, _title(seen, turn.state), turn.state)
+                self._wanted = False
 
 
 class _Still(NamedTuple):
@@ -122,14 +121,12 @@ class VideoPictures:
     watched: whether somebody watches. Nothing is drawn for nobody.
     """
 
-    def __init__(
-        self, vision: VisionClient, pointing: Pointing, told: Callable[[], str], rate: float
-    ) -> None:
-        """told: the text of what is open, or of what is wrong, "" for neither."""
+    def __init__(self, vision: VisionClient, pointing: Pointing, texts: CallTexts, rate: float) -> None:
+        """texts: has the text of what is open, or of what is wrong. rate: pictures per second."""
         self._vision = vision
         self._drawing = _Drawing(vision)
         self._pointing = pointing
-        self._told = told
+        self._texts = texts
         self._period = 0.9 / rate
         self._asked_at = self._taken_at = -math.inf
         self._still: _Still | None = None
@@ -140,7 +137,15 @@ class VideoPictures:
         self._new = False
         self.watched = False
 
-    def tick(self, state: State, now: float) -> None:
+    def see(self, turn: Turn) -> None:
+        """Take a picture that was drawn, and request the next one where it is time for one."""
+        if (picture := self._drawing.drawn(turn)) is not None:
+            self._drawn, self._new, self._complete = picture, True, True
+        self._show_still(turn.state, turn.now)
+        for judged in turn.judged:
+            self._show_live(judged.assessment, turn.state, turn.now)
+
+    def _show_still(self, state: State, now: float) -> None:
         """Request the still picture when a call opens, when it changes, and when it could not be drawn."""
         if not self.watched:
             self._still = self._drawn = None
@@ -151,28 +156,20 @@ class VideoPictures:
             return
         if self._drawing.busy or not self._vision.watchdog.running:
             return
-        still = _Still(subject, self._told(), state, self._pointing.marks(), self._pointing.picture())
+        still = _Still(subject, self._texts.told, state, self._pointing.marks(), self._pointing.picture())
         if still == self._still and (self._complete or now - self._asked_at < _DRAWN_AGAIN):
             return
         self._drawing.ask(*still)
         self._still, self._complete, self._asked_at = still, False, now
 
-    def judged(self, seen: Assessment, state: State, now: float) -> None:
+    def _show_live(self, seen: Assessment, state: State, now: float) -> None:
         """Request a picture of this frame where it is time for one, and none is shown still."""
-        self.tick(state, now)
         period = max(self._period, _STRAINED_PERIOD) if self._vision.rate.why else self._period
         if not self.watched or self._still is not None or now - self._asked_at < period:
             return
-        title = self._told() or _title(seen, state)
+        title = self._texts.told or _title(seen, state)
         if self._drawing.ask(seen, title, state, VideoMarks(note=LEGEND)):
             self._complete, self._asked_at = False, now
-
-    def drawn(self, drawn: Drawn) -> bool:
-        """Take a picture, if it was requested here. Whether it was."""
-        picture = self._drawing.drawn(drawn)
-        if picture is not None and picture.jpeg:
-            self._drawn, self._new, self._complete = picture, True, True
-        return picture is not None
 
     def take(self, now: float) -> Shown | None:
         """Return a new picture once, and a still one once a second.

@@ -36,8 +36,18 @@ class Persistence:
     Never waits: a message that must not be sent before a change is on disk is registered with `after_write`.
     """
 
-    def __init__(self, writer: Writer, calls: OperatorCalls, answers: AnswerStore, frame_id: int) -> None:
-        """frame_id: the newest id of a call's or hold's frame, over all restarts: none may be used twice."""
+    def __init__(
+        self,
+        writer: Writer,
+        calls: OperatorCalls,
+        answers: AnswerStore,
+        frame_id: int,
+        stamp: Callable[[], float],
+    ) -> None:
+        """frame_id: the newest id of a call's or hold's frame, over all restarts: none may be used twice.
+
+        stamp: gives seconds since 1970.
+        """
         self._writer = writer
         self._calls = calls
         self._answer_store = answers
@@ -52,6 +62,7 @@ class Persistence:
         self._state: dict[str, Any] = {}
         self._last_id = 0
         self._frame_id = frame_id
+        self.stamp = stamp
 
     @property
     def failing(self) -> bool:
@@ -79,10 +90,10 @@ class Persistence:
             and self._is_on_disk(self._memory_ticket, self._memory_at, now) is not None
         )
 
-    def save_answer(self, reply: Reply, at: float) -> Mapping[str, Any] | None:
-        """Queue an answer that changed something, and its reply. at: seconds since 1970.
+    def save_answer(self, reply: Reply) -> Mapping[str, Any] | None:
+        """Queue an answer that changed something, and its reply.
 
-        Return the answer's record, None for one that was for no call or hold.
+        Return the answer's record with its time, None for one that was for no call or hold.
         """
         answer, acknowledgement = reply.answer, reply.acknowledgement
         self._answer_store.save(answer, acknowledgement)
@@ -97,11 +108,13 @@ class Persistence:
             "result": acknowledgement.result.name.lower(),
             "text": acknowledgement.text,
         }
+        at = self.stamp()
         self._queue(lambda: Batch(rows=(Row.of_answer(target, record, at),)))
-        return record
+        return {"at": round(at, 2), **record}
 
-    def save_closed_call(self, call: Call, at: float) -> None:
-        """Queue a closed call. at: seconds since 1970."""
+    def save_closed_call(self, call: Call) -> None:
+        """Queue a closed call."""
+        at = self.stamp()
         self._queue(lambda: Batch(rows=(Row.of_call(recorded(call), at),)))
 
     def save_frame(self, frame_id: int, png: bytes) -> None:

@@ -10,7 +10,9 @@ from anytraverse.operations import Tap
 from anytraverse.regions import Box
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import place_of
+from companion.daemon.answers.handler import Reply
 from companion.daemon.answers.outcome import stale_text
+from companion.daemon.turn import Turn
 from companion.link.camera import Tapped
 from companion.link.link import Link
 from companion.vision.messages import VideoMarks
@@ -95,8 +97,15 @@ class Pointing:
         operation = Tap(seen.frame.id, (box.left, box.top, box.right, box.bottom), *self.word)
         return Answer(number, Motion.NONE, (operation,))
 
-    def answered(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
-        """Mark what an acknowledged tap has taught. The next one is an obstacle again."""
+    def see(self, turn: Turn) -> None:
+        """Mark what acknowledged taps have taught, and forget it once their call or hold is over."""
+        for event in turn.events:
+            if isinstance(event, Reply):
+                self._answered(event.answer, event.acknowledgement, turn.now)
+        self._forget(turn.now)
+
+    def _answered(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
+        """Mark what a tap has taught. The next one is an obstacle again."""
         match answer.operations:
             case (Tap(box=sides),) if answer.via in COMMANDS and ack.result in CHANGING_RESULTS:
                 box = Box(*sides)
@@ -105,7 +114,7 @@ class Pointing:
                 self._link.camera.mark(box)
                 self._link.parameters.set_value(TAP_WORD, -1.0, now)
 
-    def tick(self, now: float) -> None:
+    def _forget(self, now: float) -> None:
         """Forget what was tapped, and the word for the next tap, once their call or hold is over."""
         if self._calls.current_id != self._current:
             if self._current:

@@ -6,29 +6,30 @@ import logging
 import platform
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec
+from typing import Any, Concatenate, ParamSpec, Protocol, get_args
 
 from anytraverse.assessment import Assessment
 from anytraverse.memory import Memory
 from anytraverse.release import own_version
 from companion.calls.decisions import CallOpened, Decision, HoldShown
 from companion.calls.machine import OperatorCalls
+from companion.daemon.answers.handler import Reply
 from companion.daemon.settings.service import SettingsService
-from companion.link.inbound import InboundEvent, ParameterRequest, PolicyRequest, ResetRequest
-from companion.link.link import Link
+from companion.daemon.turn import Turn
+from companion.link.inbound import ParameterRequest, PolicyRequest, ResetRequest
 from companion.observers.recording import contents
 from companion.observers.recording.foxglove import NS
 from companion.observers.recording.messages import Message
 from companion.observers.recording.topics import Topic
 from companion.system.error_guard import ErrorGuard
 from companion.system.log_lines import brief
-from companion.vehicle.state import VehiclePosition
-from companion.vision.client import VisionClient
-from companion.vision.messages import Encoded, FrameJudged, Model
-from companion.wire.answers import Acknowledgement, Answer
+from companion.vehicle.state import WallClock
+from companion.vision.client import VisionClient, VisionResult
+from companion.vision.messages import Encoded, FrameJudged
+from companion.wire.answers import Answer
 from companion.wire.ids import State
 from companion.wire.texts import REASONS
 
@@ -41,7 +42,7 @@ _MOST_LINES, _OLDEST_LINE = 200, 30.0
 _MOST_WAITING = 500
 """Messages that wait for the end of the turn."""
 _REMEMBERED = 8
-_REQUESTS = (Answer, ParameterRequest, ResetRequest, PolicyRequest)
+_DECISIONS = get_args(Decision)
 
 
 class _Lines(logging.Handler):
@@ -73,6 +74,17 @@ def _if_recorded(
     return guarded
 
 
+class Feed(Protocol):
+    """Takes what is recorded, see `FedService`."""
+
+    @property
+    def listener(self) -> int:
+        """The number of its process, 0: there is none."""
+
+    def feed(self, messages: Iterable[Message], now: float) -> None:
+        """Send the process messages."""
+
+
 class Recording:
     """Collects messages in each turn. All times that are given are monotonic seconds.
 
@@ -83,34 +95,37 @@ class Recording:
         self,
         vision: VisionClient,
         calls: OperatorCalls,
-        link: Link,
         settings: SettingsService,
-        position: VehiclePosition,
-        model: Model,
+        clock: WallClock,
         *,
         rate: float,
         config: str,
     ) -> None:
-        """rate: frames/s that are recorded. config: the one in force, as `format_config` makes it."""
+        """rate: frames/s that are recorded. config: the one in force, as `format_config` makes it.
+
+        Only once vision is ready.
+        """
+        assert vision.ready is not None
         self.left_out = 0
         self.guard = ErrorGuard(lambda _now: None)
+        self.feeds: Sequence[Feed] = ()
+        """The processes that are sent what is recorded."""
         self._listeners: tuple[int, ...] = ()
         self._vision = vision
         self._calls = calls
-        self._link = link
         self._settings = settings
-        self._position = position
+        self._clock = clock
         self._period = 0.9 / rate
         self._setup = {
             "version": own_version(),
             "python": platform.python_version(),
             "computer": f"{platform.system()} {platform.release()} {platform.machine()}",
-            "model": str(model),
+            "model": str(vision.ready.model),
             "config": config,
         }
         self._messages: deque[Message] = deque(maxlen=_MOST_WAITING)
         self._lines = _Lines()
-        self._offset = position.clock.stamp() - time.monotonic()
+        self._offset = clock.stamp() - time.monotonic()
         """Seconds since 1970 at second 0 of the monotonic clock."""
         self._encoded_at = self._looked_at = float("-inf")
         self._position_at: float | None = None
@@ -150,8 +165,34 @@ class Recording:
         finally:
             root.removeHandler(self._lines)
 
+    def see(self, turn: Turn) -> None:
+        """Record what happened, and what has changed: state, words, settings, vehicle, log."""
+        self._record(turn)
+        if self.feeds:
+            messages = self.take()
+            for feed in self.feeds:
+                feed.feed(messages, turn.now)
+            self.listeners = tuple(feed.listener for feed in self.feeds)
+
     @_if_recorded
-    def judged(self, judged: FrameJudged, state: State, now: float) -> None:
+    def _record(self, turn: Turn) -> None:
+        for event in turn.events:
+            match event:
+                case VisionResult(FrameJudged() as judged):
+                    self._judged(judged, turn.state, turn.now)
+                case VisionResult(Encoded() as encoded):
+                    self._encoded_frame(encoded)
+                case Answer() | ParameterRequest() | ResetRequest() | PolicyRequest():
+                    request = {"request": type(event).__name__, **contents.plain(event)}
+                    self._add(Topic.REQUESTS, turn.now, contents.as_json(request))
+                case Reply(_, ack):
+                    data = contents.as_json(contents.plain(ack))
+                    self._add(Topic.ACKNOWLEDGEMENTS, turn.now, data, event=bool(ack.target))
+                case _ if isinstance(event, _DECISIONS):
+                    self._decided(event, turn.now)
+        self._look(turn)
+
+    def _judged(self, judged: FrameJudged, state: State, now: float) -> None:
         """Record an assessment, and have its frame encoded where one is due."""
         seen = judged.assessment
         content = contents.assessment(seen, judged.at, judged.duration, judged.sectors)
@@ -159,8 +200,7 @@ class Recording:
         if now - self._encoded_at >= self._period and self._encode(seen, state):
             self._encoded_at = now
 
-    @_if_recorded
-    def encoded(self, encoded: Encoded) -> None:
+    def _encoded_frame(self, encoded: Encoded) -> None:
         """Record an encoded frame with its maps."""
         asked, self._encoding = self._encoding, None
         if asked is None or asked[0].frame.id != encoded.frame_id:
@@ -185,50 +225,33 @@ class Recording:
             Topic.ANNOTATIONS, at, contents.image_annotations(seen, region, title, self._ns(at)), number
         )
 
-    @_if_recorded
-    def decided(self, decisions: Iterable[Decision], now: float) -> None:
-        """Record what the state machine decided."""
-        for one in decisions:
-            event = isinstance(one, contents.EVENTS)
-            self._add(Topic.DECISIONS, now, contents.decision(one), event=event)
-            match one:
-                case CallOpened(call):
-                    self._owed = call.seen
-                case HoldShown(_, seen):
-                    self._owed = seen
-
-    @_if_recorded
-    def received(self, event: InboundEvent, now: float) -> None:
-        """Record an answer, or a request to set something."""
-        if isinstance(event, _REQUESTS):
-            content = {"request": type(event).__name__, **contents.plain(event)}
-            self._add(Topic.REQUESTS, now, contents.as_json(content))
-
-    @_if_recorded
-    def acknowledged(self, acknowledgement: Acknowledgement, now: float) -> None:
-        """Record an acknowledgement."""
-        content = contents.as_json(contents.plain(acknowledgement))
-        self._add(Topic.ACKNOWLEDGEMENTS, now, content, event=bool(acknowledgement.target))
+    def _decided(self, decision: Decision, now: float) -> None:
+        event = isinstance(decision, contents.EVENTS)
+        self._add(Topic.DECISIONS, now, contents.decision(decision), event=event)
+        match decision:
+            case CallOpened(call):
+                self._owed = call.seen
+            case HoldShown(_, seen):
+                self._owed = seen
 
     @_if_recorded
     def status(self, figures: Mapping[str, Any], now: float) -> None:
         """Record the figures of the status file."""
         self._add(Topic.STATUS, now, contents.as_json(contents.plain(figures)))
 
-    @_if_recorded
-    def tick(self, state: State, now: float) -> None:
-        """Record what has changed: state, words, settings, vehicle, log."""
+    def _look(self, turn: Turn) -> None:
+        state, now = turn.state, turn.now
         if self._owed is not None and (
             self._owed.frame.id in self._encoded or self._encode(self._owed, state)
         ):
             self._owed = None
-        self._changed(Topic.STATE, self._state(state, now), now, event=state is State.FAULT)
+        self._changed(Topic.STATE, self._state(turn), now, event=state is State.FAULT)
         if self._vision.memory is not self._memory:
             self._memory = self._vision.memory
             self._changed(Topic.WORDS, contents.words(self._memory), now)
         if now - self._looked_at >= _LOOKED_EVERY:
             self._looked_at = now
-            self._look(now)
+            self._look_around(turn)
         while self._lines.found:
             at, level, name, text = self._lines.found.popleft()
             if now - at < _OLDEST_LINE:
@@ -248,30 +271,29 @@ class Recording:
         self._encoded.append(seen.frame.id)
         return True
 
-    def _state(self, state: State, now: float) -> dict[str, Any]:
-        calls = self._calls
-        open_id = calls.current_id
+    def _state(self, turn: Turn) -> dict[str, Any]:
+        calls, open_id = self._calls, turn.current_id
         return {
-            "state": state,
-            "policy": calls.policy,
-            "reasons": calls.reasons(now),
+            "state": turn.state,
+            "policy": turn.policy,
+            "reasons": calls.reasons(turn.now),
             "open": open_id,
             "kind": calls.kind if open_id else "",
             "stage": calls.stage() if open_id else "",
             "holding": calls.hold is not None and calls.hold.standing,
             "vision": self._vision.trouble,
-            "link": self._link.trouble or "",
+            "link": turn.link_trouble,
         }
 
-    def _look(self, now: float) -> None:
+    def _look_around(self, turn: Turn) -> None:
         """Record what changes seldom, or too often."""
-        offset = self._position.clock.stamp() - now
+        now, vehicle = turn.now, turn.vehicle
+        offset = self._clock.stamp() - now
         if abs(offset - self._offset) > _CLOCK_SET:
             self._offset = offset
         self._changed(Topic.SETUP, self._setup, now)
         judging = self._calls.numbers.judging
         self._changed(Topic.SETTINGS, {"parameters": self._settings.settings, "judging": judging}, now)
-        vehicle = self._link.vehicle
         if vehicle is None:
             return
         self._changed(Topic.VEHICLE, vehicle, now)

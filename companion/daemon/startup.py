@@ -69,7 +69,7 @@ def _refuse(event: InboundEvent, link: Link, now: float) -> None:
     match event:
         case Answer():
             busy = Acknowledgement.without_figures(event.transaction, event.target, Result.BUSY, _AGAIN)
-            link.acknowledge(event, busy, now)
+            link.answers.acknowledge(event, busy, now)
             if event.via is not Via.TEXT:  # whose acknowledgement has no text
                 return
         case PolicyRequest() | ResetRequest():
@@ -78,4 +78,4 @@ def _refuse(event: InboundEvent, link: Link, now: float) -> None:
             link.parameters.echo_in_force(event.name, now)
         case _:
             return
-    link.send_text(notices.refused(_AGAIN), WARNING, now)
+    link.texts.send(notices.refused(_AGAIN), WARNING, now)

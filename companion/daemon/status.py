@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import os
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import asdict
 from itertools import islice
 from statistics import median
 from typing import Any
 
+from anytraverse.history import Place
 from anytraverse.release import own_version
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import current_data
 from companion.daemon.records import Records
 from companion.daemon.settings.service import SettingsService
-from companion.daemon.trial_call import TrialCall
+from companion.daemon.turn import Turn
 from companion.link.link import Link
 from companion.storage.call_files import scene_picture
 from companion.system.computer import Computer
 from companion.vehicle.course import unknown
-from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
-from companion.vision.messages import FrameJudged, Model
 from companion.wire.call_report import STATE
 from companion.wire.documents import MOST_GIVEN
 from companion.wire.ids import VERSION
@@ -56,7 +56,7 @@ class FrameRate:
 
 
 class Status:
-    """Reads the parts and changes none. computer: is measured by the owner of this, in another thread."""
+    """Observes the judged frames and the place, and reads the parts. It changes none."""
 
     def __init__(
         self,
@@ -64,47 +64,52 @@ class Status:
         vision: VisionClient,
         calls: OperatorCalls,
         settings: SettingsService,
-        test_call: TrialCall,
         records: Records,
-        position: VehiclePosition,
-        model: Model,
+        computer: Computer,
+        *,
+        view: int,
     ) -> None:
+        """view: the camera's horizontal field of view, degrees, 0: unknown. Only once vision is ready."""
+        assert vision.ready is not None
         self._link = link
         self._vision = vision
         self._calls = calls
         self._settings = settings
-        self._test_call = test_call
         self._records = records
-        self._position = position
-        self._model = model
+        self._view = view
+        self._model = vision.ready.model
+        self._computer = computer
+        self._test_call: Mapping[str, Any] = {}
+        self._place = Place()
         self._release = own_version()
         self._is_service = os.environ.get("SYSTEMD_EXEC_PID") == str(os.getpid())
         self._frame_rate = FrameRate()
-        self.computer = Computer(records.folder)
         self._sectors: tuple[float | None, ...] = ()
         self._judging_s = 0.0
         """Seconds of judging the newest frame."""
         self._latencies: deque[float] = deque(maxlen=_NEWEST)
         """Seconds from capture until judged, of the newest frames."""
 
-    def frame_judged(self, judged: FrameJudged) -> None:
-        """Take the times of a new frame, and its sectors."""
-        self._sectors = judged.sectors
-        self._judging_s = judged.duration
-        self._latencies.append(judged.assessment.age)
+    def see(self, turn: Turn) -> None:
+        """Take the times of each new frame, and its sectors."""
+        self._place, self._test_call = turn.place, turn.test_call
+        for judged in turn.judged:
+            self._sectors = judged.sectors
+            self._judging_s = judged.duration
+            self._latencies.append(judged.assessment.age)
 
-    def ahead(self, view: int, now: float) -> dict[str, Any] | None:
+    def ahead(self, now: float) -> dict[str, Any] | None:
         """Return what was judged of the way ahead; None where no frame of the last `AHEAD_FRESH` s was.
 
         sectors: drivable share of each image column, from the left, None where nothing is known.
-        field_of_view: `view`, degrees. traversability, uncertainty: of the region of interest, None unknown.
+        field_of_view: degrees. traversability, uncertainty: of the region of interest, None unknown.
         """
         newest = self._calls.reason_filter.newest
         if newest is None or now - newest.frame.captured_at > AHEAD_FRESH:
             return None
         return {
             "sectors": self._sectors,
-            "field_of_view": view,
+            "field_of_view": self._view,
             "traversability": newest.roi.traversability if newest.roi else None,
             "uncertainty": newest.roi.uncertainty if newest.roi else None,
         }
@@ -144,7 +149,7 @@ class Status:
                 "lowered_by": rate.why,
             },
             "latency_ms": round(1e3 * median(self._latencies), 1) if self._latencies else None,
-            "test_call": self._test_call.status,
+            "test_call": self._test_call,
             "hold_refused": self._settings.policy.hold_refused,
             "course": unknown(self._link.vehicle, now),
             "px4_deadman": self._link.dead_man.state.value,
@@ -162,13 +167,13 @@ class Status:
                 "intrinsics": camera.intrinsics,
                 "infrared": self._vision.infrared,
             },
-            "computer": self.computer.newest,
+            "computer": self._computer.newest,
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
         }
 
     def state_file(self, now: float) -> dict[str, Any]:
         """Return the most important figures, for /state.json: JSON values, some 2 kB."""
-        status, words, place = self.figures(now), self._vision.words, self._position.place()
+        status, words, place = self.figures(now), self._vision.words, self._place
         picture = self._records.picture_of(self._calls.current_id)
         current = current_data(self._calls, words, place, picture, now)
         return {

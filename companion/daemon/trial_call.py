@@ -17,6 +17,7 @@ from typing import Any
 
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import call_data
+from companion.daemon.turn import Reminder
 from companion.link.link import Link
 from companion.vehicle.state import VehiclePosition
 from companion.vision.client import VisionClient
@@ -84,10 +85,10 @@ class TrialCall:
         elif now - self._open.since >= ANSWERED_WITHIN:
             self._end("unanswered", notices.trial_unanswered(self.id), Outcome.PASSED, now)
 
-    def announce(self, now: float) -> None:
-        """Announce the open test call as a call is announced."""
-        if self._open is not None:
-            self._link.announce(self._open.data, texts.trial_call(self.id), now)
+    @property
+    def reminder(self) -> Reminder | None:
+        """Return what is repeated of the open test call, as of a call; None without one."""
+        return Reminder(texts.trial_call(self.id), data=self._open.data) if self._open is not None else None
 
     def receive(self, answer: Answer, now: float) -> bool:
         """Take an answer, if it is for the test call: acknowledge it and end the test. Whether it was.
@@ -159,7 +160,7 @@ class TrialCall:
         self._open = None
         self.status |= {"state": state, "text": text}
         log.warning("%s", text)
-        self._link.announce(data, text, now)
+        self._link.alerts.announce(data, text, now)
 
     def _acknowledge(self, answer: Answer, number: int, result: Result, text: str, now: float) -> None:
         closed = self._open is None
@@ -169,4 +170,4 @@ class TrialCall:
             outcome=Outcome.ANSWERED if closed else Outcome.NONE,
             words=words_hash(self._vision.words),
         )
-        self._link.acknowledge(answer, acknowledgement, now)
+        self._link.answers.acknowledge(answer, acknowledgement, now)

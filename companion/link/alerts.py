@@ -133,8 +133,14 @@ class AlertRepeater:
         """Whether a call or hold is open. The numbers then stop and the summaries slow down."""
         return self._call is not None
 
-    def announce(self, call: CallReport | None, text: str, now: float, *, quiet: bool, severity: int) -> None:
-        """Set what is repeated, see `Link.announce`. The same content again changes nothing."""
+    def announce(
+        self, call: CallReport | None, text: str, now: float, *, quiet: bool = False, severity: int = ERROR
+    ) -> None:
+        """Repeat the open call or hold, until None or a closed one takes its place. Cheap to call again.
+
+        A closed one is sent three times. quiet: the text repeats slowly and never becomes an ALERT.
+        None with a text repeats the text alone ("Companion OFF: ..."). severity: MAV_SEVERITY.
+        """
         if call is not None and call.stage == Stage.CLOSED:
             self._close(call, text)
             return

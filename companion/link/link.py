@@ -35,8 +35,6 @@ from companion.storage.served_tree import Tree
 from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement, Answer
-from companion.wire.call_report import CallReport
 from companion.wire.ids import CAMERA_COMPONENT_ID, ERROR, TUNNEL_CALL, Policy, SenderId, State
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import Summary
@@ -48,8 +46,8 @@ READING_FOR = 0.05
 class Link:
     """Acts as MAVLink component 191.
 
-    Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`. parameters, text_parameters,
-    answers, commands, modes, camera, dead_man: the services that the daemon uses.
+    Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`. texts, alerts, parameters,
+    text_parameters, answers, commands, modes, setpoints, camera, dead_man: the services that the daemon uses.
     """
 
     def __init__(
@@ -83,21 +81,21 @@ class Link:
         )
         self._access = AccessControl(settings.allowed_senders, signing)
         self._outbox = Outbox(self._channels, self._access.share)
-        self._text_sender = TextSender(self._outbox)
-        self._error_guard = ErrorGuard(lambda now: self.send_text(notices.unexpected_error(), ERROR, now))
-        self.parameters = ParameterServer(self._outbox, self._text_sender, self._access, parameters)
-        self.text_parameters = TextParameters(self._outbox, self._text_sender, self._access, self.parameters)
+        self.texts = TextSender(self._outbox)
+        self._error_guard = ErrorGuard(lambda now: self.texts.send(notices.unexpected_error(), ERROR, now))
+        self.parameters = ParameterServer(self._outbox, self.texts, self._access, parameters)
+        self.text_parameters = TextParameters(self._outbox, self.texts, self._access, self.parameters)
         self.answer_store = AnswerStore() if answer_store is None else answer_store
         self.answers = AnswerService(
             self._outbox,
-            self._text_sender,
+            self.texts,
             self._access,
             self.parameters,
             self.text_parameters,
             self.answer_store,
         )
-        self.commands = CommandService(self._outbox, self._text_sender, self._access, self.parameters)
-        self.camera = CameraService(self._outbox, self._text_sender, self._access, self.answers, camera)
+        self.commands = CommandService(self._outbox, self.texts, self._access, self.parameters)
+        self.camera = CameraService(self._outbox, self.texts, self._access, self.answers, camera)
         self._tracker = VehicleTracker(settings.system_id)
         served = (tree or Tree()).with_folder(PARAMETERS, ParameterFile(self.parameters.packed))
         self._files = FtpServer(self._outbox, self._access, served)
@@ -111,20 +109,20 @@ class Link:
             self.camera,
         )
         self.modes = ModeCommands(self._outbox, self._access, self._tracker)
-        self.dead_man = DeadMan(self._outbox, self._text_sender)
+        self.dead_man = DeadMan(self._outbox, self.texts)
         self._router = MessageRouter(
             self._outbox,
-            self._text_sender,
+            self.texts,
             self._access,
             self._tracker,
             self.modes,
             requests,
             self.dead_man,
         )
-        self._alerts = AlertRepeater()
+        self.alerts = AlertRepeater()
         self._returns_seen = 0
         self._intervals = MessageIntervals(self._outbox, self._router.remote_control)
-        self._setpoints = Setpoints(self._outbox, now)
+        self.setpoints = Setpoints(self._outbox, now)
         self.sent_at = now
         """When `tick` last sent on every connection without an error."""
 
@@ -149,7 +147,7 @@ class Link:
     @property
     def counters(self) -> Counters:
         """The counters of all connections as they stand now."""
-        return count(self._channels, self._outbox, self._text_sender, self._access)
+        return count(self._channels, self._outbox, self.texts, self._access)
 
     def filenos(self) -> list[int]:
         """The file descriptors to select on. Read them each time: a reconnect changes them."""
@@ -205,7 +203,7 @@ class Link:
             # Frames of an autopilot with an old clock are refused; one frame of ours sets its clock right.
             has_vehicle |= self._signing.behind
         sending = [one for one in self._channels if one.may_send(now, has_vehicle=has_vehicle)]
-        self._setpoints.tick(self.vehicle, now)
+        self.setpoints.tick(self.vehicle, now)
         self.dead_man.tick(self.vehicle, now)
         self._intervals.wants_rc_channels |= self.dead_man.wants_rc_channels
         returns = self._tracker.returns + self._outbox.moves
@@ -224,7 +222,7 @@ class Link:
         sound = 0
         for channel in self._channels:
             with self._error_guard.survived(channel.label, now):
-                channel.tick(now, calling=self._alerts.is_open)
+                channel.tick(now, calling=self.alerts.is_open)
                 sound += 1
         if sound == len(self._channels):
             self.sent_at = now
@@ -256,32 +254,9 @@ class Link:
         for channel in self._channels:
             channel.periodic.computer(figures, now)
 
-    def announce(
-        self, call: CallReport | None, text: str, now: float, *, quiet: bool = False, severity: int = ERROR
-    ) -> None:
-        """Repeat the open call or hold, until None or a closed one takes its place. Cheap to call again.
-
-        A closed one is sent three times. quiet: the text repeats slowly and never becomes an ALERT.
-        None with a text repeats the text alone ("Companion OFF: ..."). severity: MAV_SEVERITY.
-        """
-        self._alerts.announce(call, text, now, quiet=quiet, severity=severity)
-
-    @property
-    def repeated_text(self) -> str:
-        """Return the text of the open call or hold, or the other one that is repeated; "" for none."""
-        return self._alerts.repeated
-
-    def send_text(self, text: str, severity: int, now: float) -> None:
-        """Send a text once, with MAV_SEVERITY `severity`; not the same one again within 5 s."""
-        self._text_sender.send(text, severity, now)
-
     def share(self, sender: SenderId) -> SenderId:
         """Return the key of the share of the link that `sender` counts under: see `AccessControl.share`."""
         return self._access.share(sender)
-
-    def acknowledge(self, answer: Answer, ack: Acknowledgement, now: float) -> None:
-        """Send the result of an answer to its sender, and store it for when the answer is repeated."""
-        self.answers.acknowledge(answer, ack, now)
 
     def request_rc_channels(self) -> None:
         """Request RC_CHANNELS from the autopilot from now on, and again whenever they stop."""
@@ -296,10 +271,6 @@ class Link:
         """Set the B/s of unsolicited traffic on the first connection, 0 unlimited; `most_budget` at most."""
         self._channels[0].sender.set_budget(rate, now)
 
-    def stand_still(self, *, on: bool) -> None:
-        """Start or stop streaming zero velocity to the autopilot, at the table's rate."""
-        self._setpoints.on = on
-
     def _route(self, messages: Sequence[Any], channel: Channel, now: float) -> Iterator[InboundEvent]:
         for message in messages:
             with self._error_guard.survived(message.get_type(), now):
@@ -310,8 +281,8 @@ class Link:
                     yield event
 
     def _announce_due(self, now: float) -> None:
-        while (due := self._alerts.text(now)) is not None:
+        while (due := self.alerts.text(now)) is not None:
             self._outbox.push("call text", encode.text(due.text, due.severity), now)
-        call = self._alerts.data(now)
+        call = self.alerts.data(now)
         if call is not None:
             self._outbox.push("call data", encode.tunnel(TUNNEL_CALL, call.pack()), now, key=call.id)

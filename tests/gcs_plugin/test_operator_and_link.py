@@ -52,7 +52,7 @@ def both(thing_call: CallReport, quiet_summary: Summary) -> Callable[..., Both]:
         pair = Both(sender)
         pair.link.link.set_state(ids.State.CALLING, thing_call.id, ids.Policy.HOLD)
         pair.link.link.summary(quiet_summary, 0.0)
-        pair.link.link.announce(thing_call, "C7 unknown thing ahead 38%: go/stay/word", 0.0)
+        pair.link.link.alerts.announce(thing_call, "C7 unknown thing ahead 38%: go/stay/word", 0.0)
         pair.run(3.0)
         return pair
 
@@ -85,13 +85,13 @@ FIGURES = "unknown 71% in yellow frame, over 25% calls"
 
 def test_why_a_call_is_open_is_known_from_its_text(both: Callable[..., Both], thing_call: CallReport) -> None:
     pair = both()
-    pair.link.link.announce(replace(thing_call, id=8, frame_id=5000), f"C8 {FIGURES}", pair.link.now)
+    pair.link.link.alerts.announce(replace(thing_call, id=8, frame_id=5000), f"C8 {FIGURES}", pair.link.now)
     pair.run(3.0)
     rover = pair.client.rovers[1]
     assert (rover.calls[7].data.why, rover.calls[8].data.why) == ("", FIGURES)
     assert pair.of(ev.CallOpened)[-1].call.why == FIGURES
     again = "C8 stays open: new place, .62, .85 needed"
-    pair.link.link.announce(replace(thing_call, id=8, frame_id=5000), again, pair.link.now)
+    pair.link.link.alerts.announce(replace(thing_call, id=8, frame_id=5000), again, pair.link.now)
     pair.run(16.0)
     assert rover.calls[8].data.why == "new place, .62, .85 needed"
 
@@ -105,7 +105,7 @@ def test_an_answer_in_parts_arrives_whole_and_its_acknowledgement_comes_back(
     pair.run(6.0)
     (request,) = pair.requests()
     assert (request.target, request.motion, request.operations) == (7, ids.Motion.GO, words)
-    pair.link.link.acknowledge(request, acknowledgement(request), pair.link.now)
+    pair.link.link.answers.acknowledge(request, acknowledgement(request), pair.link.now)
     pair.run(1.0)
     assert pending.status is Status.ACKNOWLEDGED
     assert [event.call.outcome for event in pair.of(ev.CallClosed)] == [ids.Outcome.ANSWERED]
@@ -116,11 +116,11 @@ def test_a_busy_companion_gets_the_answer_again_and_applies_it_once(both: Callab
     pair.client.answer(1, Answer(7, ids.Motion.GO, ()), pair.link.now)
     pair.run(0.5)
     (request,) = pair.requests()
-    pair.link.link.acknowledge(request, acknowledgement(request, ids.Result.BUSY), pair.link.now)
+    pair.link.link.answers.acknowledge(request, acknowledgement(request, ids.Result.BUSY), pair.link.now)
     pair.run(3.0)
     again = pair.requests()[1:]
     assert [one.transaction for one in again] == [request.transaction]
-    pair.link.link.acknowledge(again[0], acknowledgement(again[0]), pair.link.now)
+    pair.link.link.answers.acknowledge(again[0], acknowledgement(again[0]), pair.link.now)
     pair.run(10.0)
     assert len(pair.requests()) == 2
     assert [event.acknowledgement.result for event in pair.of(ev.Acknowledged)] == [

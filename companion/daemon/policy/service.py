@@ -104,7 +104,7 @@ class PolicyService:
             refusal = notices.switch_wins(self.state.off_by)
         if refusal:
             log.warning("policy %s requested by %s is refused: %s", policy.name.lower(), who, refusal)
-            self._link.send_text(refusal, WARNING, now)
+            self._link.texts.send(refusal, WARNING, now)
         return not refusal, self._put_in_force(before, who, now, announce=not refusal)
 
     def command(self, request: PolicyRequest, now: float) -> list[Decision]:
@@ -137,7 +137,7 @@ class PolicyService:
         log.warning("off switch %s: %s at %s us", switch.name, "OFF" if switch.off else "on", switch.width)
         # The switch is on now, but a request still keeps the companion off: the driver must know.
         if not switch.off and self.state.requested is Policy.OFF:
-            self._link.send_text(notices.still_off(switch.name, self.state.off_by), WARNING, now)
+            self._link.texts.send(notices.still_off(switch.name, self.state.off_by), WARNING, now)
             return []
         return self._put_in_force(before, switch.name, now, announce=True)
 
@@ -149,7 +149,7 @@ class PolicyService:
             # The operator must not rely on a switch while it is lost.
             told = (notices.switch_lost if switch.lost else notices.switch_heard)(switch.name, off=switch.off)
             log.warning("%s", told)
-            self._link.send_text(told, ERROR if switch.lost else WARNING, now)
+            self._link.texts.send(told, ERROR if switch.lost else WARNING, now)
         return decisions
 
     def _known(self) -> tuple[Settings, float, float, bool]:
@@ -163,7 +163,7 @@ class PolicyService:
             self._judged_for, self._refusal = known, self._gate.refuses(*known)
         if self._wanted and not self.hold_refused:
             self._wanted = False
-            self._link.send_text(notices.hold_fits(), WARNING, now)
+            self._link.texts.send(notices.hold_fits(), WARNING, now)
         return self._report_fault(now)
 
     def _report_fault(self, now: float) -> list[Decision]:
@@ -178,7 +178,7 @@ class PolicyService:
             log.error("%s", self._fault.why)
             if self._calls.current_id:
                 # The hold is repeated instead of the reminder, and does not say what to do.
-                self._link.send_text(self._fault.reminder, ERROR, now)
+                self._link.texts.send(self._fault.reminder, ERROR, now)
         elif self.state.in_force is Policy.HOLD:
             log.warning("hold can be given again")
         return decisions
@@ -189,7 +189,7 @@ class PolicyService:
             self._told_of_manual = False
         elif not self._told_of_manual and self._calls.monitor.newest.autopilot is ardupilot.ROVER:
             self._told_of_manual = True
-            self._link.send_text(notices.manual_may_need(), WARNING, now)
+            self._link.texts.send(notices.manual_may_need(), WARNING, now)
 
     def _put_in_force(self, before: Policy, who: str, now: float, *, announce: bool) -> list[Decision]:
         policy, decisions = self.state.in_force, self._calls.policy_changed(before, now)
@@ -198,12 +198,12 @@ class PolicyService:
             self._link.modes.cancel()
         if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
-            self._link.send_text(notices.policy(policy, who), WARNING, now)
+            self._link.texts.send(notices.policy(policy, who), WARNING, now)
 
         def written(stored: bool, now: float) -> None:
             self._link.parameters.set_value(POLICY, float(policy), now)
             if announce and not stored:
-                self._link.send_text(notices.not_remembered(f"policy {policy.name.lower()}"), WARNING, now)
+                self._link.texts.send(notices.not_remembered(f"policy {policy.name.lower()}"), WARNING, now)
 
         self._after_write(written)
         return decisions + self._report_fault(now)

@@ -6,6 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -94,6 +95,14 @@ class SettingsService:
         """The values in force, parameter name -> value, without the words' weights."""
         return {name: value for name, value in self._sent.items() if name not in self._words}
 
+    def saved(self, now: float) -> dict[str, Any]:
+        """Return what the journal stores: JSON values."""
+        return {
+            "policy": self.policy.state.saved(),
+            "settings": self.overrides.saved(),
+            "shadow": self.statistics.saved(self._calls.shadow, now),
+        }
+
     def start(self, now: float) -> None:
         """Put the settings in force, and send the values of all settings and words.
 
@@ -155,9 +164,9 @@ class SettingsService:
         else:
             return
         if applied and not stored:
-            self._link.send_text(notices.not_remembered(what), WARNING, now)
+            self._link.texts.send(notices.not_remembered(what), WARNING, now)
         if done.outcome is not None and done.outcome.dropped:
-            self._link.send_text(notices.word_dropped(", ".join(done.outcome.dropped)), WARNING, now)
+            self._link.texts.send(notices.word_dropped(", ".join(done.outcome.dropped)), WARNING, now)
 
     def send_changes(self, now: float) -> None:
         """Send the ground the shadow counts and the weights that changed without a request for them."""
@@ -182,7 +191,7 @@ class SettingsService:
             self._refuse(_BUSY, now)
 
     def _acknowledge_text(self, answer: Answer, result: Result, now: float) -> None:
-        self._link.acknowledge(answer, Acknowledgement.without_figures(0, 0, result, ""), now)
+        self._link.answers.acknowledge(answer, Acknowledgement.without_figures(0, 0, result, ""), now)
 
     def _set_value(self, request: ParameterRequest, now: float) -> None:
         name, value = request.name, request.value
@@ -192,7 +201,7 @@ class SettingsService:
             refusal = "" if name in _LINK_PARAMETERS else self._tune({name: value}, name)
         if refusal:
             log.warning("%s = %g requested by %d/%d is refused: %s", name, value, *request.sender, refusal)
-            self._link.send_text(refusal, WARNING, now)
+            self._link.texts.send(refusal, WARNING, now)
             self._echo(name, self._sent[name], now)
             return
         log.info("%s = %g, set by %d/%d", name, value, *request.sender)
@@ -228,7 +237,7 @@ class SettingsService:
         of_frames = {name: value for name, value in configured.items() if name not in _LINK_PARAMETERS}
         refusal = self._tune(of_frames, "Reset")
         if refusal:
-            self._link.send_text(refusal, WARNING, now)
+            self._link.texts.send(refusal, WARNING, now)
             self._link.commands.acknowledge(request, _DENIED, now)
             return
         log.warning("settings and words are reset as configured, requested by %d/%d", *request.sender)
@@ -246,7 +255,7 @@ class SettingsService:
             log.warning("shadow counts are reset, requested by %d/%d", *request.sender)
             self.statistics.reset(self._calls.shadow, time.time())
         else:
-            self._link.send_text(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
+            self._link.texts.send(notices.value_refused(SHADOW_HOLDS, "0: to count anew"), WARNING, now)
         self._echo_after_write(SHADOW_HOLDS, float(self._calls.shadow.count))
 
     def _set_tap_word(self, index: float, now: float) -> None:
@@ -254,7 +263,7 @@ class SettingsService:
         if index < 0 or (entry is not None and entry.word is not None):
             self._echo(TAP_WORD, index, now)
             return
-        self._link.send_text(notices.value_refused(TAP_WORD, "-1 or a word's index"), WARNING, now)
+        self._link.texts.send(notices.value_refused(TAP_WORD, "-1 or a word's index"), WARNING, now)
         self._link.parameters.echo_in_force(TAP_WORD, now)
 
     def _exceeds_link(self, budget: float) -> bool:
@@ -268,7 +277,7 @@ class SettingsService:
             self._link.set_budget(value, now)
 
     def _refuse(self, why: str, now: float) -> None:
-        self._link.send_text(notices.refused(why), WARNING, now)
+        self._link.texts.send(notices.refused(why), WARNING, now)
 
     def _echo_after_write(self, name: str, value: float, *, told: bool = True) -> None:
         """Echo a value once it is in the journal. told: whether a text says so where it is not."""
@@ -277,7 +286,7 @@ class SettingsService:
         def written(stored: bool, now: float) -> None:
             self._link.parameters.set_value(name, value, now)
             if told and not stored:
-                self._link.send_text(notices.not_remembered(f"{name} = {value:g}"), WARNING, now)
+                self._link.texts.send(notices.not_remembered(f"{name} = {value:g}"), WARNING, now)
 
         self._after_write(written)
 

@@ -38,7 +38,7 @@ class LiveChild(SideChild):
 
 
 class Live(FedService[LiveChild]):
-    """Owns the live view's process. The main loop calls `feed` in every turn."""
+    """Owns the live view's process. The main loop calls `poll` in every turn."""
 
     def __init__(
         self,

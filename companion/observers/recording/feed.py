@@ -44,9 +44,14 @@ class FedService(SideService[_Child]):
         """
         return self._starts if self.child is not None else 0
 
-    def feed(self, now: float, messages: Iterable[Message] = ()) -> None:
-        """Keep the process running, hear it, and send it messages. now: monotonic seconds."""
-        self.poll(now)
+    def poll(self, now: float) -> None:
+        """Keep the process running, hear it, and send it what waits. now: monotonic seconds."""
+        super().poll(now)
+        with self._guard.survived(f"the {self._name}", now):
+            self.flush()
+
+    def feed(self, messages: Iterable[Message], now: float) -> None:
+        """Send the process messages."""
         if self._off:
             return
         with self._guard.survived(f"the {self._name}", now):

@@ -51,7 +51,7 @@ class RecorderChild(SideChild):
 
 
 class Recorder(FedService[RecorderChild]):
-    """Owns the recording process. The main loop calls `feed` in every turn."""
+    """Owns the recording process. The main loop calls `poll` in every turn."""
 
     def __init__(
         self,

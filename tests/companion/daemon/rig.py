@@ -153,7 +153,8 @@ class Rig:
         self.left_out = [notice for notice in news if notice != notices.stopping_unchecked()]
         assert not any("not restored" in notice or "shadow" in notice for notice in news)
         self.calls, self.persistence = self.daemon.calls, self.daemon.persistence
-        self.records = self.daemon.records
+        self.loop = self.daemon.daemon
+        self.records, self.frames = self.daemon.records, self.daemon.frames
         self.answer_handler, self.settings = self.daemon.answer_handler, self.daemon.settings
 
     def _config(self) -> Config:
@@ -275,7 +276,7 @@ class Rig:
             stage.send(mavlink.MAVLink_rc_channels_message(0, 16, *widths, 255), (1, 1))
         before = len(stage.frames)
         self.daemon.test_call.look()
-        self.daemon.turn()
+        self.loop.turn()
         if not self.disk_hangs:
             self.writer.drain()
         stage.collect(stage.now)

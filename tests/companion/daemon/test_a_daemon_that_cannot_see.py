@@ -254,7 +254,7 @@ def test_a_picture_that_fails_keeps_no_hold_from_being_commanded(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig.fails = True
-    monkeypatch.setattr(rig.records, "call_opened", lambda *_: 1 / 0)
+    monkeypatch.setattr(rig.frames, "call_opened", lambda *_: 1 / 0)
     rig.see(1.0, "drum")
     assert rig.stage.mode == HOLD
     assert rig.state == ("CALLING", 1)

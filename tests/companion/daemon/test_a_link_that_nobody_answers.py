@@ -40,7 +40,8 @@ def _watch(link: Any) -> HealthMonitor:
 
 
 def _link(vehicle: object) -> Any:
-    return SimpleNamespace(vehicle=vehicle, trouble=None, stores_timestamps=True, send_text=lambda *_: None)
+    texts = SimpleNamespace(send=lambda *_: None)
+    return SimpleNamespace(vehicle=vehicle, trouble=None, stores_timestamps=True, texts=texts)
 
 
 def test_without_an_autopilot_the_log_says_once_what_to_check(caplog: pytest.LogCaptureFixture) -> None:

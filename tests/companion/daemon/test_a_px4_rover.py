@@ -69,7 +69,7 @@ class Px4Rig(Rig):
             self.rover.step(STEP)
             self.px4.poll(self._stepped_at)
         self.stage.now = self.clock.now
-        self.daemon.turn()
+        self.loop.turn()
         self.writer.drain()
         self.deliver()
 
@@ -82,7 +82,7 @@ class Px4Rig(Rig):
 
     def leave(self) -> None:
         """As SIGTERM ends it, with the world going on meanwhile."""
-        turn = self.daemon.turn
+        turn = self.loop.turn
 
         def turn_in_the_world() -> None:
             self.clock.now += STEP
@@ -92,9 +92,9 @@ class Px4Rig(Rig):
             turn()
             self.deliver()
 
-        self.daemon.turn = turn_in_the_world  # type: ignore[method-assign]
+        self.loop.turn = turn_in_the_world  # type: ignore[method-assign]
         self.daemon.leave()
-        self.daemon.turn = turn  # type: ignore[method-assign]
+        self.loop.turn = turn  # type: ignore[method-assign]
 
     @property
     def modes(self) -> list[tuple[str, str]]:

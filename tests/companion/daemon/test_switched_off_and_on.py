@@ -192,7 +192,7 @@ def test_off_by_command_outlives_kill_9_and_is_acknowledged_only_when_it_is_kept
 
 def test_a_mode_on_its_way_to_the_autopilot_is_caught_by_the_switch(rig: Rig) -> None:
     for number in range(3):
-        rig.stage.link.send_text(f"ahead {number}", 1, rig.clock.now)
+        rig.stage.link.texts.send(f"ahead {number}", 1, rig.clock.now)
     rig.stage.link.modes.command(HOLD, rig.clock.now)
     command(rig, Policy.OFF)
     rig.see(2.0)

@@ -10,7 +10,7 @@ from tests.companion.daemon.rig import MakeRig, Rig
 
 
 def fed(rig: Rig) -> bool:
-    return rig.daemon.sees_or_reports_fault(rig.clock.now)
+    return rig.loop.sees_or_reports_fault(rig.clock.now)
 
 
 def test_fresh_frames_feed_it(rig: Rig) -> None:

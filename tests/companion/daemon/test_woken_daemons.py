@@ -133,7 +133,7 @@ def test_a_hold_waits_for_no_picture_and_no_disk(make_rig: MakeRig, monkeypatch:
 
         monkeypatch.setattr(part, name, note)
 
-    noting(rig.records, "call_opened")
+    noting(rig.frames, "call_opened")
     noting(rig.persistence, "save_calls")
     rig.disk_hangs = True
     rig.see(1.0, "drum")
@@ -159,14 +159,14 @@ def test_a_hold_in_which_auto_ends_at_once_is_drawn_after_it_has_left(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = make_rig(pictures=50)
-    show, counts = rig.records.hold_shown, list[int]()
+    show, counts = rig.frames.hold_shown, list[int]()
 
     def note(*what: Any) -> None:
         rig.stage.collect(rig.stage.now)
         counts.append(orders(rig))
         show(*what)
 
-    monkeypatch.setattr(rig.records, "hold_shown", note)
+    monkeypatch.setattr(rig.frames, "hold_shown", note)
     rig.stage.mode = MANUAL
     rig.see(3.0, "rock")
     rig.stage.mode = AUTO

@@ -31,7 +31,7 @@ def texts(stage: LoopbackLink) -> list[tuple[float, int, str]]:
 
 def test_call_data_leaves_six_times_within_three_seconds_then_every_ten() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     stage.run(40, step=0.02)
     assert stage.times("TUNNEL") == pytest.approx([0, 0.6, 1.2, 1.8, 2.4, 3.0, 13.0, 23.0, 33.0], abs=0.2)
     assert calls(stage)[0] == CALL
@@ -39,27 +39,27 @@ def test_call_data_leaves_six_times_within_three_seconds_then_every_ten() -> Non
 
 def test_the_text_repeats_and_becomes_an_alert() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     stage.run(170, step=0.05)
     assert texts(stage) == [(at, 1 if at >= 45 else 3, TEXT) for at in (0, 15, 30, 45, 105, 165)]
 
 
 def test_stay_ends_the_escalation_but_not_the_repetition() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     stage.run(20, step=0.05)
-    stage.link.announce(CALL, TEXT, stage.now, quiet=True)
+    stage.link.alerts.announce(CALL, TEXT, stage.now, quiet=True)
     stage.run(160, step=0.05)
     assert [(at, severity) for at, severity, _ in texts(stage)] == [(0, 3), (15, 3), (75, 3), (135, 3)]
 
 
 def test_saying_the_same_again_changes_nothing() -> None:
     once, often = LoopbackLink(vehicle=None), LoopbackLink(vehicle=None)
-    once.link.announce(CALL, TEXT, 0.0)
+    once.link.alerts.announce(CALL, TEXT, 0.0)
     for stage in (once, often):
         for second in range(300):
             if stage is often:
-                stage.link.announce(replace(CALL, age_s=second // 10), TEXT, stage.now)
+                stage.link.alerts.announce(replace(CALL, age_s=second // 10), TEXT, stage.now)
             stage.run(0.1, step=0.05)
     assert often.times("TUNNEL") == once.times("TUNNEL")
     assert texts(often) == texts(once)
@@ -67,7 +67,7 @@ def test_saying_the_same_again_changes_nothing() -> None:
 
 def test_the_age_of_a_call_goes_on_between_announcements() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(replace(CALL, age_s=100), TEXT, stage.now)
+    stage.link.alerts.announce(replace(CALL, age_s=100), TEXT, stage.now)
     stage.run(15, step=0.05)
     assert [call.age_s for call in calls(stage)] == [100, 100, 101, 101, 102, 103, 113]
 
@@ -75,23 +75,25 @@ def test_the_age_of_a_call_goes_on_between_announcements() -> None:
 def test_the_age_goes_on_too_where_the_same_is_said_with_every_turn() -> None:
     stage = LoopbackLink(vehicle=None)
     for _ in range(300):
-        stage.link.announce(replace(CALL, age_s=100), TEXT, stage.now)
+        stage.link.alerts.announce(replace(CALL, age_s=100), TEXT, stage.now)
         stage.run(0.05, step=0.05)
     assert [call.age_s for call in calls(stage)] == [100, 100, 101, 101, 102, 103, 113]
 
 
 def test_changed_content_is_told_at_once_but_not_faster_than_the_limits() -> None:
     stage = LoopbackLink(UNLIMITED, vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     stage.run(6, step=0.02)
-    stage.link.announce(replace(CALL, reasons=Reasons(3)), "C7 stays open: still unknown 34%", stage.now)
+    stage.link.alerts.announce(
+        replace(CALL, reasons=Reasons(3)), "C7 stays open: still unknown 34%", stage.now
+    )
     before = len(stage.frames)
     stage.run(0.1)
     told = [frame.message.get_type() for frame in stage.frames[before:]]
     assert {"STATUSTEXT", "TUNNEL"} <= set(told)
     before = len(stage.frames)
     for step in range(100):
-        stage.link.announce(replace(CALL, frame_id=step), f"C7 text {step}", stage.now)
+        stage.link.alerts.announce(replace(CALL, frame_id=step), f"C7 text {step}", stage.now)
         stage.run(0.1, step=0.05)
     later = [frame.message.get_type() for frame in stage.frames[before:]]
     assert later.count("TUNNEL") <= 11
@@ -100,9 +102,9 @@ def test_changed_content_is_told_at_once_but_not_faster_than_the_limits() -> Non
 
 def test_a_new_stage_starts_the_repetition_again() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     stage.run(50, step=0.05)
-    stage.link.announce(replace(CALL, stage=Stage.CLEAR), "C7 clear now, go?", stage.now)
+    stage.link.alerts.announce(replace(CALL, stage=Stage.CLEAR), "C7 clear now, go?", stage.now)
     before = len(texts(stage))
     stage.run(16, step=0.05)
     assert texts(stage)[before:] == [(50, 3, "C7 clear now, go?"), (65, 3, "C7 clear now, go?")]
@@ -110,12 +112,12 @@ def test_a_new_stage_starts_the_repetition_again() -> None:
 
 def test_a_closed_call_is_told_three_times_and_forgotten() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     stage.run(2, step=0.02)
     for _ in range(50):
-        stage.link.announce(CLOSED, "C7 closed: answered", stage.now)
+        stage.link.alerts.announce(CLOSED, "C7 closed: answered", stage.now)
         stage.run(0.1)
-    stage.link.announce(None, "", stage.now)
+    stage.link.alerts.announce(None, "", stage.now)
     stage.run(100, step=0.05)
     assert [call for call in calls(stage) if call.stage == Stage.CLOSED] == [CLOSED] * 3
     assert texts(stage)[1:] == [(2, 5, "C7 closed: answered")]
@@ -123,11 +125,11 @@ def test_a_closed_call_is_told_three_times_and_forgotten() -> None:
 
 def test_a_closed_call_is_told_even_when_the_next_one_follows_at_once() -> None:
     stage = LoopbackLink(UNLIMITED, vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     stage.run(0.5)
-    stage.link.announce(CLOSED, "C7 closed: answered", stage.now)
-    stage.link.announce(None, "", stage.now)
-    stage.link.announce(replace(CALL, id=8), "C8 new place 0.62: go/stay/word", stage.now)
+    stage.link.alerts.announce(CLOSED, "C7 closed: answered", stage.now)
+    stage.link.alerts.announce(None, "", stage.now)
+    stage.link.alerts.announce(replace(CALL, id=8), "C8 new place 0.62: go/stay/word", stage.now)
     stage.run(6, step=0.02)
     told = [(call.id, call.stage) for call in calls(stage)]
     assert told.count((7, Stage.CLOSED)) == 3
@@ -141,9 +143,9 @@ def test_a_closed_call_is_told_even_when_the_next_one_follows_at_once() -> None:
 
 def test_nothing_open_means_nothing_said() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     stage.run(1)
-    stage.link.announce(None, "", stage.now)
+    stage.link.alerts.announce(None, "", stage.now)
     before = len(stage.tunnels(TUNNEL_CALL))
     stage.run(60, step=0.05)
     assert len(stage.tunnels(TUNNEL_CALL)) == before
@@ -152,28 +154,30 @@ def test_nothing_open_means_nothing_said() -> None:
 
 def test_a_text_without_a_call_repeats_by_itself() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(None, "Companion OFF: nobody watches the trail", stage.now, quiet=True, severity=4)
+    stage.link.alerts.announce(
+        None, "Companion OFF: nobody watches the trail", stage.now, quiet=True, severity=4
+    )
     stage.run(130, step=0.05)
     assert [(at, severity) for at, severity, _ in texts(stage)] == [(0, 4), (60, 4), (120, 4)]
 
 
 def test_an_alert_from_the_start_stays_one() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(CALL, "C7 HOLD FAILED: STOP BY HAND", stage.now, severity=1)
+    stage.link.alerts.announce(CALL, "C7 HOLD FAILED: STOP BY HAND", stage.now, severity=1)
     stage.run(50, step=0.05)
     assert {severity for _, severity, _ in texts(stage)} == {1}
 
 
 def test_numbers_stop_and_summaries_slow_down_while_a_call_is_open() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     for _ in range(300):
         stage.link.summary(SUMMARY, stage.now)
         stage.link.numbers({"AT_TRAV": 0.5}, stage.now)
         stage.run(0.1, step=0.05)
     assert stage.sent("NAMED_VALUE_FLOAT") == []
     assert len(stage.tunnels(TUNNEL_SUMMARY)) == 6
-    stage.link.announce(CLOSED, "", stage.now)
+    stage.link.alerts.announce(CLOSED, "", stage.now)
     for _ in range(50):
         stage.link.summary(SUMMARY, stage.now)
         stage.link.numbers({"AT_TRAV": 0.5}, stage.now)
@@ -186,9 +190,9 @@ def test_a_call_overtakes_texts_and_figures() -> None:
     stage = LoopbackLink()
     stage.run(0.5)
     for number in range(8):
-        stage.link.send_text(f"text {number}", 6, stage.now)
+        stage.link.texts.send(f"text {number}", 6, stage.now)
     stage.link.summary(SUMMARY, stage.now)
-    stage.link.announce(CALL, TEXT, stage.now)
+    stage.link.alerts.announce(CALL, TEXT, stage.now)
     before = len(stage.frames)
     stage.run(0.1)
     first, second = (frame.message for frame in stage.frames[before : before + 2])
@@ -199,14 +203,14 @@ def test_a_call_overtakes_texts_and_figures() -> None:
 def test_a_text_is_said_once_in_five_seconds_and_eight_at_most_wait() -> None:
     stage = LoopbackLink(vehicle=None)
     for number in range(20):
-        stage.link.send_text(f"text {number}", 6, stage.now)
-        stage.link.send_text(f"text {number}", 6, stage.now)
+        stage.link.texts.send(f"text {number}", 6, stage.now)
+        stage.link.texts.send(f"text {number}", 6, stage.now)
     stage.run(4, step=0.02)
     assert [text for _, _, text in texts(stage)] == [f"text {number}" for number in range(8)]
-    stage.link.send_text("text 0", 6, stage.now)
+    stage.link.texts.send("text 0", 6, stage.now)
     stage.run(2)
     assert len(texts(stage)) == 8
-    stage.link.send_text("text 0", 6, stage.now)
+    stage.link.texts.send("text 0", 6, stage.now)
     stage.run(1)
     assert len(texts(stage)) == 9
 
@@ -214,7 +218,7 @@ def test_a_text_is_said_once_in_five_seconds_and_eight_at_most_wait() -> None:
 @pytest.mark.parametrize("text", ["x" * 80, "草" * 40, "a\x00b", "\ud800"])
 def test_any_text_is_cut_to_what_every_ground_station_shows(text: str) -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.send_text(text, 6, stage.now)
+    stage.link.texts.send(text, 6, stage.now)
     stage.run(0.2)
     raw = stage.sent("STATUSTEXT")[0]._text_raw
     assert len(raw) <= 50

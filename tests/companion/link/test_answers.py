@@ -84,7 +84,7 @@ def test_an_answer_is_reported_with_its_sender(stage: LoopbackLink) -> None:
 
 def test_the_acknowledgement_goes_to_the_asker_and_nobody_else(stage: LoopbackLink) -> None:
     (request,) = heard(stage, tunnel(GO.pack()), sender=(250, 3))
-    stage.link.acknowledge(request, ACK, stage.now)
+    stage.link.answers.acknowledge(request, ACK, stage.now)
     stage.run(0.1)
     assert acknowledgements(stage) == [ACK]
     reply = next(
@@ -97,7 +97,7 @@ def test_the_same_transaction_is_reported_once_and_acknowledged_each_time(stage:
     (request,) = heard(stage, tunnel(GO.pack()))
     assert heard(stage, tunnel(GO.pack())) == []
     assert acknowledgements(stage) == []
-    stage.link.acknowledge(request, ACK, stage.now)
+    stage.link.answers.acknowledge(request, ACK, stage.now)
     stage.run(0.1)
     for _ in range(3):
         assert heard(stage, tunnel(GO.pack())) == []
@@ -111,7 +111,7 @@ def test_the_same_number_of_another_sender_is_another_transaction(stage: Loopbac
 
 def test_a_busy_answer_may_be_sent_again(stage: LoopbackLink) -> None:
     (request,) = heard(stage, tunnel(GO.pack()))
-    stage.link.acknowledge(request, replace(ACK, result=Result.BUSY), stage.now)
+    stage.link.answers.acknowledge(request, replace(ACK, result=Result.BUSY), stage.now)
     assert len(heard(stage, tunnel(GO.pack()))) == 1
     assert acknowledgements(stage)[0].result == Result.BUSY
 
@@ -122,7 +122,7 @@ def test_many_transactions_are_remembered_but_not_for_ever(stage: LoopbackLink) 
         stage.send(message, (245, 1))
         stage.run(0.1, step=0.05)
         for request in stage.reported(Answer)[-1:]:
-            stage.link.acknowledge(request, replace(ACK, transaction=number), stage.now)
+            stage.link.answers.acknowledge(request, replace(ACK, transaction=number), stage.now)
     assert len(stage.reported(Answer)) == 199
     assert len(stage.link.answer_store) <= 64
 
@@ -142,7 +142,7 @@ def test_a_long_answer_comes_in_parts_in_any_order(stage: LoopbackLink, order: t
 
 def test_no_flood_of_another_sender_makes_an_answer_count_twice(stage: LoopbackLink) -> None:
     (request,) = heard(stage, tunnel(GO.pack()))
-    stage.link.acknowledge(request, ACK, stage.now)
+    stage.link.answers.acknowledge(request, ACK, stage.now)
     for number in range(100, 200):
         stage.send(tunnel(Answer(7, Motion.GO, transaction=number).pack()), (254, 1))
         stage.run(0.06, step=0.03)
@@ -341,7 +341,7 @@ def test_a_command_is_acknowledged_by_its_result_and_a_text(
     stage: LoopbackLink, result: Result, expected: int
 ) -> None:
     (request,) = heard(stage, command(7, 1), sender=(250, 3))
-    stage.link.acknowledge(request, replace(ACK, result=result), stage.now)
+    stage.link.answers.acknowledge(request, replace(ACK, result=result), stage.now)
     stage.run(0.2)
     (ack,) = stage.sent("COMMAND_ACK")
     assert (ack.command, ack.result) == (31010, expected)
@@ -352,14 +352,14 @@ def test_a_command_is_acknowledged_by_its_result_and_a_text(
 def test_a_repeated_command_is_acknowledged_again_and_applied_once(stage: LoopbackLink) -> None:
     (request,) = heard(stage, command(0, 1))
     assert heard(stage, command(0, 1, again=1)) == []
-    stage.link.acknowledge(request, ACK, stage.now)
+    stage.link.answers.acknowledge(request, ACK, stage.now)
     assert heard(stage, command(0, 1, again=2)) == []
     assert results(stage) == [(31010, 0), (31010, 0)]
 
 
 def test_the_same_command_given_once_more_is_a_new_wish(stage: LoopbackLink) -> None:
     (request,) = heard(stage, command(0, 1))
-    stage.link.acknowledge(request, ACK, stage.now)
+    stage.link.answers.acknowledge(request, ACK, stage.now)
     assert len(heard(stage, command(0, 1))) == 1
 
 
@@ -443,7 +443,7 @@ def test_an_answer_of_the_page_is_reported_once_and_acknowledged_to_the_page_alo
     assert request == Answer(
         7, Motion.GO, (SetWord("drum", -1.0),), transaction=9, sender=PAGE_SENDER, via=Via.PAGE
     )
-    stage.link.acknowledge(request, ACK, stage.now)
+    stage.link.answers.acknowledge(request, ACK, stage.now)
     assert from_page(stage, GO.pack()) == []
     assert told == [ACK, ACK]
     assert acknowledgements(stage) == []

@@ -36,7 +36,7 @@ def reply(stage: LoopbackLink, request: Answer, target: int, result: Result = Re
     ack = Acknowledgement(
         0, target, result, Stage.OPEN, Outcome.NONE, None, None, Reasons.NONE, 0, f"C{target} {result.name}"
     )
-    stage.link.acknowledge(request, ack, stage.now)
+    stage.link.answers.acknowledge(request, ack, stage.now)
     stage.run(0.2)
 
 

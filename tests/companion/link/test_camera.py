@@ -144,7 +144,9 @@ def test_a_tap_becomes_an_answer_and_its_result_comes_from_the_camera(stage: Loo
     (answer,) = stage.reported(Answer)
     assert answer == replace(ANSWER, sender=GROUND, via=Via.TRACK_RECTANGLE)
     assert of_camera(stage, "COMMAND_ACK") == []
-    stage.link.acknowledge(answer, Acknowledgement.without_figures(0, 7, Result.APPLIED, "C7 go?"), stage.now)
+    stage.link.answers.acknowledge(
+        answer, Acknowledgement.without_figures(0, 7, Result.APPLIED, "C7 go?"), stage.now
+    )
     stage.run(0.2)
     (ack,) = stage.sent("COMMAND_ACK")
     assert (ack.get_srcComponent(), ack.command, ack.result) == (CAMERA, RECTANGLE, ACCEPTED)
@@ -157,7 +159,9 @@ def test_a_tap_that_is_sent_again_is_one_tap_even_when_its_call_is_over(stage: L
     send(stage, POINT, 0.1, 0.6, sender=(254, 190))
     assert len(stage.reported(Answer)) == 2, "another operator's"
     send(stage, POINT, 0.5, 0.6, again=1)
-    stage.link.acknowledge(answer, Acknowledgement.without_figures(0, 7, Result.APPLIED, "closed"), stage.now)
+    stage.link.answers.acknowledge(
+        answer, Acknowledgement.without_figures(0, 7, Result.APPLIED, "closed"), stage.now
+    )
     stage.link.camera.resolve = lambda _tap, _now: "No call or hold is open: nothing changed"
     send(stage, POINT, 0.5, 0.6, again=2)
     assert len(stage.reported(Answer)) == 2

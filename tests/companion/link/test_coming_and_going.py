@@ -63,7 +63,7 @@ def test_while_the_autopilot_is_not_heard_anywhere_connections_that_wait_for_it_
     stage = LoopbackLink(WAITING, vehicle=None)
     wifi = stage.more["wifi"]
     wifi.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    stage.link.send_text("hello", 6, stage.now)
+    stage.link.texts.send("hello", 6, stage.now)
     stage.run(3)
     assert stage.frames == wifi.frames == []
     assert stage.link.wait(stage.now) > 0.05, "and nobody spins"
@@ -103,7 +103,7 @@ def test_a_connection_that_takes_nothing_delays_nothing_on_the_other() -> None:
     stage.near.full = True
     wifi = stage.more["wifi"]
     for number in range(20):
-        stage.link.send_text(f"text {number}", 6, stage.now)
+        stage.link.texts.send(f"text {number}", 6, stage.now)
         stage.run(0.5)
     assert len(wifi.sent("STATUSTEXT")) == 20
     assert stage.link.wait(stage.now) >= 0.0

@@ -120,7 +120,7 @@ def test_before_the_first_figures_and_after_the_last_nothing_is_said() -> None:
 
 def test_while_a_call_is_open_it_stays_off_the_wire() -> None:
     stage = LoopbackLink()
-    stage.link.announce(CALL, "C7 unknown thing ahead", stage.now)
+    stage.link.alerts.announce(CALL, "C7 unknown thing ahead", stage.now)
     drive(stage, 70.0, FIGURES)
     assert stage.sent("ONBOARD_COMPUTER_STATUS") == []
 

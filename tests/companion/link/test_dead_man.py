@@ -84,10 +84,10 @@ def test_they_go_out_ten_times_a_second() -> None:
 
 
 def test_at_the_slowest_pace_and_beside_setpoints_no_gap_is_long_and_replies_get_out(stage: Stage) -> None:
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     began = len(stage.times(STICKS))
     for number in range(50):
-        stage.link.send_text(f"text {number}", 4, stage.now)
+        stage.link.texts.send(f"text {number}", 4, stage.now)
         if number % 10 == 0:
             stage.send(mavlink.MAVLink_command_long_message(1, 191, 512, 0, 148, 0, 0, 0, 0, 0, 0))
             stage.live(1.0)

@@ -103,7 +103,7 @@ def test_the_texts_of_refused_wishes_leave_room_for_others() -> None:
 
     stage = flooded([OPERATOR], nonsense, pace=0.03)
     assert len(stage.tunnels(TUNNEL_SUMMARY)) >= SECONDS - 1
-    stage.link.send_text("Companion sees again", 5, stage.now)
+    stage.link.texts.send("Companion sees again", 5, stage.now)
     stage.run(1)
     assert stage.link.counters.unsaid > 50
     assert "Companion sees again" in [message.text for message in stage.sent("STATUSTEXT")]

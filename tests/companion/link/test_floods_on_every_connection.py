@@ -91,7 +91,7 @@ def test_every_budget_holds_and_what_matters_gets_out(
                 meter.take(stage.link.counters.connections[name].sent[budget], stage.now)
 
     live(floods[0], 2)
-    stage.link.announce(LONG_CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
+    stage.link.alerts.announce(LONG_CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
     began = stage.now
     for number, wire in enumerate(wires.values()):
         wire.send(UNKNOWN, (255, number))
@@ -133,7 +133,7 @@ def test_a_download_goes_on_under_all_floods_and_what_was_dropped_is_counted_and
 
 
 def calm(stage: LoopbackLink) -> None:
-    stage.link.announce(replace(LONG_CALL, stage=Stage.CLOSED), "", stage.now)
+    stage.link.alerts.announce(replace(LONG_CALL, stage=Stage.CLOSED), "", stage.now)
     for _ in range(60):
         stage.link.summary(SUMMARY, stage.now)
         stage.run(0.2, step=STEP)
@@ -147,9 +147,9 @@ def flood(stage: LoopbackLink, kinds: set[str], number: int) -> None:
     if "numbers" in kinds:
         stage.link.numbers(NUMBERS, now)
     if "texts" in kinds:
-        stage.link.send_text(f"a text that is quite long, at {now:.2f}", 6, now)
+        stage.link.texts.send(f"a text that is quite long, at {now:.2f}", 6, now)
     if "call" in kinds and now > 2:
-        stage.link.announce(replace(LONG_CALL, frame_id=number), f"C1 unknown thing {number}", now)
+        stage.link.alerts.announce(replace(LONG_CALL, frame_id=number), f"C1 unknown thing {number}", now)
     if "news" in kinds:
         stage.link.parameters.set_value("AT_W_WORD_1", number % 20 / 20, now)
     for wire in (stage, stage.more["wifi"]):

@@ -79,7 +79,7 @@ def test_2000_answers_a_second_under_many_names_are_bounded_and_the_operator_get
         stage.run(TURN, step=TURN)
         for event in stage.heard[known:]:
             if isinstance(event, Answer):
-                stage.link.acknowledge(event, granted(event), stage.now)
+                stage.link.answers.acknowledge(event, granted(event), stage.now)
     stage.run(1.0)
     let_through = [request.sender for request in stage.reported(Answer)]
     assert let_through.count(OPERATOR) == asked
@@ -144,7 +144,7 @@ def test_a_reply_to_somebody_known_waits_for_one_frame_of_a_crowd_at_most() -> N
         stage.send(answer(1), (name[0], name[1]))
     stage.run(0.02)
     for event in stage.reported(Answer):
-        stage.link.acknowledge(event, granted(event), stage.now)
+        stage.link.answers.acknowledge(event, granted(event), stage.now)
     stage.send(read, (254, 1))
     before = len(stage.sent("TUNNEL"))
     while not stage.sent("PARAM_VALUE"):

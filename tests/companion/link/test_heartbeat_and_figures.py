@@ -74,7 +74,7 @@ def test_a_change_of_state_is_told_at_once_but_flapping_is_not() -> None:
 def test_on_a_link_that_hears_the_autopilot_nothing_is_said_before_it(url: str) -> None:
     stage = LoopbackLink(LinkSettings(url), vehicle=None)
     drive(stage, 3)
-    stage.link.send_text("hello", 6, stage.now)
+    stage.link.texts.send("hello", 6, stage.now)
     stage.run(1)
     assert stage.frames == []
     stage.heartbeat(1)

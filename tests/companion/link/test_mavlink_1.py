@@ -77,7 +77,7 @@ def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_count
     stage: LoopbackLink,
 ) -> None:
     drive(stage, 4)
-    stage.link.announce(LONG_CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
+    stage.link.alerts.announce(LONG_CALL, "C1 unknown thing ahead 38%: go/stay/word", stage.now)
     stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
     stage.send(mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0))
     stage.send(GO)
@@ -91,7 +91,7 @@ def test_numbers_texts_values_and_acks_go_on_and_payloads_are_left_out_and_count
 
 
 def test_what_only_2_knows_is_cut_off(stage: LoopbackLink) -> None:
-    stage.link.send_text("x" * 50, 6, stage.now)
+    stage.link.texts.send("x" * 50, 6, stage.now)
     stage.send(mavlink.MAVLink_command_long_message(1, 191, 31011, 0, 0, 0, 0, 0, 0, 0, 0))
     stage.run(0.5)
     lengths = {frame.message.get_type(): frame.size for frame in stage.frames}
@@ -110,7 +110,7 @@ def test_what_waits_when_the_version_changes_is_packed_anew() -> None:
     stage.near.full = True
     stage.run(1.5)
     for number in range(3):
-        stage.link.announce(replace(LONG_CALL, frame_id=number), f"text {number}", stage.now)
+        stage.link.alerts.announce(replace(LONG_CALL, frame_id=number), f"text {number}", stage.now)
         stage.run(0.5)
     stage.near.full = False
     stage.frames.clear()
@@ -139,7 +139,7 @@ def test_each_connection_has_its_own_version_and_a_new_device_starts_with_2() ->
 
 def test_a_mode_and_a_setpoint_reach_an_autopilot_that_speaks_1(stage: LoopbackLink) -> None:
     stage.link.modes.command(4, stage.now)
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     stage.run(0.5)
     assert [message.command for message in stage.sent("COMMAND_LONG")].count(176) == 1
     assert stage.sent("SET_POSITION_TARGET_LOCAL_NED") != []

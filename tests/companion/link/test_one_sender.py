@@ -50,11 +50,13 @@ def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
     for number, (action, pause) in enumerate(actions):
         match action:
             case "say":
-                stage.link.send_text(f"a text that is quite long, number {number}", 6, stage.now)
+                stage.link.texts.send(f"a text that is quite long, number {number}", 6, stage.now)
             case "call":
-                stage.link.announce(replace(LONG_CALL, frame_id=number), f"C1 text {number}", stage.now)
+                stage.link.alerts.announce(
+                    replace(LONG_CALL, frame_id=number), f"C1 text {number}", stage.now
+                )
             case "close":
-                stage.link.announce(
+                stage.link.alerts.announce(
                     replace(LONG_CALL, id=number, stage=Stage.CLOSED), f"closed {number}", stage.now
                 )
             case "summary":
@@ -74,7 +76,7 @@ def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
 def test_frames_keep_their_distance_and_their_numbers_never_repeat(actions: list[tuple[str, float]]) -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=0.0, asked_budget=0.0))
     for number, (action, pause) in enumerate(actions):
-        stage.link.send_text(f"{action} {number}", 6, stage.now)
+        stage.link.texts.send(f"{action} {number}", 6, stage.now)
         stage.send(mavlink.MAVLink_param_request_list_message(1, 191))
         stage.run(pause, step=0.01)
     assert all(after.at - before.at >= 0.0299 for before, after in pairwise(stage.frames))
@@ -85,8 +87,10 @@ def test_frames_keep_their_distance_and_their_numbers_never_repeat(actions: list
 def test_the_heartbeat_keeps_its_beat_under_a_budget_that_is_spent() -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=60.0, burst=300.0))
     for number in range(600):
-        stage.link.send_text(f"a text that is quite long, number {number}", 6, stage.now)
-        stage.link.announce(replace(LONG_CALL, frame_id=number), f"C1 unknown thing {number}", stage.now)
+        stage.link.texts.send(f"a text that is quite long, number {number}", 6, stage.now)
+        stage.link.alerts.announce(
+            replace(LONG_CALL, frame_id=number), f"C1 unknown thing {number}", stage.now
+        )
         stage.run(0.1, step=0.05)
     beats = stage.times("HEARTBEAT")
     assert max(after - before for before, after in pairwise(beats)) < 1.5
@@ -94,8 +98,8 @@ def test_the_heartbeat_keeps_its_beat_under_a_budget_that_is_spent() -> None:
 
 def test_no_frame_is_longer_than_its_row_says() -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=0.0))
-    stage.link.announce(LONG_CALL, "x" * 60, stage.now)
-    stage.link.send_text("y" * 60, 6, stage.now)
+    stage.link.alerts.announce(LONG_CALL, "x" * 60, stage.now)
+    stage.link.texts.send("y" * 60, 6, stage.now)
     stage.link.set_state(State.FAULT, 0xFFFF, Policy.HOLD)
     stage.link.numbers({"AT_TRAV": 0.123, "AT_CALL": 1e9}, stage.now)
     stage.run(5)
@@ -132,7 +136,7 @@ def test_what_waited_too_long_is_not_sent() -> None:
     stage = LoopbackLink(vehicle=None)
     stage.run(0.1)
     stage.near.full = True
-    stage.link.send_text("old news", 6, stage.now)
+    stage.link.texts.send("old news", 6, stage.now)
     stage.run(10, step=0.1)
     stage.near.full = False
     stage.run(1)
@@ -181,7 +185,7 @@ def test_a_fast_connection_knows_its_own_frames_that_come_back_late() -> None:
 def test_a_hold_that_is_urgent_leaves_alone_and_at_once_and_the_rest_waits_for_its_turn() -> None:
     stage = LoopbackLink()
     stage.run(0.5)
-    stage.link.send_text("a text", 1, stage.now)
+    stage.link.texts.send("a text", 1, stage.now)
     stage.link.modes.command(10, stage.now)
     before = len(stage.frames)
     stage.link.modes.send_hold_now(stage.now)
@@ -238,7 +242,7 @@ def test_after_a_reconnect_a_heartbeat_leaves_at_once() -> None:
 def test_a_device_that_never_comes_disturbs_nothing() -> None:
     stage = LoopbackLink(vehicle=None)
     stage.near.broken = True
-    stage.link.announce(LONG_CALL, "C1 unknown", 0.0)
+    stage.link.alerts.announce(LONG_CALL, "C1 unknown", 0.0)
     for _ in range(200):
         stage.link.summary(SUMMARY, stage.now)
         stage.run(0.1, step=0.1)

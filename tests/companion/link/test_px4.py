@@ -40,21 +40,21 @@ def test_a_mode_is_asked_for_by_main_and_sub_mode(
 
 
 def test_zero_velocity_goes_out_at_the_rate_and_ends(stage: LoopbackLink) -> None:
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     for number in range(100):
-        stage.link.send_text(f"text {number}", 4, stage.now)
+        stage.link.texts.send(f"text {number}", 4, stage.now)
         stage.run(0.05)
     times = stage.times("SET_POSITION_TARGET_LOCAL_NED")
     assert 25 <= len(times) <= 26, "five a second"
     assert max(later - earlier for earlier, later in pairwise(times)) < 0.3
-    stage.link.stand_still(on=False)
+    stage.link.setpoints.on = False
     before = len(times)
     stage.run(2.0)
     assert len(stage.times("SET_POSITION_TARGET_LOCAL_NED")) == before
 
 
 def test_a_setpoint_is_zero_velocity_and_nothing_else_for_the_autopilot_alone(stage: LoopbackLink) -> None:
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     stage.run(0.1)
     frame = next(f for f in stage.frames if f.message.get_type() == "SET_POSITION_TARGET_LOCAL_NED")
     told = frame.message
@@ -66,7 +66,7 @@ def test_a_setpoint_is_zero_velocity_and_nothing_else_for_the_autopilot_alone(st
 
 def test_setpoints_are_the_autopilots_and_cost_no_budget(stage: LoopbackLink) -> None:
     before = dict(stage.link.counters.sent)
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     stage.run(10.0)
     after = stage.link.counters.sent
     asked_for = 12 * MESSAGES["interval"].bytes  # streams that this autopilot does not send
@@ -77,7 +77,7 @@ def test_setpoints_are_the_autopilots_and_cost_no_budget(stage: LoopbackLink) ->
 def test_an_answer_gets_out_beside_them_at_the_slowest_pace() -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", pace=LONGEST_PACE), vehicle=None)
     heartbeat(stage)
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     stage.run(2.0)
     for _ in range(5):
         stage.send(mavlink.MAVLink_command_long_message(1, 191, 512, 0, 148, 0, 0, 0, 0, 0, 0))
@@ -87,7 +87,7 @@ def test_an_answer_gets_out_beside_them_at_the_slowest_pace() -> None:
 
 
 def test_they_go_on_while_another_component_talks_under_our_ids(stage: LoopbackLink) -> None:
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     stage.run(1.0)
     stage.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 7, 4, 3), (1, 191))
     before = len(stage.frames)
@@ -99,7 +99,7 @@ def test_they_go_on_while_another_component_talks_under_our_ids(stage: LoopbackL
 
 def test_without_a_vehicle_nothing_is_streamed() -> None:
     stage = LoopbackLink(vehicle=None)
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     stage.run(2.0)
     assert stage.sent("SET_POSITION_TARGET_LOCAL_NED") == []
 

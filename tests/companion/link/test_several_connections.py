@@ -38,7 +38,7 @@ def commands(wire: Wire, number: int) -> int:
 
 
 def test_everybody_is_told_by_all_connections(stage: LoopbackLink, wifi: Wire) -> None:
-    stage.link.send_text("hello", 6, stage.now)
+    stage.link.texts.send("hello", 6, stage.now)
     stage.run(2)
     for wire in (stage, wifi):
         assert [message.text for message in wire.sent("STATUSTEXT")] == ["hello"]
@@ -132,7 +132,7 @@ def test_the_same_command_again_later_or_on_the_same_connection_is_a_new_wish(
 
 def test_the_autopilot_is_commanded_only_where_it_is_heard(stage: LoopbackLink, wifi: Wire) -> None:
     stage.link.modes.command(4, stage.now)
-    stage.link.stand_still(on=True)
+    stage.link.setpoints.on = True
     stage.run(0.5)
     assert commands(stage, 176) == 1
     assert stage.sent("SET_POSITION_TARGET_LOCAL_NED") != []

@@ -93,7 +93,7 @@ def stage(tmp_path: Path) -> Stage:
 
 
 def test_all_that_leaves_is_signed_and_pymavlink_believes_it(stage: Stage) -> None:
-    stage.link.send_text("hello", 4, stage.now)
+    stage.link.texts.send("hello", 4, stage.now)
     stage.run(3)
     frames = [bytes(frame.message.get_msgbuf()) for frame in stage.frames]
     assert len(frames) >= 4
@@ -300,7 +300,7 @@ def test_nor_does_one_under_the_grounds_ids_lead_its_acknowledgements_astray(tmp
     message = mavlink.MAVLink_radio_status_message(9, 9, 9, 9, 9, 9, 9)
     stage.more["wifi"].far.write(stage.ground.frame(message, signed=False))
     stage.run(0.1)
-    stage.link.acknowledge(request, STALE, stage.now)
+    stage.link.answers.acknowledge(request, STALE, stage.now)
     stage.run(1.0)
     assert stage.sent("COMMAND_ACK")
     assert not stage.more["wifi"].sent("COMMAND_ACK")

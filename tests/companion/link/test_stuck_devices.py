@@ -184,7 +184,7 @@ def test_what_a_device_took_of_a_frame_swallows_no_hold_behind_it(port: Port) ->
     port.read()
     os.write(port.slave, mavlink.MAVLink_statustext_message(6, b"x" * 50).pack(AUTOPILOT)[:20])
     port.fill()
-    port.link.send_text("a text", 6, port.now)
+    port.link.texts.send("a text", 6, port.now)
     port.run(1.6)
     port.link.modes.command(HOLD, port.now)
     port.run(0.5)

@@ -155,7 +155,7 @@ def test_a_mode_command_overtakes_everything_and_its_ack_is_reported() -> None:
     stage = LoopbackLink()
     stage.run(15.2)
     for number in range(8):
-        stage.link.send_text(f"text {number}", 6, stage.now)
+        stage.link.texts.send(f"text {number}", 6, stage.now)
     before = len(stage.frames)
     stage.link.modes.command(4, stage.now)
     stage.run(0.05)

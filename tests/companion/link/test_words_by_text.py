@@ -38,7 +38,7 @@ def acks(stage: LoopbackLink) -> list[tuple[str, str, int]]:
 
 
 def decided(stage: LoopbackLink, answer: Answer, result: Result) -> None:
-    stage.link.acknowledge(answer, Acknowledgement.without_figures(0, 0, result, ""), stage.now)
+    stage.link.answers.acknowledge(answer, Acknowledgement.without_figures(0, 0, result, ""), stage.now)
 
 
 def values(stage: LoopbackLink) -> list[tuple[str, str]]:

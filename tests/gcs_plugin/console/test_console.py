@@ -63,7 +63,7 @@ class Desk:
 
     def announce(self) -> None:
         self.link.link.set_state(ids.State.CALLING, self.call.id, ids.Policy.HOLD)
-        self.link.link.announce(self.call, TEXT, self.link.now)
+        self.link.link.alerts.announce(self.call, TEXT, self.link.now)
 
     def run(self, seconds: float) -> None:
         client = self.console.client
@@ -112,7 +112,7 @@ class Desk:
         request = self.requests()[-1]
         figures = (0.12, 0.2, ids.Reasons.NONE, 1, text)
         ack = Acknowledgement(request.transaction, request.target, result, stage, outcome, *figures)
-        self.link.link.acknowledge(request, ack, self.link.now)
+        self.link.link.answers.acknowledge(request, ack, self.link.now)
 
 
 @pytest.fixture
@@ -185,7 +185,7 @@ def test_a_tap_with_a_name_leaves_as_one_answer_and_what_becomes_of_it_is_told(d
     assert desk.rover()["names"][:2] == [["gravel", 1.0], ["drum", -1.0]]
     desk.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
     closed = replace(desk.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.ANSWERED, holding=False)
-    desk.link.link.announce(closed, "C7 closed: answered, thank you", desk.link.now)
+    desk.link.link.alerts.announce(closed, "C7 closed: answered, thank you", desk.link.now)
     desk.until(lambda: not desk.shown()["open"])
     desk.until(lambda: "The rover drives on (AUTO)." in [one["text"] for one in desk.shown()["said"]])
     assert desk.shown()["first"] == ""
@@ -287,7 +287,7 @@ def test_the_second_of_two_operators_is_told_who_was_first(desk: Desk) -> None:
     desk.run(3.0)
     closed = replace(desk.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.ANSWERED)
     desk.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
-    desk.link.link.announce(closed, "C7 closed: answered, thank you", desk.link.now)
+    desk.link.link.alerts.announce(closed, "C7 closed: answered, thank you", desk.link.now)
     desk.until(lambda: "254/190" in desk.shown()["first"])
     assert desk.shown()["first"] == "Ground station 254/190 answered first: gravel: 1, go"
 
@@ -335,7 +335,7 @@ def test_a_rover_that_is_not_heard_is_sent_nothing_and_the_answer_waits(desk: De
 def test_texts_and_documents_of_a_hostile_rover_are_cleaned_and_bounded(desk: Desk) -> None:
     evil = "<img src=x onerror=alert(1)>\x1b[31m"
     desk.state |= {"words": {evil: 1.0, "a" * 400: 1.0}, "hold_refused": evil * 1000, "model": evil}
-    desk.link.link.send_text(evil, ids.WARNING, desk.link.now)
+    desk.link.link.texts.send(evil, ids.WARNING, desk.link.now)
     desk.link.link.set_state(ids.State.BLOCKED, 0, ids.Policy.HOLD)
     desk.until(lambda: bool(desk.rover()["model"]))
     assert evil.replace("\x1b", " ") in desk.rover()["texts"][-1]["text"]
@@ -454,7 +454,7 @@ def test_a_call_shows_the_number_that_is_needed_and_does_not_repeat_it_below(des
     desk.call = replace(desk.call, reasons=ids.Reasons.UNKNOWN_SCENE, drivable_share=None)
     text = "C7 new place, .91 like C3, .94 needed: go/word"
     desk.link.link.set_state(ids.State.CALLING, 7, ids.Policy.HOLD)
-    desk.link.link.announce(desk.call, text, desk.link.now)
+    desk.link.link.alerts.announce(desk.call, text, desk.link.now)
     desk.run(3.0)
     assert desk.shown()["figures"] == "new place, .91 like C3, .94 needed"
     assert desk.shown()["said"] == []

@@ -67,7 +67,7 @@ def test_what_a_page_is_told_of_calls(desk: Desk) -> None:
     desk.call = replace(desk.call, latitude=47.3, longitude=8.5, heading=90.0, age_s=2, id=9, picture="")
     desk.announce()
     desk.run(5.0)
-    desk.link.link.announce(replace(desk.call, stage=ids.Stage.CLEAR), TEXT, desk.link.now)
+    desk.link.link.alerts.announce(replace(desk.call, stage=ids.Stage.CLEAR), TEXT, desk.link.now)
     desk.run(2.0)
     note("a call that is clear")
     desk.post(
@@ -79,7 +79,7 @@ def test_what_a_page_is_told_of_calls(desk: Desk) -> None:
     note("answered from here")
     desk.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
     closed = replace(desk.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.ANSWERED, holding=False)
-    desk.link.link.announce(closed, "C9 closed: answered, thank you", desk.link.now)
+    desk.link.link.alerts.announce(closed, "C9 closed: answered, thank you", desk.link.now)
     desk.run(6.0)
     note("closed")
     compare(GOLDEN, steps)
@@ -94,7 +94,7 @@ def test_what_a_page_is_told_of_others(desk: Desk, kind: str, thing_call: CallRe
     }
     desk.call = others[kind]
     desk.link.link.set_state(ids.State.CALLING, 7, ids.Policy.HOLD)
-    desk.link.link.announce(
+    desk.link.link.alerts.announce(
         desk.call, "C7 new place, .81 like a known one, .85 needed: go/word", desk.link.now
     )
     desk.run(6.0)

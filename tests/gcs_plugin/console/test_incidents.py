@@ -84,7 +84,7 @@ class Rover:
     def reply(self, result: Result, text: str) -> None:
         request = self.requests()[-1]
         ack = Acknowledgement.without_figures(request.transaction, 0, result, text)
-        self.desk.link.link.acknowledge(request, ack, self.desk.link.now)
+        self.desk.link.link.answers.acknowledge(request, ack, self.desk.link.now)
 
     def pack(self) -> None:
         """Ask for an incident of call 7; it is packed."""

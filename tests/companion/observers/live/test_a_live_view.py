@@ -49,7 +49,8 @@ class Stage:
     def turn(self, messages: Sequence[Message] = ()) -> None:
         """One turn of the main loop."""
         began = time.monotonic()
-        self.live.feed(began, messages)
+        self.live.poll(began)
+        self.live.feed(messages, began)
         self.slowest = max(self.slowest, time.monotonic() - began)
         time.sleep(0.01)
 

@@ -64,7 +64,8 @@ class Stage:
     def turn(self, messages: Sequence[Message] = ()) -> float:
         """One turn of the main loop; returns the seconds that the recorder took of it."""
         began = time.monotonic()
-        self.recorder.feed(began, messages)
+        self.recorder.poll(began)
+        self.recorder.feed(messages, began)
         took = time.monotonic() - began
         time.sleep(0.01)
         return took

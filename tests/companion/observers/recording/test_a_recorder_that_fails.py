@@ -81,7 +81,7 @@ def test_a_stopped_process_takes_nothing_and_what_is_lost_is_counted(tmp_path: P
     os.kill(stage.pid(), signal.SIGSTOP)
     began = time.monotonic()
     for number in range(150):
-        stage.recorder.feed(time.monotonic(), [frame(number, 0.0, 100_000)])
+        stage.recorder.feed([frame(number, 0.0, 100_000)], time.monotonic())
     assert time.monotonic() - began < 1.0
     lost = stage.recorder.figures()["lost"]
     assert 40 < lost < 90, "what waits is bounded"

@@ -1,0 +1,78 @@
+"""Has the parts of a composed daemon, for whoever runs it and shows it to people."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from companion.calls.machine import OperatorCalls
+from companion.daemon.answers.handler import AnswerHandler
+from companion.daemon.call_frames import CallFrames
+from companion.daemon.call_texts import CallTexts
+from companion.daemon.daemon import Daemon
+from companion.daemon.incident_requests import IncidentRequests
+from companion.daemon.live_picture import LivePicture, VideoPictures
+from companion.daemon.persistence import Persistence
+from companion.daemon.pointing import Pointing
+from companion.daemon.policy.shadow_reporter import ShadowReporter
+from companion.daemon.recording import Recording
+from companion.daemon.records import Records
+from companion.daemon.settings.service import SettingsService
+from companion.daemon.status import Status
+from companion.daemon.status_file import StatusFile
+from companion.daemon.trial_call import TrialCall
+from companion.daemon.turn import Observers
+from companion.system.computer import Computer
+from companion.vehicle.state import VehiclePosition
+
+
+@dataclass(frozen=True)
+class Supervisor:
+    """The parts. Call `daemon.turn` until the end, then `leave`."""
+
+    daemon: Daemon
+    calls: OperatorCalls
+    persistence: Persistence
+    frames: CallFrames
+    settings: SettingsService
+    answer_handler: AnswerHandler
+    position: VehiclePosition
+    computer: Computer
+    incidents: IncidentRequests
+    test_call: TrialCall
+    observers: Observers
+    figures: Status
+    status_file: StatusFile
+    records: Records
+    call_texts: CallTexts
+    shadow: ShadowReporter
+    pointing: Pointing
+    live_picture: LivePicture
+    video_pictures: VideoPictures
+    recording: Recording
+
+    def leave(self) -> None:
+        """End in good order: hand over a hold that needs us, then write everything that waits."""
+        self.shadow.log_totals()
+        self.daemon.release()
+        self.persistence.leave()
+        self.status_file.leave(self.status())
+
+    def write_status(self, **more: Any) -> dict[str, Any]:
+        """Queue the status file, and return its content. more: figures of parts that are not the daemon's."""
+        figures = self.status_file.write({**self.status(), **more})
+        self.recording.status(figures, time.monotonic())
+        return figures
+
+    def status(self) -> dict[str, Any]:
+        """Return the figures of the status file."""
+        return self.figures.figures(time.monotonic())
+
+    def ahead(self) -> dict[str, Any] | None:
+        """Return what was judged of the way ahead, see `Status.ahead`."""
+        return self.figures.ahead(time.monotonic())
+
+    def state_file(self) -> dict[str, Any]:
+        """Return the figures for /state.json."""
+        return self.figures.state_file(time.monotonic())

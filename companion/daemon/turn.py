@@ -1,0 +1,137 @@
+"""Defines what observers are told of each turn of the main loop, and shows it to them."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+from anytraverse.assessment import Assessment
+from anytraverse.history import Place
+from anytraverse.preferences import Preferences
+from companion.calls.decisions import Call, Decision
+from companion.daemon.answers.handler import Reply
+from companion.link.inbound import InboundEvent
+from companion.system.error_guard import ErrorGuard
+from companion.vehicle.state import Vehicle
+from companion.vision.client import VisionResult
+from companion.vision.messages import FrameJudged
+from companion.wire.call_report import CallReport
+from companion.wire.ids import ERROR, Policy, State
+
+log = logging.getLogger(__name__)
+
+SLOW = 0.1
+"""Seconds from which on an observer is named in the log: a turn is to take a fraction of that."""
+_NAMED_EVERY = 10.0
+
+
+@dataclass(frozen=True)
+class CallShown:
+    """The frame by which a call or hold is shown from now on.
+
+    number: its id. call: None for a hold's. title: of its picture. drawing: number of vision's request, 0:
+    vision cannot draw it now, None: the frame is the same, and is kept already. replaced: it takes the place
+    of one that is lost.
+    """
+
+    number: int
+    seen: Assessment
+    call: Call | None
+    title: str
+    drawing: int | None
+    replaced: bool = False
+
+
+class AnswerStored(NamedTuple):
+    """An answer that changed something was queued for the journal. record: as it is there, with its time."""
+
+    target: int
+    record: Mapping[str, Any]
+
+
+Event = InboundEvent | VisionResult | Decision | CallShown | AnswerStored | Reply
+"""A `Reply` is an acknowledgement that was sent."""
+
+
+class Reminder(NamedTuple):
+    """The text to repeat while no call and no hold is open, "" for none. data: of an open test call."""
+
+    text: str
+    severity: int = ERROR
+    quiet: bool = False
+    data: CallReport | None = None
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One turn of the main loop, after all was decided and queued for the disk, and before it is sent.
+
+    now: monotonic seconds. at: seconds since 1970. current_id: of the open call or hold, 0 for none. words:
+    in use. weak: those of them that the perceiver recognises badly. link_trouble: where and why nothing can
+    be sent, "" when all is well. computer: figures of `Computer`. silent: the parts that give no sign of
+    life. fault: why nothing can be judged, "" while it can. fault_name: what is wrong, in two or three words.
+    test_call: `TrialCall.status`. events: what happened since the turn before, in order.
+    """
+
+    now: float
+    at: float
+    state: State
+    policy: Policy
+    current_id: int
+    words: Preferences
+    weak: Sequence[str]
+    place: Place
+    vehicle: Vehicle | None
+    link_trouble: str
+    computer: Mapping[str, Any]
+    silent: Sequence[str]
+    fault: str
+    fault_name: str
+    reminder: Reminder
+    test_call: Mapping[str, Any]
+    events: tuple[Event, ...]
+
+    @property
+    def judged(self) -> Iterator[FrameJudged]:
+        """The frames that were judged, oldest first."""
+        results = (event for event in self.events if isinstance(event, VisionResult))
+        return (one.report for one in results if isinstance(one.report, FrameJudged))
+
+
+class Observer(Protocol):
+    """Sees each turn, and tells somebody of it. It decides nothing."""
+
+    def see(self, turn: Turn) -> None:
+        """Take what happened. Must not wait. What it raises is logged and reported, and stops nothing."""
+
+
+class Observers:
+    """Shows each turn to all observers, in order. One that fails or is slow is named."""
+
+    def __init__(self, observers: Sequence[Observer], error_guard: ErrorGuard) -> None:
+        self._observers = list(observers)
+        self._error_guard = error_guard
+        self._named_at: dict[str, float] = {}
+
+    def add(self, observer: Observer) -> None:
+        """Show the turns to this one, too, after the others."""
+        self._observers.append(observer)
+
+    def see(self, turn: Turn) -> None:
+        """Show them a turn."""
+        ended = time.monotonic()
+        for observer in self._observers:
+            began, name = ended, type(observer).__name__
+            try:
+                observer.see(turn)
+            except Exception:
+                with self._error_guard.survived(name, turn.now):
+                    raise
+            ended = time.monotonic()
+            took = ended - began
+            if took >= SLOW and turn.now - self._named_at.get(name, float("-inf")) >= _NAMED_EVERY:
+                self._named_at[name] = turn.now
+                log.warning("%s made a turn of the main loop %.2f s longer", name, took)

@@ -13,11 +13,11 @@ import gc
 import math
 import pickle
 import struct
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, convert, msgpack, structs
+from msgspec import Meta, Struct, convert, msgpack, structs
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment
@@ -36,6 +36,7 @@ MOST_ARRAYS = 4096
 """Arrays of one report, at most."""
 _LENGTH = struct.Struct("<I")
 _LARGEST_SIDE = 1 << 16
+_LEAVES = frozenset({bool, int, float, str, bytes, type(None)})
 _LONGEST_ERROR = 200
 _Size = Annotated[int, Meta(ge=0, le=LARGEST)]
 _Array = tuple[str, Annotated[tuple[_Size, ...], Meta(max_length=3)]]
@@ -128,11 +129,30 @@ def decode(packed: bytes) -> Report:
         report: Report = msgpack.decode(view[_LENGTH.size : end], type=kinds, dec_hook=contents.made)
         if contents.rest:
             raise CodecError("content of no array")
+        _require_all_fields(report)
     except Exception as error:  # damaged bytes may raise anything
         raise CodecError(f"unreadable: {clean(str(error)[:_LONGEST_ERROR])}") from error
     finally:
         gc.enable()
     return report
+
+
+def _require_all_fields(value: object) -> None:
+    """Refuse a part of which a field was left out: msgspec takes the default, which is no evidence."""
+    if isinstance(value, Struct):
+        value = structs.astuple(value)
+    elif is_dataclass(value):
+        told = vars(value)
+        for field in fields(value):
+            if field.name not in told:
+                raise CodecError(f"no {field.name}")
+        value = tuple(told.values())
+    elif isinstance(value, dict):
+        value = tuple(value.values())
+    if isinstance(value, tuple):
+        for one in value:
+            if type(one) not in _LEAVES:
+                _require_all_fields(one)
 
 
 class _Contents:

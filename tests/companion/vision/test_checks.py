@@ -399,7 +399,10 @@ def test_a_field_that_is_missing_or_something_else_is_refused(message: Any) -> N
                 believed([kind, *given[:at], broken, *given[at + 1 :]])
 
 
-def test_a_field_of_a_part_that_is_missing_has_its_default() -> None:
-    told = believed(structs.replace(READY, settings={}))
-    assert isinstance(told, Ready)
-    assert told.settings == Settings()
+@pytest.mark.parametrize(
+    "message",
+    [structs.replace(READY, settings={}), Alive({}, 1.0)],  # type: ignore[arg-type]
+)
+def test_a_part_without_its_fields_is_refused(message: Any) -> None:
+    with pytest.raises((CodecError, BadReportError)):
+        believed(message)

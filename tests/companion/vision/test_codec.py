@@ -523,18 +523,21 @@ def test_what_it_says_of_nonsense_is_short_and_controls_no_terminal(told: bytes)
 
 
 @pytest.mark.parametrize("key", [b"undecidee", b"undecide\xff"])
-def test_a_field_of_a_part_that_nobody_knows_is_passed_over(key: bytes) -> None:
-    read = decode(spliced(b"\xa9undecided\xc2", b"\xa9" + key + b"\xc3"))
-    assert isinstance(read, FrameJudged)
-    assert read.assessment.undecided is False
+def test_a_field_of_a_part_that_nobody_knows_is_in_the_place_of_one_that_is_left_out(key: bytes) -> None:
+    with pytest.raises(CodecError):
+        decode(spliced(b"\xa9undecided\xc2", b"\xa9" + key + b"\xc3"))
 
 
-def test_of_two_values_of_one_key_the_last_counts_and_is_checked_like_any() -> None:
-    read = decode(spliced(b"\xa9undecided\xc2\xa8likeness\xc0", b"\xa9undecided\xc2\xa9undecided\xc3"))
-    assert isinstance(read, FrameJudged)
-    assert read.assessment.undecided is True
-    with pytest.raises(CodecError, match="bool"):
-        decode(spliced(b"\xa9undecided\xc2\xa8likeness\xc0", b"\xa9undecided\xc2\xa9undecided\x01"))
+@pytest.mark.parametrize("field", ["findings", "similarity", "undecided", "maps", "roi"])
+def test_a_field_of_a_part_that_is_left_out_has_no_default(field: str) -> None:
+    with pytest.raises(CodecError):
+        decode(with_pack(looked("drum"), lambda told: without(told[1], field)))
+
+
+@pytest.mark.parametrize("second", [b"\xc3", b"\x01"])
+def test_a_key_that_stands_twice_in_the_place_of_another_is_refused(second: bytes) -> None:
+    with pytest.raises(CodecError):
+        decode(spliced(b"\xa9undecided\xc2\xa8likeness\xc0", b"\xa9undecided\xc2\xa9undecided" + second))
 
 
 @given(st.lists(st.binary(min_size=0, max_size=50), max_size=5), st.integers(1, 20))

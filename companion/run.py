@@ -24,7 +24,7 @@ from companion.daemon.death import report_death
 from companion.daemon.settings.mapping import first_words, restored_policy
 from companion.daemon.startup import load
 from companion.daemon.supervisor import Supervisor
-from companion.daemon.turn import Turn
+from companion.daemon.turn import Observer, Turn
 from companion.desk.check.report import EVERY, CheckReport
 from companion.link.answer_store import AnswerStore
 from companion.link.link import Link
@@ -203,7 +203,7 @@ def _signing(config: Config) -> Signing | None:
     return open_signing(key, config.journal.path, unsigned_autopilot=exempt)
 
 
-class _Report:
+class _Report(Observer):
     """Observes the turns: once a second it writes the status file, and tells systemd how it goes.
 
     It has the computer measured and the checks run, in the background, and makes what the page is told.
@@ -232,6 +232,9 @@ class _Report:
         if turn.now - self._told_at < _STATUS_PERIOD:
             return
         self._told_at = turn.now
+        checks_due = turn.now - self._checked_at >= EVERY
+        if not checks_due:  # first, since the rate of judging depends on it, whatever the report comes to
+            self._background.run(self._look_around)
         left_out = self._supervisor.recording.left_out
         self._figures = figures = self._supervisor.write_status(
             web=self._beside.page.figures(),
@@ -240,9 +243,9 @@ class _Report:
             live=self._beside.live.figures(),
         )
         self._service.status(f"{figures['state']}, policy {figures['policy']}")
-        if turn.now - self._checked_at < EVERY:
-            self._background.run(self._look_around)
-        elif self._background.run(partial(self._checks.refresh, {**figures, "disk": self._writer.figures()})):
+        if checks_due and self._background.run(
+            partial(self._checks.refresh, {**figures, "disk": self._writer.figures()})
+        ):
             self._checked_at = turn.now
 
     def news(self) -> dict[str, Any]:

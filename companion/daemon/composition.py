@@ -127,20 +127,23 @@ def compose(
         persistence.after_write,
     )
     settings.start(now)
-    events: list[Event] = []
+    events = list[Event]()
     guard = ErrorGuard(lambda now: link.texts.send(notices.unexpected_error(), ERROR, now))
     frames = CallFrames(vision, calls, persistence, position, events)
-    executor = DecisionExecutor(link.modes, frames, persistence, statistics, guard, events)
+    liveness, computer = Liveness(tasks(calls.numbers), now), Computer(folder)
+    health = HealthMonitor(liveness, link, vision, calls, persistence)
+    executor = DecisionExecutor(
+        link.modes, frames, persistence, statistics, calls, health.fault_name, guard, events
+    )
     test_call, incidents = TrialCall(folder, calls, link, vision, position), IncidentRequests(link, vision)
     requests = Requests(link, executor, persistence, settings, answer_handler, (incidents, test_call))
-    liveness, computer = Liveness(tasks(calls.numbers), now), Computer(folder)
     deciders = Deciders(
         requests,
         VehicleReports(link, calls, position, CourseJudge(config.mount.heading, config.camera.view)),
         VisionResults(calls, persistence, frames, executor, requests, answer_handler),
         policy,
         test_call,
-        HealthMonitor(liveness, link, vision, calls, persistence),
+        health,
         computer,
     )
     archive = PictureArchive(folder / "pictures", config.pictures.keep)
@@ -152,11 +155,20 @@ def compose(
     call_texts, pointing = CallTexts(link.texts, link.alerts, calls, records), Pointing(calls, link)
     shadow, live_picture = ShadowReporter(statistics, calls, link.texts), LivePicture(vision)
     video_pictures = VideoPictures(vision, pointing, call_texts, config.video.rate)
-    rate, text = config.recording.rate, format_config(config)
-    recording = Recording(vision, calls, settings, position.clock, rate=rate, config=text)
+    rate = config.recording.rate
+    recording = Recording(vision, calls, settings, position.clock, rate=rate, config=format_config(config))
     # The figures of a frame do not wait for its files and pictures, nor texts for pictures that are shown.
-    telemetry = Telemetry(link, view)
-    told = telemetry, status, status_file, records, call_texts, shadow, pointing, video_pictures, live_picture
+    told = (
+        Telemetry(link, view),
+        status,
+        status_file,
+        records,
+        call_texts,
+        shadow,
+        pointing,
+        video_pictures,
+        live_picture,
+    )
     observers = Observers((*told, recording), guard)
     supervisor = Supervisor(
         daemon=Daemon(link, vision, calls, executor, deciders, observers),

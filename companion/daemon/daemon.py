@@ -10,14 +10,13 @@ from typing import NamedTuple
 
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeAnswer
-from companion.calls.summary import fault_name
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector
 from companion.daemon.policy.service import PolicyService
 from companion.daemon.requests import Requests
 from companion.daemon.startup import wait
 from companion.daemon.trial_call import TrialCall
-from companion.daemon.turn import Observers, Reminder, Turn
+from companion.daemon.turn import Observers, Reminder, Turn, kind_of
 from companion.daemon.vehicle_reports import VehicleReports
 from companion.daemon.vision_results import VisionResults
 from companion.link.inbound import InboundEvent, VehicleUpdate
@@ -103,6 +102,8 @@ class Daemon:
         if self._link.modes.resume_waits:
             # What came meanwhile may say that a human has set another mode.
             self._receive(now)
+            if self._executor.events:
+                self._observers.see(self._made(now))
         self._link.tick(now)
 
     def sees_or_reports_fault(self, now: float) -> bool:
@@ -151,7 +152,7 @@ class Daemon:
         self._vision.situation(vehicle.position.place(), now, moving=vehicle.moves(now))
         for result in self._vision.poll(now):
             self._executor.events.append(result)
-            with self._guard.survived(type(result.report).__name__, now):
+            with self._guard.survived(kind_of(result).__name__, now):
                 self._deciders.results.received(result, now)
 
     def _let_time_pass(self, now: float) -> None:
@@ -173,7 +174,7 @@ class Daemon:
     def _made(self, now: float) -> Turn:
         """Make the record of this turn."""
         calls, health, events = self._calls, self._deciders.health, tuple(self._executor.events)
-        position, silent = self._deciders.vehicle.position, health.silent(now)
+        position = self._deciders.vehicle.position
         self._executor.events.clear()
         return Turn(
             now=now,
@@ -187,9 +188,8 @@ class Daemon:
             vehicle=self._link.vehicle,
             link_trouble=self._link.trouble or "",
             computer=self._deciders.computer.newest,
-            silent=silent,
+            silent=health.silent(now),
             fault=health.fault(now),
-            fault_name=fault_name(calls.reason_filter.newest, silent),
             reminder=self._reminder(),
             test_call=self._deciders.test_call.status,
             events=events,

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from copy import copy
+from dataclasses import replace
 
 from companion.calls.decisions import (
     CallClosed,
     CallOpened,
     Decision,
     HoldMoved,
+    HoldRenamed,
     HoldShown,
+    HoldStarted,
     ResumeCancelled,
     SetMode,
     WouldHold,
     WouldResume,
 )
 from companion.calls.hold import HoldEvent
+from companion.calls.machine import OperatorCalls
 from companion.daemon.call_frames import CallFrames
 from companion.daemon.health import STALLED_AFTER
 from companion.daemon.persistence import Persistence
 from companion.daemon.policy.shadow_statistics import ShadowStatistics
-from companion.daemon.turn import Event
+from companion.daemon.turn import Decided, Event
 from companion.link.mode_commands import ModeCommands
 from companion.system.error_guard import ErrorGuard
 
@@ -44,14 +49,18 @@ class DecisionExecutor:
         frames: CallFrames,
         persistence: Persistence,
         statistics: ShadowStatistics,
+        calls: OperatorCalls,
+        fault_name: Callable[[float], str],
         error_guard: ErrorGuard,
         events: list[Event],
     ) -> None:
-        """events: what happens in a turn, in order. It takes the decisions."""
+        """fault_name: see `HealthMonitor.fault_name`. events: what happens in a turn, in order."""
         self._modes = modes
         self._frames = frames
         self._persistence = persistence
         self._statistics = statistics
+        self._calls = calls
+        self._fault_name = fault_name
         self.error_guard = error_guard
         self.events = events
         self._hold_to_show: HoldShown | None = None
@@ -69,7 +78,7 @@ class DecisionExecutor:
         if at_once:
             self.send_hold_now(now)
         for decision in decisions:
-            self.events.append(decision)
+            self.events.append(self._decided(decision, now))
             with self.error_guard.survived(type(decision).__name__, now):
                 self._do(decision, now)
         if at_once:
@@ -89,6 +98,15 @@ class DecisionExecutor:
                 self._modes.cancel()
             case SetMode(mode, expected, hold):
                 self._modes.command(mode, now, expected=expected, hold=hold)
+
+    def _decided(self, decision: Decision, now: float) -> Decided:
+        """Return the decision for those who are told of it at the end of the turn."""
+        match decision:
+            case CallOpened(call) | CallClosed(call):
+                decision = replace(decision, call=replace(call, reasons=set(call.reasons)))
+            case HoldStarted(hold) | HoldMoved(hold) | HoldShown(hold) | HoldRenamed(_, hold):
+                decision = replace(decision, hold=copy(hold))
+        return Decided(decision, self._calls.monitor.newest, self._fault_name(now))
 
     def _do(self, decision: Decision, now: float) -> None:
         match decision:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from anytraverse.assessment import Assessment
 from companion.daemon.call_texts import CallTexts
 from companion.daemon.pointing import Pointing
-from companion.daemon.turn import Turn
+from companion.daemon.turn import Observer, Turn
 from companion.vision.client import VisionClient, VisionResult
 from companion.vision.messages import Drawn, VideoMarks
 from companion.wire.ids import State
@@ -75,7 +75,7 @@ def _title(seen: Assessment, state: State) -> str:
     return f"{state.name}{': ' if reasons else ''}{reasons}"
 
 
-class LivePicture:
+class LivePicture(Observer):
     """Requests a picture of the next judged frame when one is wanted, and keeps it until it is taken."""
 
     def __init__(self, vision: VisionClient) -> None:
@@ -112,7 +112,7 @@ class _Still(NamedTuple):
     number: int
 
 
-class VideoPictures:
+class VideoPictures(Observer):
     """Has the pictures of the video drawn: the newest judged frame, at most `rate` times a second.
 
     While a call or a blocked hold is open, it is that one's frame, still, so that what is tapped is what is

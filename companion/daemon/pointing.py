@@ -12,7 +12,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.summary import place_of
 from companion.daemon.answers.handler import Reply
 from companion.daemon.answers.outcome import stale_text
-from companion.daemon.turn import Turn
+from companion.daemon.turn import Event, Observer, Turn
 from companion.link.camera import Tapped
 from companion.link.link import Link
 from companion.vision.messages import VideoMarks
@@ -27,7 +27,7 @@ STILL_AFTER_TAP = 5.0
 """Seconds for which the video still shows a call's frame after a tap has covered it."""
 
 
-class Pointing:
+class Pointing(Observer):
     """Knows which frame may be tapped, and what was tapped in it.
 
     shown_for: for how many seconds the video has shown a still picture, by its number; 0 where it does not.
@@ -97,11 +97,13 @@ class Pointing:
         operation = Tap(seen.frame.id, (box.left, box.top, box.right, box.bottom), *self.word)
         return Answer(number, Motion.NONE, (operation,))
 
+    def happened(self, event: Event, turn: Turn) -> None:
+        """Mark what an acknowledged tap has taught."""
+        if isinstance(event, Reply):
+            self._answered(event.answer, event.acknowledgement, turn.now)
+
     def see(self, turn: Turn) -> None:
-        """Mark what acknowledged taps have taught, and forget it once their call or hold is over."""
-        for event in turn.events:
-            if isinstance(event, Reply):
-                self._answered(event.answer, event.acknowledgement, turn.now)
+        """Forget what was tapped once its call or hold is over."""
         self._forget(turn.now)
 
     def _answered(self, answer: Answer, ack: Acknowledgement, now: float) -> None:

@@ -18,7 +18,7 @@ from companion.calls.decisions import CallOpened, Decision, HoldShown
 from companion.calls.machine import OperatorCalls
 from companion.daemon.answers.handler import Reply
 from companion.daemon.settings.service import SettingsService
-from companion.daemon.turn import Turn
+from companion.daemon.turn import Decided, Event, Observer, Turn
 from companion.link.inbound import ParameterRequest, PolicyRequest, ResetRequest
 from companion.observers.recording import contents
 from companion.observers.recording.foxglove import NS
@@ -85,7 +85,7 @@ class Feed(Protocol):
         """Send the process messages."""
 
 
-class Recording:
+class Recording(Observer):
     """Collects messages in each turn. All times that are given are monotonic seconds.
 
     left_out: frames that were not encoded, because it would have delayed judging, or because they were gone.
@@ -166,8 +166,8 @@ class Recording:
             root.removeHandler(self._lines)
 
     def see(self, turn: Turn) -> None:
-        """Record what happened, and what has changed: state, words, settings, vehicle, log."""
-        self._record(turn)
+        """Record what has changed: state, words, settings, vehicle, log. Then feed those who record."""
+        self._look(turn)
         if self.feeds:
             messages = self.take()
             for feed in self.feeds:
@@ -175,22 +175,21 @@ class Recording:
             self.listeners = tuple(feed.listener for feed in self.feeds)
 
     @_if_recorded
-    def _record(self, turn: Turn) -> None:
-        for event in turn.events:
-            match event:
-                case VisionResult(FrameJudged() as judged):
-                    self._judged(judged, turn.state, turn.now)
-                case VisionResult(Encoded() as encoded):
-                    self._encoded_frame(encoded)
-                case Answer() | ParameterRequest() | ResetRequest() | PolicyRequest():
-                    request = {"request": type(event).__name__, **contents.plain(event)}
-                    self._add(Topic.REQUESTS, turn.now, contents.as_json(request))
-                case Reply(_, ack):
-                    data = contents.as_json(contents.plain(ack))
-                    self._add(Topic.ACKNOWLEDGEMENTS, turn.now, data, event=bool(ack.target))
-                case _ if isinstance(event, _DECISIONS):
-                    self._decided(event, turn.now)
-        self._look(turn)
+    def happened(self, event: Event, turn: Turn) -> None:
+        """Record what happened."""
+        match event:
+            case VisionResult(FrameJudged() as judged):
+                self._judged(judged, turn.state, turn.now)
+            case VisionResult(Encoded() as encoded):
+                self._encoded_frame(encoded)
+            case Answer() | ParameterRequest() | ResetRequest() | PolicyRequest():
+                request = {"request": type(event).__name__, **contents.plain(event)}
+                self._add(Topic.REQUESTS, turn.now, contents.as_json(request))
+            case Reply(_, ack):
+                data = contents.as_json(contents.plain(ack))
+                self._add(Topic.ACKNOWLEDGEMENTS, turn.now, data, event=bool(ack.target))
+            case Decided(decision):
+                self._decided(decision, turn.now)
 
     def _judged(self, judged: FrameJudged, state: State, now: float) -> None:
         """Record an assessment, and have its frame encoded where one is due."""
@@ -239,6 +238,7 @@ class Recording:
         """Record the figures of the status file."""
         self._add(Topic.STATUS, now, contents.as_json(contents.plain(figures)))
 
+    @_if_recorded
     def _look(self, turn: Turn) -> None:
         state, now = turn.state, turn.now
         if self._owed is not None and (

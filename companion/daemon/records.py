@@ -15,7 +15,7 @@ from companion.calls.decisions import Call, CallClosed, CallOpened, HoldMoved, W
 from companion.calls.hold import HoldEvent
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import recorded
-from companion.daemon.turn import AnswerStored, CallShown, Turn
+from companion.daemon.turn import AnswerStored, CallShown, Decided, Event, Observer, Turn
 from companion.storage import Journal, JournalError
 from companion.storage.call_files import CallFiles, PictureArchive, address, scene_name, scene_picture
 from companion.storage.writer import Writer
@@ -28,7 +28,7 @@ from companion.wire.ids import Kind
 log = logging.getLogger(__name__)
 
 
-class Records:
+class Records(Observer):
     """Observes calls, holds and judged frames, and queues files and pictures of them for the writer."""
 
     def __init__(
@@ -68,27 +68,26 @@ class Records:
         """Return the path by which the ground reads the picture of a call or hold, "" without one."""
         return self._shown[1] if number == self._shown[0] else ""
 
-    def see(self, turn: Turn) -> None:
-        """Queue what the turn adds to files and pictures."""
-        for event in turn.events:
-            match event:
-                case CallOpened(call):
-                    self._answers = call.id, []
-                case CallShown():
-                    self._call_shown(event, turn)
-                case AnswerStored(target, record):
-                    self._answered(target, record)
-                case CallClosed(call):
-                    self._call_closed(call, turn.at)
-                case HoldMoved(hold, HoldEvent.RESUMED):
-                    kind = Kind.CALL if hold.id == self._answers[0] else Kind.HOLD
-                    self._draw_newest(f"{texts.name(kind, hold.id)} drives on", turn)
-                case WouldHold(reasons, number) if self._calls.call is None:
-                    self._draw_newest(notices.would_hold(number, sorted(one.value for one in reasons)), turn)
-                case VisionResult(FrameJudged() as judged, memory):
-                    self._judged(judged, memory, turn)
-                case VisionResult(Drawn() as drawn):
-                    self._drawn(drawn)
+    def happened(self, event: Event, turn: Turn) -> None:
+        """Queue what an event adds to files and pictures."""
+        match event:
+            case Decided(CallOpened(call)):
+                self._answers = call.id, []
+            case CallShown():
+                self._call_shown(event, turn)
+            case AnswerStored(target, record):
+                self._answered(target, record)
+            case Decided(CallClosed(call)):
+                self._call_closed(call, turn.at)
+            case Decided(HoldMoved(hold, HoldEvent.RESUMED)):
+                kind = Kind.CALL if hold.id == self._answers[0] else Kind.HOLD
+                self._draw_newest(f"{texts.name(kind, hold.id)} drives on", turn)
+            case Decided(WouldHold(reasons, number)) if self._calls.call is None:
+                self._draw_newest(notices.would_hold(number, sorted(one.value for one in reasons)), turn)
+            case VisionResult(FrameJudged() as judged, memory):
+                self._judged(judged, memory, turn)
+            case VisionResult(Drawn() as drawn):
+                self._drawn(drawn)
 
     def _call_shown(self, shown: CallShown, turn: Turn) -> None:
         """Write the file of a call, so that all show the same figures, and expect its picture."""

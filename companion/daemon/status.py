@@ -16,7 +16,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.summary import current_data
 from companion.daemon.records import Records
 from companion.daemon.settings.service import SettingsService
-from companion.daemon.turn import Turn
+from companion.daemon.turn import Observer, Turn
 from companion.link.link import Link
 from companion.storage.call_files import scene_picture
 from companion.system.computer import Computer
@@ -55,7 +55,7 @@ class FrameRate:
         return round((last - first) / (ended - began), 2) if ended > began else None
 
 
-class Status:
+class Status(Observer):
     """Observes the judged frames and the place, and reads the parts. It changes none."""
 
     def __init__(

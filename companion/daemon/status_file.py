@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from companion.daemon.turn import Turn
+from companion.daemon.turn import Observer, Turn
 from companion.storage.writer import Writer
 from companion.system.atomic_write import write_atomically
 
@@ -18,7 +18,7 @@ _RECENT = 1200
 """Newest frames whose times are written to the last status file."""
 
 
-class StatusFile:
+class StatusFile(Observer):
     """Observes which frames are judged, and queues the file for the writer."""
 
     def __init__(self, writer: Writer, path: Path) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from companion.calls.summary import summary
 from companion.config.video import video_size
-from companion.daemon.turn import Turn
+from companion.daemon.turn import Observer, Turn
 from companion.link.link import Link
 
 
-class Telemetry:
+class Telemetry(Observer):
     """Observes judged frames. Not sent while a call is open: the numbers and the computer's figures."""
 
     def __init__(self, link: Link, view: int) -> None:

@@ -6,12 +6,13 @@ import logging
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from anytraverse.assessment import Assessment
 from anytraverse.history import Place
 from anytraverse.preferences import Preferences
 from companion.calls.decisions import Call, Decision
+from companion.calls.mode_monitor import ModeReport
 from companion.daemon.answers.handler import Reply
 from companion.link.inbound import InboundEvent
 from companion.system.error_guard import ErrorGuard
@@ -52,7 +53,19 @@ class AnswerStored(NamedTuple):
     record: Mapping[str, Any]
 
 
-Event = InboundEvent | VisionResult | Decision | CallShown | AnswerStored | Reply
+class Decided(NamedTuple):
+    """A decision that was carried out, with what was so then: much may change until the turn is told.
+
+    decision: its call or hold is a copy. report: the autopilot's newest one. fault_name: what was wrong, in
+    two or three words.
+    """
+
+    decision: Decision
+    report: ModeReport
+    fault_name: str
+
+
+Event = InboundEvent | VisionResult | Decided | CallShown | AnswerStored | Reply
 """A `Reply` is an acknowledgement that was sent."""
 
 
@@ -72,8 +85,8 @@ class Turn:
     now: monotonic seconds. at: seconds since 1970. current_id: of the open call or hold, 0 for none. words:
     in use. weak: those of them that the perceiver recognises badly. link_trouble: where and why nothing can
     be sent, "" when all is well. computer: figures of `Computer`. silent: the parts that give no sign of
-    life. fault: why nothing can be judged, "" while it can. fault_name: what is wrong, in two or three words.
-    test_call: `TrialCall.status`. events: what happened since the turn before, in order.
+    life. fault: why nothing can be judged, "" while it can. test_call: `TrialCall.status`. events: what
+    happened since the turn before, in order.
     """
 
     now: float
@@ -89,7 +102,6 @@ class Turn:
     computer: Mapping[str, Any]
     silent: Sequence[str]
     fault: str
-    fault_name: str
     reminder: Reminder
     test_call: Mapping[str, Any]
     events: tuple[Event, ...]
@@ -101,11 +113,17 @@ class Turn:
         return (one.report for one in results if isinstance(one.report, FrameJudged))
 
 
-class Observer(Protocol):
-    """Sees each turn, and tells somebody of it. It decides nothing."""
+class Observer:
+    """Is told of each turn, and tells somebody of it. It decides nothing, and must not wait.
+
+    What it raises is logged and reported, and costs nothing but that one event, or that one `see`.
+    """
+
+    def happened(self, event: Event, turn: Turn) -> None:
+        """Take an event of the turn. Called for each in order, before `see`."""
 
     def see(self, turn: Turn) -> None:
-        """Take what happened. Must not wait. What it raises is logged and reported, and stops nothing."""
+        """See the turn as a whole."""
 
 
 class Observers:
@@ -125,13 +143,23 @@ class Observers:
         ended = time.monotonic()
         for observer in self._observers:
             began, name = ended, type(observer).__name__
-            try:
+            for event in turn.events:
+                with self._error_guard.survived(f"{name}: {kind_of(event).__name__}", turn.now):
+                    observer.happened(event, turn)
+            with self._error_guard.survived(name, turn.now):
                 observer.see(turn)
-            except Exception:
-                with self._error_guard.survived(name, turn.now):
-                    raise
             ended = time.monotonic()
             took = ended - began
             if took >= SLOW and turn.now - self._named_at.get(name, float("-inf")) >= _NAMED_EVERY:
                 self._named_at[name] = turn.now
                 log.warning("%s made a turn of the main loop %.2f s longer", name, took)
+
+
+def kind_of(event: Event) -> type:
+    """Return the type of what happened: of a report of vision, of a decision, else of the event."""
+    match event:
+        case VisionResult(report):
+            return type(report)
+        case Decided(decision):
+            return type(decision)
+    return type(event)

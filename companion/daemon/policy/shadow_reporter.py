@@ -8,7 +8,7 @@ import math
 from companion.calls.decisions import WouldHold, WouldResume
 from companion.calls.machine import OperatorCalls
 from companion.daemon.policy.shadow_statistics import ShadowStatistics
-from companion.daemon.turn import Turn
+from companion.daemon.turn import Decided, Event, Observer, Turn
 from companion.link.alerts import TextSender
 from companion.wire import notices
 from companion.wire.ids import NOTICE, WARNING, Policy
@@ -21,7 +21,7 @@ LOG_EVERY, TEXT_EVERY = 600.0, 1800.0
 """Seconds watched between two totals in the log, and to the operator."""
 
 
-class ShadowReporter:
+class ShadowReporter(Observer):
     """Observes would-be holds, and reports them and the totals at limited rates."""
 
     def __init__(self, statistics: ShadowStatistics, calls: OperatorCalls, sender: TextSender) -> None:
@@ -31,14 +31,16 @@ class ShadowReporter:
         self._text_at = -math.inf
         self._watched_at_log = self._watched_at_text = calls.shadow.watched
 
+    def happened(self, event: Event, turn: Turn) -> None:
+        """Report would-be holds."""
+        match event:
+            case Decided(WouldHold() as hold):
+                self._began(hold, turn.now)
+            case Decided(WouldResume() as hold):
+                self._ended(hold)
+
     def see(self, turn: Turn) -> None:
-        """Report would-be holds, and the totals when they are due."""
-        for event in turn.events:
-            match event:
-                case WouldHold():
-                    self._began(event, turn.now)
-                case WouldResume():
-                    self._ended(event)
+        """Report the totals when they are due."""
         if turn.policy is Policy.SHADOW:
             self._report_totals(turn.now)
 

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import logging
+import math
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import development as mavlink
 
-from companion.calls.decisions import CallClosed, CallOpened, HoldStarted
+from companion.calls.decisions import CallClosed, CallOpened, HoldMoved, HoldStarted
 from companion.daemon.answers.handler import Reply
-from companion.daemon.turn import SLOW, AnswerStored, CallShown, Event, Turn
+from companion.daemon.turn import SLOW, AnswerStored, CallShown, Turn, kind_of
 from companion.system.error_guard import FatalError
-from companion.vision.client import VisionResult
 from companion.vision.messages import Done, FrameJudged
+from companion.wire import texts
 from companion.wire.answers import Answer
-from companion.wire.ids import Motion
-from tests.companion.daemon.rig import HOLD, MakeRig, Rig
+from companion.wire.call_report import CallReport
+from companion.wire.ids import TUNNEL_CALL, Motion, Outcome, Stage
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
+from tests.companion.daemon.test_driving_where_the_camera_does_not_look import Drive, by_hand
+
+STEERING = 3
 
 ERROR = "Companion error: see its log"
 
@@ -31,11 +38,6 @@ def told(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[Turn]:
 
     monkeypatch.setattr(rig.daemon.observers, "see", note)
     return turns
-
-
-def kind(event: Event) -> type:
-    """Of what vision reported, that of the report."""
-    return type(event.report if isinstance(event, VisionResult) else event)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +107,7 @@ def test_a_hold_is_sent_before_the_first_observer_sees_the_turn(
     orders, see = list[int](), rig.daemon.observers.see
 
     def note(turn: Turn) -> None:
-        if any(isinstance(event, HoldStarted) for event in turn.events):
+        if any(kind_of(event) is HoldStarted for event in turn.events):
             rig.stage.collect(rig.stage.now)
             orders.append(sum(message.command == 176 for message in rig.stage.sent("COMMAND_LONG")))
         see(turn)
@@ -119,7 +121,7 @@ def test_a_hold_for_a_fault_is_too(rig: Rig, monkeypatch: pytest.MonkeyPatch) ->
     orders, see = list[int](), rig.daemon.observers.see
 
     def note(turn: Turn) -> None:
-        if any(isinstance(event, HoldStarted) for event in turn.events):
+        if any(kind_of(event) is HoldStarted for event in turn.events):
             rig.stage.collect(rig.stage.now)
             orders.append(sum(message.command == 176 for message in rig.stage.sent("COMMAND_LONG")))
         see(turn)
@@ -138,7 +140,7 @@ def test_what_observers_are_told_of_is_queued_for_the_disk(rig: Rig, monkeypatch
         save(*given)
 
     def note(turn: Turn) -> None:
-        order.append("call told" if any(isinstance(one, CallOpened) for one in turn.events) else "told")
+        order.append("call told" if any(kind_of(one) is CallOpened for one in turn.events) else "told")
         see(turn)
 
     monkeypatch.setattr(rig.persistence, "save_calls", saved)
@@ -164,8 +166,8 @@ def test_all_are_told_the_same_which_nobody_can_change(rig: Rig, monkeypatch: py
 def test_a_turn_tells_what_happened_in_order(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     turns = told(rig, monkeypatch)
     rig.see(1.0, "drum")
-    (opening,) = [turn for turn in turns if any(isinstance(one, CallOpened) for one in turn.events)]
-    kinds = [kind(event) for event in opening.events]
+    (opening,) = [turn for turn in turns if any(kind_of(one) is CallOpened for one in turn.events)]
+    kinds = [kind_of(event) for event in opening.events]
     assert kinds.index(FrameJudged) < kinds.index(CallOpened) < kinds.index(CallShown)
     assert opening.current_id == 1
     assert opening.state.name == "CALLING"
@@ -173,7 +175,7 @@ def test_a_turn_tells_what_happened_in_order(rig: Rig, monkeypatch: pytest.Monke
     rig.word(1, "drum", -1.0, Motion.STAY)
     rig.see(1.0, "drum")
     events = [event for turn in turns for event in turn.events]
-    kinds = [kind(event) for event in events]
+    kinds = [kind_of(event) for event in events]
     order = [kinds.index(one) for one in (Answer, Done, AnswerStored, Reply)]
     assert order == sorted(order)
     assert kinds.count(Reply) == 1, "what is not acknowledged yet is no reply"
@@ -190,4 +192,95 @@ def test_what_happens_while_a_turn_is_told_is_told_in_the_next_one(
     rig.see(3.0)
     events = [event for turn in turns for event in turn.events]
     assert len({id(event) for event in events}) == len(events), "nothing is told twice"
-    assert sum(isinstance(event, CallClosed) for event in events) == 1
+    assert sum(kind_of(event) is CallClosed for event in events) == 1
+
+
+def test_an_error_in_one_text_costs_no_other_text_of_the_turn(
+    held: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held.fails = True
+    monkeypatch.setattr(texts, "taken_over", lambda *_: 1 / 0)
+    by_hand(held, MANUAL)
+    held.see(3.0)
+    closed = [CallReport.unpack(payload) for payload in held.stage.tunnels(TUNNEL_CALL)][-1]
+    assert (closed.id, closed.stage, closed.outcome) == (1, Stage.CLOSED, Outcome.TAKEN_OVER)
+    assert ERROR in held.texts
+
+
+def test_an_error_in_one_picture_costs_no_file_of_the_turn(
+    held: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held.fails = True
+    monkeypatch.setattr(held.records, "_draw_newest", lambda *_: 1 / 0)
+    held.answer(1, Motion.GO)
+    held.see(6.0)
+    record = json.loads((held.folder / "calls" / "1.json").read_text())
+    assert record["outcome"] == "accepted"
+    assert record["closed"] is not None
+
+
+def test_an_alert_that_cannot_be_made_ends_the_daemon(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("companion.calls.active_alert.current_text", lambda *_: 1 / 0)
+    with pytest.raises(FatalError, match="alert"):
+        rig.see(1.0, "drum")
+
+
+def test_a_takeover_is_told_with_the_mode_that_took_over(held: Rig) -> None:
+    held.stage.mode = MANUAL
+    held.stage.heartbeat(1)
+    by_hand(held, STEERING)  # both are read in one turn
+    held.wait(1.0)
+    assert "C1 taken over by hand: MANUAL" in held.texts
+
+
+def test_an_accepted_fault_is_told_by_the_name_that_it_had(rig: Rig) -> None:
+    drive = Drive(rig)
+    drive.on(3.0, 2.0)
+    rig.stage.send(mavlink.MAVLink_mission_current_message(2, 2, 0, 0), (1, 1))
+    drive.on(1.2, -2.0)
+    assert rig.stage.mode == HOLD
+    drive.on(3.0, 0.0)
+    rig.stage.send(mavlink.MAVLink_mission_current_message(3, 2, 0, 0), (1, 1))
+    drive.on(1.0, 0.0)
+    by_hand(rig, AUTO)
+    drive.on(2.0, 0.0)
+    assert any("driven on" in text and text.endswith(": drives backwards") for text in rig.texts)
+
+
+@pytest.mark.parametrize("delay", range(4, 12))
+def test_a_hold_that_a_call_takes_over_is_told_by_the_id_that_it_had(rig: Rig, delay: int) -> None:
+    drive = Drive(rig)
+    drive.on(3.0, 2.0)
+    for number in range(20):
+        rig.stage._heartbeat_at = math.inf  # the autopilot's comes in the turn of the judged frame
+        speed = 0.0 if rig.stage.mode == HOLD else -2.0
+        rig.stage.send(drive._position(speed, 0.0, 0.0), (1, 1))
+        rig.see(0.1, "drum" if number >= delay else "")
+        rig.stage.heartbeat(1)
+    assert rig.calls.call is not None
+    assert rig.calls.call.id == 2
+    assert not [text for text in rig.texts if text.startswith("H2")]
+
+
+def test_what_is_received_last_in_a_turn_is_told_in_it(held: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    turns = told(held, monkeypatch)
+    received = held.loop._receive
+    calls = list[float]()
+
+    def receive(now: float) -> None:
+        calls.append(now)
+        if len(calls) > 1 and calls[-2] == now:  # the second one in a turn
+            held.stage.mode = MANUAL
+            held.stage.heartbeat(1)
+        received(now)
+
+    monkeypatch.setattr(held.loop, "_receive", receive)
+    held.answer(1, Motion.GO)
+    for _ in range(60):
+        held.see(0.1)
+        if held.stage.mode == MANUAL:
+            break
+    assert held.stage.mode == MANUAL
+    over = [turn for turn in turns for one in turn.events if kind_of(one) is HoldMoved]
+    assert over, "the takeover is told"
+    assert not held.loop._executor.events

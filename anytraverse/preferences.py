@@ -11,6 +11,7 @@ from anytraverse.errors import PreferencesError
 
 MAX_WORDS = 16
 MAX_WORD_LENGTH = 48
+_LONGEST_RAW = 16 * MAX_WORD_LENGTH
 _RESERVED = ":;"
 
 
@@ -30,6 +31,8 @@ def clean_word(word: str) -> str:
 
     Raises PreferencesError when it is empty, longer than 48 characters, not printable or holds ':' or ';'.
     """
+    if len(word) > _LONGEST_RAW:  # first: normalizing takes time by the square of its accents
+        raise PreferencesError(f"a word has {len(word)} characters: {MAX_WORD_LENGTH} at most")
     cleaned = unicodedata.normalize("NFC", " ".join(word.split()).lower())
     if not cleaned.isprintable():
         raise PreferencesError(f"{word!r} holds characters that cannot be printed: use letters and spaces")

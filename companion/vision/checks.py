@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,10 +14,12 @@ from anytraverse.frame import is_intrinsics
 from anytraverse.history import MAX_REFUSED, Embedding, Entry
 from anytraverse.judging import Settings
 from anytraverse.memory import MOST_GIVEN
+from anytraverse.perception import Example
 from anytraverse.roi import RoiFigures
 from companion.vision.evidence import contradiction
 from companion.vision.freeze_detector import CELLS
 from companion.vision.messages import (
+    LARGEST_WHOLE,
     LONGEST_TEXT,
     ROUNDING,
     Alive,
@@ -31,6 +33,7 @@ from companion.vision.messages import (
 
 LARGEST_MAP = 4 << 20
 """Pixels of one map, at most."""
+LONGEST_VECTOR = 1 << 14
 _AHEAD = 0.001
 """Seconds by which a time stamp of the vision process may lie in the future, because of rounding."""
 _U32 = 0xFFFFFFFF
@@ -173,6 +176,7 @@ def _check_update(update: MemoryUpdate) -> None:
     _need(_whole(memory.clock, *memory.settled.values()), "stamps of a memory")
     _need(_texts(memory.model_id, *memory.given, *memory.settled, *memory.examples), "words of a memory")
     _need(len(memory.given) <= MOST_GIVEN and _in(-1.0, 1.0, *memory.given.values()), "given words")
+    _need(_vectors(*_tapped(memory.examples)), "examples")
     _need(memory.reference is None or _vectors(memory.reference), "a reference")
     if match is not None:
         _need(_whole(match.order, match.call_id, match.clock), "a match")
@@ -188,6 +192,7 @@ def _check_entries(entries: Iterable[Entry]) -> None:
     for entry in entries:
         _need(_whole(entry.order, entry.matched, entry.call_id), "a remembered scene's stamps")
         _need(_texts(*entry.examples), "words of a remembered scene")
+        _need(_vectors(*_tapped(entry.examples)), "examples of a remembered scene")
         _need(len(entry.refused) <= MAX_REFUSED, "the refused frames of a scene")
         _need(_vectors(entry.embedding, *entry.refused), "a remembered scene")
         _need(entry.surroundings is None or _vectors(entry.surroundings), "a scene's surroundings")
@@ -196,8 +201,15 @@ def _check_entries(entries: Iterable[Entry]) -> None:
         _need(_finite(*(one for one in known if one is not None)), "a scene's place")
 
 
+def _tapped(examples: Mapping[str, tuple[Example, ...]]) -> Iterable[Embedding]:
+    return (one.vector for tapped in examples.values() for one in tapped)
+
+
 def _vectors(*vectors: Embedding) -> bool:
-    return all(vector.ndim == 1 and bool(np.isfinite(vector).all()) for vector in vectors)
+    return all(
+        vector.ndim == 1 and 0 < vector.size <= LONGEST_VECTOR and bool(np.isfinite(vector).all())
+        for vector in vectors
+    )
 
 
 def _past(seconds: float, now: float) -> bool:
@@ -217,7 +229,7 @@ def _shares(*values: float) -> bool:
 
 
 def _whole(*values: int) -> bool:
-    return all(value >= 0 for value in values)
+    return all(0 <= value <= LARGEST_WHOLE for value in values)
 
 
 def _texts(*texts: str) -> bool:

@@ -357,6 +357,8 @@ class VisionClient:
             case Scenes(rows):
                 self._copy.add(rows)
             case Ready():
+                if self.watchdog.running:
+                    raise BadReportError("ready a second time")
                 self._take_ready(report, now)
             case FrameJudged():
                 if report.update is not None:
@@ -388,7 +390,7 @@ class VisionClient:
                     self._remember_frame(report.frame_id, report.png)
                 return [VisionResult(report, self.memory)]
             case Encoded():
-                if report.number != self._encoding:
+                if not self._encoding or report.number != self._encoding:
                     raise BadReportError(f"encoded frame {report.number}, which nobody asked for")
                 self._encoding = 0
                 return [VisionResult(report, self.memory)]

@@ -35,8 +35,11 @@ MOST_ROWS = 4
 ROUNDING = 1e-6
 """By which a share may exceed its range."""
 
+LARGEST_WHOLE = 1 << 53
+"""Stamps and numbers count on from what is reported, and the journal takes no more than 63 bits."""
+
 Text = Annotated[str, Meta(max_length=LONGEST_TEXT)]
-Whole = Annotated[int, Meta(ge=0)]
+Whole = Annotated[int, Meta(ge=0, le=LARGEST_WHOLE)]
 Seconds = Annotated[float, Meta(ge=0.0, le=sys.float_info.max)]
 Share = Annotated[float, Meta(ge=-ROUNDING, le=1.0 + ROUNDING)]
 Rows = Annotated[tuple[Entry, ...], Meta(max_length=MOST_ROWS)]
@@ -224,7 +227,7 @@ class Ready(_Report, frozen=True):
     settings: Settings
     update: MemoryUpdate
     notices: tuple[Text, ...]
-    step: Seconds
+    step: Annotated[float, Meta(ge=0.0, le=60.0)]
 
 
 class Failed(_Report, frozen=True):

@@ -172,7 +172,7 @@ def _tap(rest: str) -> Tap:
 
 
 def _box(sides: list[float]) -> Fractions:
-    left, top, right, bottom = sides
+    left, top, right, bottom = (round(side, 4) for side in sides)  # as fine as it is sent
     if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
         raise CommandError("a box is left top right bottom in fractions of the picture: 0.40 0.55 0.60 0.80")
     return left, top, right, bottom

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import time
 
 import pytest
 from hypothesis import given, settings
@@ -80,6 +81,13 @@ def test_a_negative_zero_is_zero() -> None:
 def test_what_cannot_be_used_is_refused_with_the_reason(text: str, names: str) -> None:
     with pytest.raises(PreferencesError, match=names):
         Preferences.parse(text)
+
+
+def test_a_word_of_a_stranger_takes_no_seconds() -> None:
+    began = time.thread_time()
+    with pytest.raises(PreferencesError, match="48 at most"):
+        clean_word("\u0301\u0316" * 62_000)
+    assert time.thread_time() - began < 0.5
 
 
 def test_two_spellings_of_one_word_are_refused() -> None:

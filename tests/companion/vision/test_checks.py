@@ -18,6 +18,7 @@ from anytraverse.frame import Frame
 from anytraverse.history import Entry, History, Likeness, Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Adoption
+from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor, Tile
@@ -273,6 +274,13 @@ WRONG: dict[str, Any] = {
     "a given weight of NaN": memory_of(given={"mud": NAN}),
     "stamps that are none": memory_of(settled={"grass": "now"}),
     "a clock below 0": memory_of(clock=-1),
+    "a clock that the journal cannot store": memory_of(clock=1 << 63),
+    "a scene's stamp that the journal cannot store": entry_of(order=(1 << 53) + 1),
+    "an empty reference": memory_of(reference=np.zeros(0, np.float32)),
+    "a reference of millions": memory_of(reference=np.zeros(1 << 20, np.float32)),
+    "an empty example": memory_of(examples={"gnome": (Example("painted-1", np.zeros(0, np.float32)),)}),
+    "an empty refused frame": entry_of(refused=(np.zeros(0, np.float32),)),
+    "a step of hours": ready(step=3600.0),
     "an example that is none": memory_of(examples={"gnome": (VECTOR,)}),
     "a scene of NaN": entry_of(embedding=np.array([NAN, 1], np.float32)),
     "a scene of text": entry_of(embedding="scene"),

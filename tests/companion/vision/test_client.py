@@ -41,6 +41,7 @@ from companion.vision.messages import (
     Failed,
     FrameJudged,
     Model,
+    Ready,
     Restore,
     Situation,
     Start,
@@ -525,6 +526,12 @@ def nonsense(stage: Stage, case: str) -> None:
             child.report(Drawn(77, 1, "title"))
         case "an encoded frame nobody asked for":
             child.report(Encoded(77, 1, b"jpeg"))
+        case "an encoded frame without a number":
+            child.report(Encoded(0, 1, b"jpeg"))
+        case "ready a second time":
+            memory, known = stage.vision.memory, stage.vision._copy.revision
+            update = update_from(memory, memory, known + 1, known, ())
+            child.report(Ready(Model("painted-1"), Settings(), update, (), 0.1))
 
 
 @pytest.mark.parametrize(
@@ -541,6 +548,8 @@ def nonsense(stage: Stage, case: str) -> None:
         "an outcome nobody asked for",
         "a picture nobody asked for",
         "an encoded frame nobody asked for",
+        "an encoded frame without a number",
+        "ready a second time",
     ],
 )
 def test_one_that_sends_nonsense_is_killed_and_who_waits_is_told(stage: Stage, case: str) -> None:

@@ -51,3 +51,8 @@ def test_a_tap_keeps_its_box() -> None:
 def test_a_word_that_would_be_a_command_is_refused(word: str) -> None:
     with pytest.raises(CommandError, match="read otherwise"):
         typed(Answer(0, Motion.NONE, (ForgetWord(word),)))
+
+
+def test_a_box_that_is_nothing_as_it_is_sent_is_refused() -> None:
+    with pytest.raises(CommandError, match="a box is"):
+        read_typed("tap drum -1 0.40001 0.5 0.40004 0.6, stay")

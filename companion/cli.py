@@ -131,7 +131,7 @@ def _add_memory(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
 def _run(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError
     from companion.config import ConfigError, load_config
-    from companion.config.link_settings import LinkError
+    from companion.config.link_settings import LinkSettingError
     from companion.storage import JournalError
     from companion.system.child_process import shut_out
     from companion.system.service_manager import ServiceManager, stop_on_signals
@@ -152,7 +152,7 @@ def _run(options: argparse.Namespace) -> int:
         return _leave(run(config, stop, options.vision, service))
     except ConfigError as error:
         raise UserError(error_text(error)) from error
-    except (AnyTraverseError, JournalError, LinkError, ParameterError) as error:
+    except (AnyTraverseError, JournalError, LinkSettingError, ParameterError) as error:
         raise UserError(str(error)) from error
     except Exception:
         log.critical("the companion failed", exc_info=True)

@@ -32,14 +32,16 @@ from bench.cameras.stamps import age
 from companion.cameras import CameraOptions, open_camera
 from companion.cameras.newest import CameraThread, Patience
 from companion.cameras.pipe import Pipe
-from companion.config.schema import Camera
+from companion.config.schema import CameraSection
 
 T = 1.0
 BACK_WITHIN = 10.0
 _PATIENCE = 30.0
 _LEAST, _LONGEST = 0.2, 3.0
 _SCRIPTS = {"http": "mjpeg_server", "rtsp": "rtsp_server"}
-_OPTIONS = CameraOptions(width=640, height=480, pixel_format="gray", latency=Camera.latency, freshness=T)
+_OPTIONS = CameraOptions(
+    width=640, height=480, pixel_format="gray", latency=CameraSection.latency, freshness=T
+)
 
 
 class Losable(Protocol):

@@ -111,11 +111,11 @@ class Companion:
         config = Config(
             words=dict(words),
             vocabulary=tuple(words),
-            camera=schema.Camera(rate=1.0 / FRAME_PERIOD),
-            stopping=schema.Stopping(unchecked=policy == "hold"),
-            call=schema.Call(policy=policy),
-            journal=schema.Journal(folder=str(folder)),
-            pictures=schema.Pictures(keep=pictures),
+            camera=schema.CameraSection(rate=1.0 / FRAME_PERIOD),
+            stopping=schema.StoppingSection(unchecked=policy == "hold"),
+            call=schema.CallSection(policy=policy),
+            journal=schema.JournalSection(folder=str(folder)),
+            pictures=schema.PicturesSection(keep=pictures),
         )
         self.journal = Journal(folder)
         self.writer = Writer(self.journal)

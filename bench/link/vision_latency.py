@@ -18,7 +18,7 @@ from bench.link.lossy import Autopilot
 from bench.link.rover import Companion
 from companion.config import Config
 from companion.config.link_settings import Address
-from companion.config.schema import Camera, Perceiver
+from companion.config.schema import CameraSection, PerceiverSection
 from companion.link.transport import Transport, Udp
 from companion.tasks import VISION
 from companion.vision.child import VisionChild
@@ -132,8 +132,8 @@ class TimedVision(VisionClient):
 def seeing(rate: float, seconds: float, folder: Path) -> dict[str, Any]:
     """Measures at so many summaries a second, with ten frames a second and one core for the network."""
     config = Config(
-        camera=Camera(f"folder:{_noise(folder / 'noise')}", FRAME_RATE, FRAME_RATE, loop=True),
-        perceiver=Perceiver("builtin", threads=1),
+        camera=CameraSection(f"folder:{_noise(folder / 'noise')}", FRAME_RATE, FRAME_RATE, loop=True),
+        perceiver=PerceiverSection("builtin", threads=1),
         words=_WORDS,
     )
     ground = Ground()

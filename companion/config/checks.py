@@ -14,7 +14,7 @@ Schema = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Check:
+class ValueCheck:
     """Checks a value of the file and converts it for the configuration. Raises ValueError for a wrong one.
 
     schema: the same check for editors. It may accept more than `take`, never less. shown: makes what may be
@@ -50,7 +50,7 @@ def harmless(value: object) -> object:
     return None
 
 
-def number(low: float, high: float, *, above: bool = False, word: str | None = None) -> Check:
+def number(low: float, high: float, *, above: bool = False, word: str | None = None) -> ValueCheck:
     """Accept a finite number from `low` to `high` as a float, or the text `word`. above: not `low` itself."""
     least = f"above {low:g} and up" if above else f"from {low:g}"
     other = f', or "{word}"' if word else ""
@@ -65,10 +65,10 @@ def number(low: float, high: float, *, above: bool = False, word: str | None = N
         return float(value)
 
     numbers = {"type": "number", "exclusiveMinimum" if above else "minimum": low, "maximum": high}
-    return Check(check, {"anyOf": [numbers, {"const": word}]} if word else numbers, harmless)
+    return ValueCheck(check, {"anyOf": [numbers, {"const": word}]} if word else numbers, harmless)
 
 
-def whole(low: int, high: int) -> Check:
+def whole(low: int, high: int) -> ValueCheck:
     """Accept a whole number from `low` to `high`."""
 
     def check(value: object) -> int:
@@ -76,7 +76,7 @@ def whole(low: int, high: int) -> Check:
             raise ValueError(f"give a whole number from {low} to {high}")
         return value
 
-    return Check(check, {"type": "integer", "minimum": low, "maximum": high}, harmless)
+    return ValueCheck(check, {"type": "integer", "minimum": low, "maximum": high}, harmless)
 
 
 def _flag(value: object) -> bool:
@@ -93,9 +93,9 @@ def _text(value: object) -> str:
     return value
 
 
-flag = Check(_flag, {"type": "boolean"}, harmless)
+flag = ValueCheck(_flag, {"type": "boolean"}, harmless)
 """Accepts true or false."""
-text = Check(_text, {"type": "string"})
+text = ValueCheck(_text, {"type": "string"})
 """Accepts a printable string, which may be empty. It is not shown."""
 
 
@@ -106,11 +106,11 @@ def _path(value: object) -> str:
     return written
 
 
-path = Check(_path, text.schema, harmless)
+path = ValueCheck(_path, text.schema, harmless)
 """Accepts a path, which may be empty."""
 
 
-def choice(*options: str) -> Check:
+def choice(*options: str) -> ValueCheck:
     """Accept one of these texts."""
 
     def check(value: object) -> str:
@@ -118,10 +118,10 @@ def choice(*options: str) -> Check:
             raise ValueError(f"choose one of {', '.join(options)}")
         return value
 
-    return Check(check, {"enum": list(options)}, harmless)
+    return ValueCheck(check, {"enum": list(options)}, harmless)
 
 
-def listing(check_one: Check, least: int, most: int) -> Check:
+def listing(check_one: ValueCheck, least: int, most: int) -> ValueCheck:
     """Accept a list of `least` to `most` values that pass `check_one`, as a tuple."""
     count = str(least) if least == most else f"{least} to {most}"
 
@@ -131,13 +131,13 @@ def listing(check_one: Check, least: int, most: int) -> Check:
         return tuple(check_one(one) for one in value)
 
     schema = {"type": "array", "items": check_one.schema, "minItems": least, "maxItems": most}
-    return Check(check, schema, check_one.shown)
+    return ValueCheck(check, schema, check_one.shown)
 
 
-def checked(parse: Callable[[str], object], shown: Callable[[object], object] | None = None) -> Check:
+def checked(parse: Callable[[str], object], shown: Callable[[object], object] | None = None) -> ValueCheck:
     """Accept a text for which `parse` raises no ValueError; the text itself is stored.
 
-    shown: as in `Check`.
+    shown: as in `ValueCheck`.
     """
 
     def check(value: object) -> str:
@@ -145,19 +145,19 @@ def checked(parse: Callable[[str], object], shown: Callable[[object], object] | 
         parse(written)
         return written
 
-    return Check(check, text.schema, shown)
+    return ValueCheck(check, text.schema, shown)
 
 
 Conflict = tuple[tuple[str, ...], str]
 """Keys of a section that contradict each other ("more.wifi.url" for an inner table), and the reason."""
 
 
-def setting(default: Any, check: Check, meaning: str, *, tables: bool = False) -> Any:
+def setting(default: Any, check: ValueCheck, meaning: str, *, tables: bool = False) -> Any:
     """Define a setting of a section. tables: its value is a tuple of (name, section) pairs."""
     return field(default=default, metadata={"check": check, "meaning": meaning, "tables": tables})
 
 
-def checks_of(section: type[Section]) -> dict[str, Check]:
+def checks_of(section: type[Section]) -> dict[str, ValueCheck]:
     """Return the checks of a section's settings."""
     return {one.name: one.metadata["check"] for one in fields(section)}
 

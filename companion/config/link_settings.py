@@ -25,7 +25,7 @@ LONGEST_PACE_WITH_STICKS = 0.05
 """s, the longest pace with [call] px4_deadman, whose stream takes ten frames a second more."""
 
 
-class LinkError(ValueError):
+class LinkSettingError(ValueError):
     """A setting of the link is not valid; the message says what is."""
 
 
@@ -38,29 +38,34 @@ class Address(NamedTuple):
 
 
 def read_url(url: str) -> Address:
-    """Parse `url`. Hosts must be numeric: looking up a name can block for seconds. Raises LinkError."""
+    """Parse `url`. Raises LinkSettingError.
+
+    Hosts must be numeric: looking up a name can block for seconds.
+    """
     scheme, _, rest = url.partition(":")
     place, _, number = rest.rpartition(":")
     if scheme not in {"udpin", "udpout", "tcp", "serial"} or not place or not number.isdecimal():
-        raise LinkError(f'link "{shown(url)}" is not understood: {_FORMS}')
+        raise LinkSettingError(f'link "{shown(url)}" is not understood: {_FORMS}')
     if scheme == "serial":
         if is_like_a_url(place):
-            raise LinkError(
+            raise LinkSettingError(
                 f'link "{shown(url)}" is not understood: a serial link is a device of this computer'
             )
         return Address(scheme, place, int(number))
     try:
         host = str(ipaddress.IPv4Address("127.0.0.1" if place == "localhost" else place))
     except ValueError as error:
-        raise LinkError(f'link "{shown(url)}": that is no IPv4 address (names are not looked up)') from error
+        raise LinkSettingError(
+            f'link "{shown(url)}": that is no IPv4 address (names are not looked up)'
+        ) from error
     if int(number) > 65535 or (int(number) == 0 and scheme != "udpin"):
-        raise LinkError(f'link "{shown(url)}": port {number} is not in 1..65535')
+        raise LinkSettingError(f'link "{shown(url)}": port {number} is not in 1..65535')
     return Address(scheme, host, int(number))
 
 
 @dataclass(frozen=True)
 class ConnectionSettings:
-    """The settings of one connection. Raises LinkError.
+    """The settings of one connection. Raises LinkSettingError.
 
     url: udpin:host:port, udpout:host:port, tcp:host:port or serial:device:baud. budget: B/s of unsolicited
     traffic, 0 unlimited. asked_budget: B/s of replies, 0 unlimited. burst: bytes that each of the two may
@@ -77,19 +82,21 @@ class ConnectionSettings:
     def __post_init__(self) -> None:
         self.address()
         if self.room < 2 * _SMALLEST_BUDGET:
-            raise LinkError(f'link "{self.url}" is too slow: {_SLOWEST} baud or more')
+            raise LinkSettingError(f'link "{self.url}" is too slow: {_SLOWEST} baud or more')
         for name, rate in (("budget", self.budget), ("asked_budget", self.asked_budget)):
             if rate != 0 and not rate >= _SMALLEST_BUDGET:
-                raise LinkError(
+                raise LinkSettingError(
                     f"{name} {rate:g} B/s is too little: give 0 (unlimited) or at least {_SMALLEST_BUDGET:g}"
                 )
         if not self.burst >= _SMALLEST_BURST:
-            raise LinkError(f"burst {self.burst:g} is too small: give at least {_SMALLEST_BURST:g} bytes")
+            raise LinkSettingError(
+                f"burst {self.burst:g} is too small: give at least {_SMALLEST_BURST:g} bytes"
+            )
         if not 0.0 <= self.pace <= LONGEST_PACE:
-            raise LinkError(f"pace {self.pace:g} s is not in 0..{LONGEST_PACE:g}")
+            raise LinkSettingError(f"pace {self.pace:g} s is not in 0..{LONGEST_PACE:g}")
         if (self.budget or math.inf) > self.most_budget:
             baud, own = self.address().number, min(self.budget or math.inf, self.room // 2)
-            raise LinkError(
+            raise LinkSettingError(
                 f"budget and asked_budget may take {self.room:g} B/s together, half of what {baud} baud "
                 f"carry: set budget = {own:g}, asked_budget = {self.room - own:g}"
             )
@@ -117,7 +124,7 @@ class ConnectionSettings:
 
 @dataclass(frozen=True)
 class LinkSettings(ConnectionSettings):
-    """The settings of the first connection, `MAIN`, and of the whole link. Raises LinkError.
+    """The settings of the first connection, `MAIN`, and of the whole link. Raises LinkSettingError.
 
     `MAIN` is preferred where several connections reach the autopilot. system_id: ours until the autopilot's
     is known. allowed_senders: first and last system id that may change anything. more: the other connections
@@ -131,24 +138,28 @@ class LinkSettings(ConnectionSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 1 <= self.system_id <= 254:
-            raise LinkError(f"system_id {self.system_id} is not in 1..254 (255 is the ground's)")
+            raise LinkSettingError(f"system_id {self.system_id} is not in 1..254 (255 is the ground's)")
         first, last = self.allowed_senders
         if not 1 <= first <= last <= 255:
-            raise LinkError(f"allowed_senders {first}..{last}: two system ids, the smaller one first")
+            raise LinkSettingError(f"allowed_senders {first}..{last}: two system ids, the smaller one first")
         if len(self.more) >= MAX_CONNECTIONS:
-            raise LinkError(f"more: {len(self.more)} are too many, {MAX_CONNECTIONS - 1} at most")
+            raise LinkSettingError(f"more: {len(self.more)} are too many, {MAX_CONNECTIONS - 1} at most")
         taken: dict[tuple[object, ...], str] = {}
         for name, connection in self.connections().items():
             other = taken.setdefault(_device(connection.address()), name)
             if other != name:
                 section = "[link]" if other == MAIN else f"[link.more.{other}]"
-                raise LinkError(f"more.{name}.url is that of {section} too: give each a url of its own")
+                raise LinkSettingError(
+                    f"more.{name}.url is that of {section} too: give each a url of its own"
+                )
 
     def connections(self) -> dict[str, ConnectionSettings]:
         """All connections by name, `MAIN` first."""
         for name in self.more:
             if name == MAIN or not _NAME.fullmatch(name):
-                raise LinkError(f'more.{name}: choose a name like "wifi": 1 to 12 of a-z, 0-9, - and _')
+                raise LinkSettingError(
+                    f'more.{name}: choose a name like "wifi": 1 to 12 of a-z, 0-9, - and _'
+                )
         return {MAIN: self, **self.more}
 
 

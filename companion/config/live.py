@@ -9,7 +9,7 @@ from companion.pages.listen import Listen, read_listen
 
 
 @dataclass(frozen=True)
-class Live(Section):
+class LiveSection(Section):
     """The live view: the topics of the recordings, for Foxglove and Lichtblick, while it happens."""
 
     listen: str = setting("", checked(read_listen, harmless), 'address:port of the live view; "": none')

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
-from companion.config.checks import Check, Section, harmless, number, section_schema, text
+from companion.config.checks import Section, ValueCheck, harmless, number, section_schema, text
 from companion.config.schema import SECTIONS, Config
 from companion.config.words import WORDS_OFFERED
 
@@ -17,7 +17,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 def format_config(config: Config) -> str:
     """Format what may be shown of `config` as TOML, with each setting's meaning, to be printed and recorded.
 
-    The vehicle's file is merged into it. Of the values, only what `Check.shown` makes of them is in it.
+    The vehicle's file is merged into it. Of the values, only what `ValueCheck.shown` makes of them is in it.
     """
     return "\n".join(_lines(config)) + "\n"
 
@@ -41,7 +41,7 @@ def json_schema() -> dict[str, Any]:
     }
 
 
-def _word_table(meaning: str, value: Check) -> dict[str, Any]:
+def _word_table(meaning: str, value: ValueCheck) -> dict[str, Any]:
     return {"description": meaning, "type": "object", "additionalProperties": value.schema}
 
 

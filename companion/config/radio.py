@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from companion.config.checks import (
-    Check,
     Conflict,
     NestedError,
     Section,
+    ValueCheck,
     checked,
     checks_of,
     flag,
@@ -29,7 +29,7 @@ from companion.config.toml_file import nearest
 
 
 @dataclass(frozen=True)
-class Connection(Section):
+class ConnectionSection(Section):
     """One MAVLink connection."""
 
     url: str = setting(
@@ -56,10 +56,12 @@ class Connection(Section):
 def _key_of(message: str) -> tuple[str, ...]:
     """The keys that an error is about, the likeliest first: the link's errors begin with a setting's name."""
     first = message.split(maxsplit=1)[0].rstrip(":")
-    return (first, "url") if first.split(".")[0] in {field.name for field in fields(Link)} else ("url",)
+    return (
+        (first, "url") if first.split(".")[0] in {field.name for field in fields(LinkSection)} else ("url",)
+    )
 
 
-Connections = tuple[tuple[str, Connection], ...]
+Connections = tuple[tuple[str, ConnectionSection], ...]
 
 
 def _connections(value: object) -> Connections:
@@ -73,17 +75,17 @@ def _connections(value: object) -> Connections:
     return found
 
 
-def _connection(name: str, table: object, problems: list[Conflict]) -> Connection:
+def _connection(name: str, table: object, problems: list[Conflict]) -> ConnectionSection:
     if not isinstance(table, Mapping) or "url" not in table:
         problems.append(((name,), "needs a url, like udpin:0.0.0.0:14551"))
-        return Connection()
+        return ConnectionSection()
     given, before = {}, len(problems)
     for key, value in table.items():
         try:
             given[key] = _checked(key, value)
         except ValueError as error:  # noqa: PERF203
             problems.append(((name, key), str(error)))
-    read = Connection(**given)
+    read = ConnectionSection(**given)
     if len(problems) == before:
         for keys, reason in read.conflicts():
             problems.append(((name, next((key for key in keys if key in table), keys[0])), reason))
@@ -91,7 +93,7 @@ def _connection(name: str, table: object, problems: list[Conflict]) -> Connectio
 
 
 def _checked(key: str, value: object) -> Any:
-    checks = checks_of(Connection)
+    checks = checks_of(ConnectionSection)
     if key not in checks:
         raise ValueError(f"is not known; {nearest(key, checks)}")
     return checks[key](value)
@@ -100,12 +102,12 @@ def _checked(key: str, value: object) -> Any:
 _MORE = {
     "type": "object",
     "maxProperties": 3,
-    "additionalProperties": {**section_schema(Connection), "required": ["url"]},
+    "additionalProperties": {**section_schema(ConnectionSection), "required": ["url"]},
 }
 
 
 @dataclass(frozen=True)
-class Link(Connection):
+class LinkSection(ConnectionSection):
     """MAVLink: the first connection, and settings of all connections."""
 
     system_id: int = setting(1, whole(1, 254), "our system id until the autopilot's is known")
@@ -118,7 +120,9 @@ class Link(Connection):
         flag,
         "with a key: whether the autopilot's telemetry is accepted unsigned",
     )
-    more: Connections = setting((), Check(_connections, _MORE), "further connections, at most 3", tables=True)  # noqa: RUF009
+    more: Connections = setting(  # noqa: RUF009
+        (), ValueCheck(_connections, _MORE), "further connections, at most 3", tables=True
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         if self.unsigned_autopilot and not self.signing_key:
@@ -128,7 +132,7 @@ class Link(Connection):
         except ValueError as error:
             yield _key_of(str(error)), str(error)
 
-    def with_paths_in(self, folder: Path) -> Link:
+    def with_paths_in(self, folder: Path) -> LinkSection:
         """Return these settings with a relative path of the key resolved against `folder`."""
         if self.signing_key is None:
             return self

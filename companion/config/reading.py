@@ -11,8 +11,8 @@ from typing import Any
 from companion.cameras.shown import shown
 from companion.config.checks import NestedError, Section, checks_of, harmless
 from companion.config.link_settings import LONGEST_PACE_WITH_STICKS
-from companion.config.radio import Connection
-from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, Vehicle
+from companion.config.radio import ConnectionSection
+from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, VehicleSection
 from companion.config.toml_file import ConfigError, KeyPath, Layer, Problem, nearest
 from companion.config.words import read_words
 from companion.wire.parameters import MAX_WORDS, OBSTACLE
@@ -101,7 +101,7 @@ def word_problem(path: str | Path, word: str, reason: str) -> Problem:
 
 
 def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:
-    name = main.table("vehicle", []).get("file", Vehicle().file)
+    name = main.table("vehicle", []).get("file", VehicleSection().file)
     if not isinstance(name, str) or not name:
         return None
     path = main.path.parent / os.path.expanduser(name)
@@ -149,7 +149,7 @@ def _shown(keys: KeyPath, value: object) -> object:
         case ("words", _):
             return harmless(value)
         case ("link", "more", _, key):
-            check = checks_of(Connection).get(key)
+            check = checks_of(ConnectionSection).get(key)
         case (name, key) if name in SECTIONS:
             check = checks_of(SECTIONS[name]).get(key)
         case _:

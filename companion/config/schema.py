@@ -30,10 +30,10 @@ from companion.config.checks import (
     setting,
     whole,
 )
-from companion.config.live import Live
-from companion.config.radio import Link
-from companion.config.video import Video
-from companion.config.web import Web
+from companion.config.live import LiveSection
+from companion.config.radio import LinkSection
+from companion.config.video import VideoSection
+from companion.config.web import WebSection
 from companion.vehicle import PX4_HOLDS
 
 LONGEST_FRESHNESS = 10.0
@@ -44,7 +44,7 @@ SMALLEST_RING = 20
 
 
 @dataclass(frozen=True)
-class Camera(Section):
+class CameraSection(Section):
     """Where frames come from."""
 
     source: str = setting("folder:pictures", checked(split_source, harmless), "kind:place of the camera")
@@ -104,7 +104,7 @@ def _shown_perceiver(name: object) -> str | None:
 
 
 @dataclass(frozen=True)
-class Perceiver(Section):
+class PerceiverSection(Section):
     """Which perceiver turns words and frames into maps, and how its networks run."""
 
     name: str = setting(
@@ -124,7 +124,7 @@ class Perceiver(Section):
         """The settings of ONNX Runtime."""
         return Runtime(self.providers, self.threads, self.precision)
 
-    def with_paths_in(self, folder: Path) -> Perceiver:
+    def with_paths_in(self, folder: Path) -> PerceiverSection:
         """Return these settings with a relative path in `name` resolved against `folder`."""
         kind, colon, argument = self.name.partition(":")
         if not argument or self.name in NAMED:
@@ -133,14 +133,14 @@ class Perceiver(Section):
 
 
 @dataclass(frozen=True)
-class Vehicle(Section):
+class VehicleSection(Section):
     """Which vehicle's file is merged into this one."""
 
     file: str = setting("vehicles/rover.toml", path, 'the vehicle\'s file, relative to this one; "" for none')
 
 
 @dataclass(frozen=True)
-class Mount(Section):
+class MountSection(Section):
     """Where the camera is mounted. Without it, it is unknown whether the vehicle stops in time."""
 
     height: float | None = setting(None, number(0.05, 20), "height of the lens above the ground, m")
@@ -157,7 +157,7 @@ class Mount(Section):
 
 
 @dataclass(frozen=True)
-class Stopping(Section):
+class StoppingSection(Section):
     """How fast the vehicle drives by itself, and how it stops."""
 
     speed: float | None = setting(
@@ -180,7 +180,7 @@ class Stopping(Section):
 
 
 @dataclass(frozen=True)
-class Roi(Section):
+class RoiSection(Section):
     """The region of interest, in fractions of the image's width and height."""
 
     left: float = setting(0.333, number(0, 1), "left side")
@@ -202,7 +202,7 @@ class Roi(Section):
 
 
 @dataclass(frozen=True)
-class Corridor(Section):
+class CorridorSection(Section):
     """The vehicle's width as it appears at two rows of the image, in fractions of the image's width."""
 
     bottom: float = setting(0.3, number(0, 1, above=True), "at the lower row")
@@ -219,7 +219,7 @@ class Corridor(Section):
 
 
 @dataclass(frozen=True)
-class Thresholds(Section):
+class ThresholdsSection(Section):
     """The limits from which a figure counts as bad. Unset: the perceiver's own."""
 
     roi: float | None = setting(
@@ -239,7 +239,7 @@ class Thresholds(Section):
 
 
 @dataclass(frozen=True)
-class Call(Section):
+class CallSection(Section):
     """When the operator is called, and what the companion may do to the vehicle."""
 
     policy: str = setting("report", choice("report", "shadow", "hold"), "report, shadow or hold")
@@ -288,7 +288,7 @@ class Call(Section):
 
 
 @dataclass(frozen=True)
-class Journal(Section):
+class JournalSection(Section):
     """Where data is stored that must survive a restart."""
 
     folder: str | None = setting(
@@ -296,7 +296,7 @@ class Journal(Section):
     )
     scenes: int = setting(256, whole(1, MOST_SCENES), "answered scenes that are stored")
 
-    def with_paths_in(self, folder: Path) -> Journal:
+    def with_paths_in(self, folder: Path) -> JournalSection:
         """Return these settings with a relative path resolved against `folder`."""
         if not self.folder:
             return self
@@ -310,14 +310,14 @@ class Journal(Section):
 
 
 @dataclass(frozen=True)
-class Pictures(Section):
+class PicturesSection(Section):
     """Which pictures are stored for later."""
 
     keep: int = setting(50, whole(0, 10_000), "pictures of calls that are stored")
 
 
 @dataclass(frozen=True)
-class Recording(Section):
+class RecordingSection(Section):
     """What is recorded, for later: frames, maps, assessments, calls, answers, vehicle, log."""
 
     size: int = setting(1000, whole(0, 1_000_000), "MB of all recordings together, 0: nothing is recorded")
@@ -336,22 +336,22 @@ class Recording(Section):
 
 
 SECTIONS: Mapping[str, type[Section]] = {
-    "camera": Camera,
-    "perceiver": Perceiver,
-    "vehicle": Vehicle,
-    "mount": Mount,
-    "stopping": Stopping,
-    "roi": Roi,
-    "corridor": Corridor,
-    "thresholds": Thresholds,
-    "call": Call,
-    "link": Link,
-    "journal": Journal,
-    "pictures": Pictures,
-    "recording": Recording,
-    "live": Live,
-    "web": Web,
-    "video": Video,
+    "camera": CameraSection,
+    "perceiver": PerceiverSection,
+    "vehicle": VehicleSection,
+    "mount": MountSection,
+    "stopping": StoppingSection,
+    "roi": RoiSection,
+    "corridor": CorridorSection,
+    "thresholds": ThresholdsSection,
+    "call": CallSection,
+    "link": LinkSection,
+    "journal": JournalSection,
+    "pictures": PicturesSection,
+    "recording": RecordingSection,
+    "live": LiveSection,
+    "web": WebSection,
+    "video": VideoSection,
 }
 WORD_KEYS = ("vocabulary", "words", "aliases")
 OF_A_VEHICLE = (*WORD_KEYS, "mount", "stopping", "roi", "corridor", "thresholds", "call")
@@ -366,25 +366,25 @@ class Config:
     that are offered to ground stations as parameters. aliases: word -> its parameter's name without AT_W_.
     """
 
-    camera: Camera = field(default_factory=Camera)
-    perceiver: Perceiver = field(default_factory=Perceiver)
-    vehicle: Vehicle = field(default_factory=Vehicle)
+    camera: CameraSection = field(default_factory=CameraSection)
+    perceiver: PerceiverSection = field(default_factory=PerceiverSection)
+    vehicle: VehicleSection = field(default_factory=VehicleSection)
     words: Mapping[str, float] = field(default_factory=dict)
     vocabulary: tuple[str, ...] = ()
     aliases: Mapping[str, str] = field(default_factory=dict)
-    mount: Mount = field(default_factory=Mount)
-    stopping: Stopping = field(default_factory=Stopping)
-    roi: Roi = field(default_factory=Roi)
-    corridor: Corridor = field(default_factory=Corridor)
-    thresholds: Thresholds = field(default_factory=Thresholds)
-    call: Call = field(default_factory=Call)
-    link: Link = field(default_factory=Link)
-    journal: Journal = field(default_factory=Journal)
-    pictures: Pictures = field(default_factory=Pictures)
-    recording: Recording = field(default_factory=Recording)
-    live: Live = field(default_factory=Live)
-    web: Web = field(default_factory=Web)
-    video: Video = field(default_factory=Video)
+    mount: MountSection = field(default_factory=MountSection)
+    stopping: StoppingSection = field(default_factory=StoppingSection)
+    roi: RoiSection = field(default_factory=RoiSection)
+    corridor: CorridorSection = field(default_factory=CorridorSection)
+    thresholds: ThresholdsSection = field(default_factory=ThresholdsSection)
+    call: CallSection = field(default_factory=CallSection)
+    link: LinkSection = field(default_factory=LinkSection)
+    journal: JournalSection = field(default_factory=JournalSection)
+    pictures: PicturesSection = field(default_factory=PicturesSection)
+    recording: RecordingSection = field(default_factory=RecordingSection)
+    live: LiveSection = field(default_factory=LiveSection)
+    web: WebSection = field(default_factory=WebSection)
+    video: VideoSection = field(default_factory=VideoSection)
 
     @property
     def preferences(self) -> Preferences:

@@ -49,7 +49,7 @@ def video_size(height: int, width: int) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class Video(Section):
+class VideoSection(Section):
     """The companion as a MAVLink camera, with a video in which an operator points at things."""
 
     listen: str = setting("", checked(read_listen, harmless), 'address:port of the RTSP video; "": no camera')

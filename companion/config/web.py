@@ -10,7 +10,7 @@ from companion.pages.listen import Listen, check_token, read_listen
 
 
 @dataclass(frozen=True)
-class Web(Section):
+class WebSection(Section):
     """The page that shows a browser what the companion does."""
 
     listen: str = setting(

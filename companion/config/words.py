@@ -7,14 +7,14 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from anytraverse.preferences import Preferences, clean_word
-from companion.config.checks import Check, listing, number, text
+from companion.config.checks import ValueCheck, listing, number, text
 from companion.config.toml_file import Layer, Problem
 from companion.wire.parameters import MAX_WORDS, build, word_parameter
 
 WORDS_OFFERED = listing(text, 0, MAX_WORDS)
 
 
-class Words(NamedTuple):
+class _Words(NamedTuple):
     """The words, vocabulary and aliases of a `Config`."""
 
     words: Mapping[str, float] = {}
@@ -22,7 +22,7 @@ class Words(NamedTuple):
     aliases: Mapping[str, str] = {}
 
 
-def read_words(layers: Sequence[Layer], problems: list[Problem]) -> Words:
+def read_words(layers: Sequence[Layer], problems: list[Problem]) -> _Words:
     """Read the three tables. The first layer that has a table replaces that of the others as a whole.
 
     The words in use are added to the vocabulary. Problems are added to `problems`.
@@ -44,14 +44,14 @@ def read_words(layers: Sequence[Layer], problems: list[Problem]) -> Words:
         key_to_report = next((key for key in layer_of if key in layer_of[key].data), "words")
         together = partial(build, vocabulary, words, {}, aliases=aliases)
         _try(layer_of[key_to_report], (key_to_report,), together, problems)
-    return Words(words, vocabulary, aliases)
+    return _Words(words, vocabulary, aliases)
 
 
 def _cleaned(listed: object) -> tuple[str, ...]:
     return tuple(clean_word(word) for word in WORDS_OFFERED(listed))
 
 
-def _table(layer: Layer, name: str, check: Check, problems: list[Problem]) -> dict[str, Any]:
+def _table(layer: Layer, name: str, check: ValueCheck, problems: list[Problem]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for word, value in layer.table(name, problems).items():
         cleaned = _try(layer, (name, word), partial(clean_word, word), problems)

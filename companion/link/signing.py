@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from companion.config.link_settings import LinkError
+from companion.config.link_settings import LinkSettingError
 from companion.system.computer import is_synchronised
 from companion.vehicle.state import SOFTWARE_MADE
 from companion.wire import signing as wire
@@ -216,14 +216,14 @@ class Signing:
 def open_signing(
     key: Path, folder: Path, *, unsigned_autopilot: bool = False, wall: Callable[[], float] = time.time
 ) -> Signing:
-    """Make a Signing from the key file `key`, with timestamps stored in `folder`. Raises LinkError."""
+    """Make a Signing from the key file `key`, with timestamps stored in `folder`. Raises LinkSettingError."""
     try:
         secret = read_key(key)
         store = TimestampFile(folder, clock=wire.ticks(wall()))
     except SigningKeyError as error:
-        raise LinkError(str(error)) from None
+        raise LinkSettingError(str(error)) from None
     except OSError as error:
-        raise LinkError(f"{folder / NAME}: {(error.strerror or str(error)).lower()}") from error
+        raise LinkSettingError(f"{folder / NAME}: {(error.strerror or str(error)).lower()}") from error
     if store.notice:
         log.warning("%s", store.notice)
     clock = SigningClock(store.timestamps.last, wall)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Protocol
 
-from companion.config.link_settings import Address, LinkError
+from companion.config.link_settings import Address, LinkSettingError
 from companion.link.limits import LeaseTable
 from companion.link.streams import CHUNK, Serial, Tcp
 
@@ -178,7 +178,7 @@ class Udp(Datagrams):
 
 
 def opener(address: Address) -> Callable[[], Transport]:
-    """Return a function that opens `address`. Raises LinkError when `address` needs a missing library."""
+    """Return a function that opens `address`. Raises LinkSettingError when that needs a missing library."""
     check_installed(address)
     return partial(open_transport, address)
 
@@ -193,11 +193,11 @@ def open_transport(address: Address) -> Transport:
 
 
 def check_installed(address: Address) -> None:
-    """Raise LinkError when `address` needs a library that is not installed."""
+    """Raise LinkSettingError when `address` needs a library that is not installed."""
     if address.scheme == "serial":
         try:
             import serial  # noqa: F401
         except ImportError as error:
-            raise LinkError(
+            raise LinkSettingError(
                 "a serial link needs pyserial: pip install 'anytraverse-companion[rover]'"
             ) from error

@@ -24,8 +24,8 @@ from anytraverse.preferences import Preferences
 from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.config.radio import Link
-from companion.config.web import Web
+from companion.config.radio import LinkSection
+from companion.config.web import WebSection
 from companion.system.watchdog import Failure, Restarts, Watchdog
 from companion.vision.checks import MOST_TUNINGS, BadReportError, Expected, check_report
 from companion.vision.child import Child
@@ -330,7 +330,7 @@ class VisionClient:
         memory, more = self._copy.first_part()
         first = self._expected.last_frame + 1
         # A picture may break into the process: what it does not need to know, it is not told.
-        config = replace(self._config, link=Link(), web=Web())
+        config = replace(self._config, link=LinkSection(), web=WebSection())
         self._send(Start(config, memory, self._copy.revision, first, more))
 
     def _failure(self, ended: str, now: float) -> Failure | None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from companion.config.video import Video
+from companion.config.video import VideoSection
 from companion.desk.check.video import missing_of
 
 HERE = Path(__file__).parent
@@ -43,7 +43,7 @@ def viewer() -> Iterator[Callable[[str], None]]:
 def test_it_finds_the_camera_and_its_taps_answer_a_call(
     stage: Any, start: Callable[..., Any], viewer: Callable[[str], None]
 ) -> None:
-    if missing := missing_of(Video().python, Video().encoder):
+    if missing := missing_of(VideoSection().python, VideoSection().encoder):
         pytest.skip(missing)
     stage.wait_until_ok()
     camera = start(str(HERE / "mavsdk_camera.py"), stage.ground.replace("udpout:", "udpout://"))

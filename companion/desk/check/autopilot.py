@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
-from companion.config.link_settings import LinkError, read_url
+from companion.config.link_settings import LinkSettingError, read_url
 from companion.desk.check.course_listener import CourseListener
 from companion.desk.check.interview import (
     HEARD_WITHIN,
@@ -95,7 +95,7 @@ def ask(config: Config, url: str) -> Asked:
             while not turn() and time.monotonic() < until:
                 pass
             _await_course(interview, listener, turn)
-    except LinkError as error:
+    except LinkSettingError as error:
         return Asked([failed(LINK, str(error))], heard=False)
     return replace(judged(config, url, interview), course=listener.missing)
 
@@ -114,7 +114,7 @@ def _await_course(interview: Interview, listener: CourseListener, turn: Callable
 def talking(
     config: Config, url: str, names: Callable[[int], Sequence[str]]
 ) -> Iterator[tuple[Interview, Callable[[], bool]]]:
-    """Open `url`. Yields an interview, and a function that runs its turn and waits. Raises LinkError."""
+    """Open `url`. Yields an interview, and what runs its turn and waits. Raises LinkSettingError."""
     address = read_url(url)
     check_installed(address)
     signing, began = _signing(config.link.signing_key), time.monotonic()

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import ConfigError, load_config, state_folder
-from companion.config.link_settings import LinkError
+from companion.config.link_settings import LinkSettingError
 from companion.desk.check.autopilot import silence, talking
 from companion.desk.check.here import status
 from companion.desk.check.interview import ARDUPILOT, Heartbeat
@@ -235,7 +235,7 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
             if interview.autopilot is None:
                 print(silence(link or config.link.url, interview))
                 return 1
-    except (LinkError, _NotMeasurableError) as error:
+    except (LinkSettingError, _NotMeasurableError) as error:
         print(error)
         return 1
     return _conclude(recorder.stops)

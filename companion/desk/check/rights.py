@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from anytraverse.regular_file import read_regular
 from companion.cameras import CameraError, split_source
-from companion.config.link_settings import LinkError
+from companion.config.link_settings import LinkSettingError
 from companion.config.reading import SERVICE
 from companion.desk.check.rover import Rover
 from companion.desk.check.rules import Finding, failed, passed, skipped, warned
@@ -110,7 +110,7 @@ def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
         for one in config.link.settings().connections().values():
             if one.address().scheme == "serial":
                 yield Path(one.address().place), _READ | _WRITE
-    except LinkError:  # told by the row of the configuration
+    except LinkSettingError:  # told by the row of the configuration
         return
 
 

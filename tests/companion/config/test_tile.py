@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from anytraverse.judging import LARGEST_TILE, Settings
 from anytraverse.perception import DefaultThresholds, Perceiver
 from companion.config import Config
-from companion.config.schema import Camera, Mount, Roi, Stopping
+from companion.config.schema import CameraSection, MountSection, RoiSection, StoppingSection
 from companion.config.stopping import (
     ROCK,
     Outlook,
@@ -30,14 +30,14 @@ from companion.vision.warm_up import judging_settings
 from companion.wire.parameters import ROI
 
 CONFIG = Config(
-    camera=Camera(view=75.0),
-    mount=Mount(height=0.8, tilt=10.0, front=0.3),
-    stopping=Stopping(speed=1.0, time_constant=1.76, braking=6.46),
-    roi=Roi(0.333, 0.6, 0.667, 0.95),
+    camera=CameraSection(view=75.0),
+    mount=MountSection(height=0.8, tilt=10.0, front=0.3),
+    stopping=StoppingSection(speed=1.0, time_constant=1.76, braking=6.46),
+    roi=RoiSection(0.333, 0.6, 0.667, 0.95),
 )
 SMALL = DefaultThresholds(0.3, 0.86, 0.9, tile_share=0.08)
 MOUNTS = st.builds(
-    Mount,
+    MountSection,
     height=st.floats(0.05, 20),
     tilt=st.floats(-45, 85),
     aspect=st.floats(0.3, 5),
@@ -52,7 +52,7 @@ def settings_of(config: Config, own: DefaultThresholds = SMALL) -> Settings:
     return judging_settings(config, cast(Perceiver, SimpleNamespace(defaults=own)))
 
 
-def configured(mount: Mount, view: float, speed: float) -> Config:
+def configured(mount: MountSection, view: float, speed: float) -> Config:
     """A rover with this camera, at this speed."""
     camera, stopping = replace(CONFIG.camera, view=view), replace(CONFIG.stopping, speed=speed)
     return replace(CONFIG, mount=mount, camera=camera, stopping=stopping)
@@ -61,7 +61,7 @@ def configured(mount: Mount, view: float, speed: float) -> Config:
 @given(MOUNTS, VIEWS, SPEEDS, st.floats(0.05, 1))
 @settings(max_examples=150)
 def test_whatever_the_mount_a_tile_is_from_the_perceivers_own_to_a_quarter_of_the_roi(
-    mount: Mount, view: float, speed: float, own: float
+    mount: MountSection, view: float, speed: float, own: float
 ) -> None:
     config = configured(mount, view, speed)
     width = tile_width(config)
@@ -74,7 +74,9 @@ def test_whatever_the_mount_a_tile_is_from_the_perceivers_own_to_a_quarter_of_th
 
 @given(MOUNTS, VIEWS, SPEEDS, st.floats(1.01, 3))
 @settings(max_examples=100)
-def test_a_faster_vehicle_never_has_a_larger_tile(mount: Mount, view: float, speed: float, by: float) -> None:
+def test_a_faster_vehicle_never_has_a_larger_tile(
+    mount: MountSection, view: float, speed: float, by: float
+) -> None:
     slow, fast = configured(mount, view, speed), configured(mount, view, speed * by)
     one, other = tile_width(slow), tile_width(fast)
     assert one is not None
@@ -110,7 +112,7 @@ def test_a_thing_appears_as_wide_as_trigonometry_says() -> None:
 
 def test_a_thing_beside_or_behind_the_lens_is_as_wide_as_the_picture_and_more() -> None:
     assert Outlook(3.0, -45.0, 60.0, 1.333).width(0.45, 2.0) == math.inf
-    behind = configured(Mount(20.0, -45.0), 60.0, 0.1)
+    behind = configured(MountSection(20.0, -45.0), 60.0, 0.1)
     assert tile_width(behind) == 1.0
     assert settings_of(behind).tile_side == LARGEST_TILE
 
@@ -136,9 +138,9 @@ def test_a_quick_perceiver_is_assumed_so_that_everybody_reckons_with_the_same_di
     "config",
     [
         Config(),
-        replace(CONFIG, mount=Mount()),
-        replace(CONFIG, stopping=Stopping()),
-        replace(CONFIG, camera=Camera(view=121.0)),
+        replace(CONFIG, mount=MountSection()),
+        replace(CONFIG, stopping=StoppingSection()),
+        replace(CONFIG, camera=CameraSection(view=121.0)),
     ],
 )
 def test_without_mount_speed_or_a_pinholes_view_the_perceivers_own_tile_is_used(config: Config) -> None:

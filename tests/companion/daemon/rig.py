@@ -19,7 +19,7 @@ from anytraverse.operations import Operation, SetWord
 from anytraverse.preferences import Preferences
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.config.schema import Stopping
+from companion.config.schema import StoppingSection
 from companion.config.video import CameraSettings
 from companion.daemon.composition import Resources, compose
 from companion.link.answer_store import AnswerStore
@@ -91,7 +91,7 @@ def forget(folder: Path) -> None:
 class Rig:
     """`see` shows frames and lets time pass; `texts`, `acks` and `state` are what the ground heard."""
 
-    config = Config(stopping=Stopping(unchecked=True))
+    config = Config(stopping=StoppingSection(unchecked=True))
     """Of it only what says whether the vehicle stops in time counts here."""
     mavlink_camera: CameraSettings | None = None
 

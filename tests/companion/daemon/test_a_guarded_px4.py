@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.config.schema import Call
+from companion.config.schema import CallSection
 from companion.sim.field.px4 import Mode
 from companion.wire.ids import ERROR, Motion, Policy
 from tests.companion.daemon.rig import Clock, Rig
@@ -23,7 +23,7 @@ GUARDED = {
     "NAV_RCL_ACT": 1,
     "COM_OBL_RC_ACT": 5,
 }
-CONFIG = replace(Rig.config, call=Call(px4_deadman="manual_control"))
+CONFIG = replace(Rig.config, call=CallSection(px4_deadman="manual_control"))
 REFUSED = "Dead man OFF, sticks of 255/190: guard by hand"
 
 

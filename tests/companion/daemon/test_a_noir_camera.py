@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from companion.config import Config
-from companion.config.schema import Camera, Mount, Stopping
+from companion.config.schema import CameraSection, MountSection, StoppingSection
 from companion.vision import infrared
 from companion.wire import notices
 from companion.wire.ids import Policy
@@ -42,7 +42,7 @@ def shows(monkeypatch: pytest.MonkeyPatch) -> Shows:
 def set_up(make_rig: MakeRig, camera: str = "auto", policy: Policy = Policy.HOLD) -> Rig:
     """A rover whose configuration says so of a NoIR camera."""
     rig = make_rig(policy)
-    rig.config = replace(rig.config, camera=Camera(infrared=camera))
+    rig.config = replace(rig.config, camera=CameraSection(infrared=camera))
     rig.restart()
     return rig
 
@@ -168,7 +168,7 @@ def test_a_new_vision_process_does_not_forget_it(make_rig: MakeRig, shows: Shows
 def test_a_vehicle_that_outruns_its_eyes_is_told_that_first(make_rig: MakeRig) -> None:
     rig = set_up(make_rig)
     rig.config = replace(
-        Config(), mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=9.0, braking=1.0)
+        Config(), mount=MountSection(height=1.0, tilt=10.0), stopping=StoppingSection(speed=9.0, braking=1.0)
     )
     rig.restart()
     rig.see(SEEN)

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
-from companion.config.schema import Mount, Stopping
+from companion.config.schema import MountSection, StoppingSection
 from companion.sim.field.autopilot import Autopilot
 from companion.sim.field.px4 import Mode, Px4
 from companion.sim.field.router import Parser, Port
@@ -235,7 +235,8 @@ def test_an_autopilot_of_another_kind_is_told_once_and_never_commanded(make: Mak
 
 
 CLOSE = Config(
-    mount=Mount(height=1.0, tilt=10.0), stopping=Stopping(speed=1.0, time_constant=0.1, braking=1.0)
+    mount=MountSection(height=1.0, tilt=10.0),
+    stopping=StoppingSection(speed=1.0, time_constant=0.1, braking=1.0),
 )
 """It stops just before what it sees, and not 2.5 m further on."""
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.config.schema import Corridor
+from companion.config.schema import CorridorSection
 from companion.wire.ids import Policy
 from companion.wire.parameters import ROI
 from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
@@ -82,7 +82,7 @@ def test_one_that_the_journal_holds_is_a_fault_too(make_rig: MakeRig) -> None:
     rig.set(LEFT, 0.45)
     rig.see(1.0)
     assert rig.state == ("OK", 0)
-    rig.config = replace(rig.config, corridor=Corridor(bottom=0.5, top=0.3))
+    rig.config = replace(rig.config, corridor=CorridorSection(bottom=0.5, top=0.3))
     rig.restart()
     rig.see(3.0)
     assert rig.state == ("FAULT", 0)

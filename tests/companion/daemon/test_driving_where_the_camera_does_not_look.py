@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.config.schema import Mount
+from companion.config.schema import MountSection
 from companion.wire.ids import COMPONENT_ID, Motion, Policy, read_heartbeat_mode
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
@@ -78,7 +78,7 @@ def test_driving_out_of_the_view_is_held_too(rig: Rig) -> None:
 def test_a_camera_that_looks_back_is_told_by_the_mount(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Rig, "config", replace(Rig.config, mount=Mount(heading=180.0)))
+    monkeypatch.setattr(Rig, "config", replace(Rig.config, mount=MountSection(heading=180.0)))
     rig = make_rig()
     drive = Drive(rig)
     drive.on(3.0, -2.0)

@@ -33,7 +33,7 @@ from companion.cameras.newest import CameraStatus
 from companion.cli import main as cli
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkSettings
-from companion.config.schema import Mount, Stopping
+from companion.config.schema import MountSection, StoppingSection
 from companion.daemon.startup import load
 from companion.sim.loopback_link import LoopbackLink
 from companion.system.service_manager import ServiceManager
@@ -250,8 +250,8 @@ def test_a_perceiver_that_keeps_t_may_hold(config: Config, radio: socket.socket)
 
 def mounted(config: Config, speed: float) -> Config:
     """With a camera whose mount is known, on a vehicle of that speed."""
-    stopping = Stopping(speed=speed, time_constant=0.1, braking=1.0)
-    return replace(config, mount=Mount(height=1.0, tilt=10.0), stopping=stopping)
+    stopping = StoppingSection(speed=speed, time_constant=0.1, braking=1.0)
+    return replace(config, mount=MountSection(height=1.0, tilt=10.0), stopping=stopping)
 
 
 def test_a_vehicle_that_outruns_its_eyes_is_a_fault_in_policy_hold_and_says_which_speed_would_fit(
@@ -282,17 +282,17 @@ def test_a_stopping_distance_that_nobody_could_check_is_told_once_at_the_start(
 @pytest.mark.parametrize(
     ("mount", "stopping", "named"),
     [
-        (Mount(), Stopping(), "set [mount] height and tilt, and [stopping] speed"),
-        (Mount(), Stopping(speed=1.0), "set [mount] height and tilt"),
-        (Mount(height=1.0, tilt=10.0), Stopping(), "set [stopping] speed"),
+        (MountSection(), StoppingSection(), "set [mount] height and tilt, and [stopping] speed"),
+        (MountSection(), StoppingSection(speed=1.0), "set [mount] height and tilt"),
+        (MountSection(height=1.0, tilt=10.0), StoppingSection(), "set [stopping] speed"),
     ],
 )
 def test_policy_hold_without_the_figures_for_stopping_runs_in_fault_and_names_them(
     config: Config,
     radio: socket.socket,
     caplog: pytest.LogCaptureFixture,
-    mount: Mount,
-    stopping: Stopping,
+    mount: MountSection,
+    stopping: StoppingSection,
     named: str,
 ) -> None:
     blind = replace(config, mount=mount, stopping=stopping)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from companion.config import Config
-from companion.config.schema import Mount, Stopping
+from companion.config.schema import MountSection, StoppingSection
 from companion.wire.ids import Policy
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
@@ -147,8 +147,8 @@ def test_what_outruns_its_eyes_can_be_mended_in_steps(make_rig: MakeRig) -> None
     rig = make_rig()
     rig.config = replace(
         Config(),
-        mount=Mount(height=1.0, tilt=10.0),
-        stopping=Stopping(speed=1.0, time_constant=0.1, braking=1.0),
+        mount=MountSection(height=1.0, tilt=10.0),
+        stopping=StoppingSection(speed=1.0, time_constant=0.1, braking=1.0),
     )
     rig.roi = (1 / 3, 0.85, 2 / 3, 0.95)
     rig.restart()

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.config.schema import Mount, Stopping
+from companion.config.schema import MountSection, StoppingSection
 from companion.wire.call_report import CallReport
 from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Result, Stage
 from tests.anytraverse.conftest import AHEAD
@@ -271,8 +271,8 @@ def test_in_report_policy_a_thing_that_is_gone_passes(make_rig: MakeRig) -> None
 def test_a_region_of_interest_that_sees_less_far_is_judged_for_the_hold_policy_too(rig: Rig) -> None:
     rig.config = replace(
         Config(),
-        mount=Mount(height=1.0, tilt=10.0),
-        stopping=Stopping(speed=1.0, time_constant=0.1, braking=1.0),
+        mount=MountSection(height=1.0, tilt=10.0),
+        stopping=StoppingSection(speed=1.0, time_constant=0.1, braking=1.0),
     )
     rig.restart()
     rig.see(2.0)

@@ -23,7 +23,7 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from companion import run
 from companion.config import Config, load_config
-from companion.config.link_settings import LinkError
+from companion.config.link_settings import LinkSettingError
 from companion.daemon.settings.mapping import restored_policy
 from companion.daemon.startup import load
 from companion.link.answer_store import AnswerStore
@@ -141,7 +141,7 @@ def test_a_key_that_others_may_read_ends_it_at_once(config: Config, tmp_path: Pa
     key = tmp_path / "signing.key"
     key.write_bytes(bytes(range(32)))
     key.chmod(0o644)
-    with pytest.raises(LinkError, match="chmod 600"):
+    with pytest.raises(LinkSettingError, match="chmod 600"):
         run.main(replace(config, link=replace(config.link, signing_key=str(key))), lambda: True)
 
 

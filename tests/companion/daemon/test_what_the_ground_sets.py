@@ -12,7 +12,7 @@ from pymavlink.mavftp import MAVFTP
 from anytraverse.memory import first_memory
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.config.schema import Mount, Stopping
+from companion.config.schema import MountSection, StoppingSection
 from companion.daemon.composition import restore_settings
 from companion.daemon.trial_call import REQUEST
 from companion.sim.loopback_link import FileClient
@@ -52,8 +52,8 @@ def outrunning(config: Any) -> Any:
     """A vehicle that just stops before what the rig's region of interest shows."""
     return replace(
         config,
-        mount=Mount(height=1.0, tilt=10.0),
-        stopping=Stopping(speed=1.0, time_constant=0.1, braking=1.0),
+        mount=MountSection(height=1.0, tilt=10.0),
+        stopping=StoppingSection(speed=1.0, time_constant=0.1, braking=1.0),
     )
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from companion.config.link_settings import Address, ConnectionSettings, LinkError, LinkSettings
+from companion.config.link_settings import Address, ConnectionSettings, LinkSettingError, LinkSettings
 
 
 @pytest.mark.parametrize(
@@ -25,13 +25,13 @@ def test_a_link_is_named_by_its_url(url: str, address: Address) -> None:
     "url", ["", "udp:127.0.0.1:1", "udpin:14550", "tcp:127.0.0.1:x", "/dev/ttyAMA0", "serial::9600"]
 )
 def test_another_url_is_refused_with_examples(url: str) -> None:
-    with pytest.raises(LinkError, match=r"udpin:0\.0\.0\.0:14550"):
+    with pytest.raises(LinkSettingError, match=r"udpin:0\.0\.0\.0:14550"):
         LinkSettings(url)
 
 
 @pytest.mark.parametrize("url", ["tcp:rover.local:5760", "tcp:127.0.0.1:70000", "tcp:127.0.0.1:0"])
 def test_names_and_impossible_ports_are_refused(url: str) -> None:
-    with pytest.raises(LinkError, match=r"no IPv4 address|not in 1\.\.65535"):
+    with pytest.raises(LinkSettingError, match=r"no IPv4 address|not in 1\.\.65535"):
         LinkSettings(url)
 
 
@@ -51,7 +51,7 @@ def test_names_and_impossible_ports_are_refused(url: str) -> None:
     ],
 )
 def test_a_setting_that_cannot_work_is_refused_by_name(wrong: dict[str, Any]) -> None:
-    with pytest.raises(LinkError, match=next(iter(wrong))):
+    with pytest.raises(LinkSettingError, match=next(iter(wrong))):
         LinkSettings("udpin:0.0.0.0:14550", **wrong)
 
 
@@ -63,7 +63,7 @@ def test_budgets_that_fill_a_serial_line_are_refused_with_those_that_do_not(
     baud: int, wrong: dict[str, float]
 ) -> None:
     url = f"serial:/dev/ttyAMA0:{baud}"
-    with pytest.raises(LinkError, match=f"half of what {baud} baud carry") as refused:
+    with pytest.raises(LinkSettingError, match=f"half of what {baud} baud carry") as refused:
         ConnectionSettings(url, **wrong)
     own, asked = map(float, re.findall(r"budget = ([\d.]+)", str(refused.value)))
     assert own + asked == baud / 20
@@ -72,7 +72,7 @@ def test_budgets_that_fill_a_serial_line_are_refused_with_those_that_do_not(
 
 
 def test_a_serial_line_too_slow_for_any_budget_is_refused() -> None:
-    with pytest.raises(LinkError, match="too slow: 2400 baud"):
+    with pytest.raises(LinkSettingError, match="too slow: 2400 baud"):
         LinkSettings("serial:/dev/ttyAMA0:1200")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.config.link_settings import Address, ConnectionSettings, LinkError, LinkSettings
+from companion.config.link_settings import Address, ConnectionSettings, LinkSettingError, LinkSettings
 from companion.link.link import Link
 from companion.link.parser import Parser
 from companion.link.transport import Udp, open_transport
@@ -113,7 +113,7 @@ def test_a_serial_device_that_is_absent_is_named() -> None:
 
 def test_without_pyserial_a_serial_link_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "serial", None)
-    with pytest.raises(LinkError, match="pip install"):
+    with pytest.raises(LinkSettingError, match="pip install"):
         link_to("serial:/dev/ttyAMA0:57600")
 
 

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
+from companion.config.link_settings import ConnectionSettings, LinkSettingError, LinkSettings
 from companion.link.inbound import ParameterRequest, PolicyRequest, RcChannels, VehicleUpdate
 from companion.link.outbox import MAX_ROUTES
 from companion.sim.loopback_link import LoopbackLink, Wire
@@ -319,5 +319,5 @@ def test_a_flood_of_strangers_does_not_hide_the_autopilot(stage: LoopbackLink, w
     ],
 )
 def test_connections_that_cannot_be_are_refused(more: dict[str, ConnectionSettings], reason: str) -> None:
-    with pytest.raises(LinkError, match=reason):
+    with pytest.raises(LinkSettingError, match=reason):
         LinkSettings("udpout:127.0.0.1:14550", more=more)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.config.link_settings import ConnectionSettings, LinkError, LinkSettings
+from companion.config.link_settings import ConnectionSettings, LinkSettingError, LinkSettings
 from companion.link.inbound import RcChannels, VehicleUpdate
 from companion.link.signing import RECENT, open_signing
 from companion.sim.loopback_link import LoopbackLink
@@ -368,5 +368,5 @@ def test_a_key_or_folder_that_cannot_be_used_is_said_at_the_start(what: str, tmp
     if what == "unwritable":
         (tmp_path / "signing.state").mkdir()
     said = {"mode": "chmod 600", "folder": "no such file", "unwritable": "is a directory"}[what]
-    with pytest.raises(LinkError, match=said):
+    with pytest.raises(LinkSettingError, match=said):
         open_signing(key, folder)

@@ -18,8 +18,8 @@ from anytraverse.operations import SetWord
 from anytraverse.perception import Example
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
-from companion.config.radio import Link
-from companion.config.web import Web
+from companion.config.radio import LinkSection
+from companion.config.web import WebSection
 from companion.sim.loopback_vision import LoopbackVision
 from companion.system.watchdog import SILENT_AFTER
 from companion.tasks import VISION
@@ -181,7 +181,7 @@ def test_an_answer_comes_back_with_its_token_and_the_memory(stage: Stage) -> Non
 
 def test_the_process_is_told_neither_token_nor_key() -> None:
     child = LoopbackVision(engine)
-    web, link = Web(token="0123456789abcdef"), Link(signing_key="/etc/anytraverse/signing.key")
+    web, link = WebSection(token="0123456789abcdef"), LinkSection(signing_key="/etc/anytraverse/signing.key")
     vision = VisionClient(lambda: child, replace(Config(), web=web, link=link), None, VISION)
     vision.poll(time.monotonic())
     child.work()

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config import Config
-from companion.config.schema import Call, Camera, Mount, Stopping
+from companion.config.schema import CallSection, CameraSection, MountSection, StoppingSection
 from companion.config.stopping import judge_stopping
 from companion.vision.judging_rate import CALM_FOR, LONGEST_CALM, JudgingRate, steps
 
@@ -73,10 +73,10 @@ def test_at_no_step_does_the_rover_drive_farther_than_the_check_of_the_stopping_
     rate: float, freshness: float | None, window: int, step: float
 ) -> None:
     config = Config(
-        camera=Camera(rate=rate),
-        mount=Mount(height=1.0, tilt=7.0),
-        stopping=Stopping(speed=1.0),
-        call=Call(votes=1, window=window, freshness=freshness),
+        camera=CameraSection(rate=rate),
+        mount=MountSection(height=1.0, tilt=7.0),
+        stopping=StoppingSection(speed=1.0),
+        call=CallSection(votes=1, window=window, freshness=freshness),
     )
     most = _reaction(config, step)
     for lower in steps(rate, config.freshness, window):

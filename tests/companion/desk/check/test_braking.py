@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from companion.config.schema import Stopping
+from companion.config.schema import StoppingSection
 from companion.vehicle.brakes import ARDUPILOT, CAUTIOUS, MOST, SPREAD, Brakes, Fit, Measured, fit
 
 TOLERANCE = 0.11
@@ -34,7 +34,7 @@ def test_a_single_braking_figure_measured_at_any_speed_promises_no_stop_shorter_
 
 
 def test_the_default_promises_no_stop_shorter_than_it_was() -> None:
-    lone = Brakes.of(Stopping().braking, Stopping().time_constant)
+    lone = Brakes.of(StoppingSection().braking, StoppingSection().time_constant)
     assert all(lone.way(speed) >= way for speed, way in ARDUPILOT)
     assert all(Brakes.of(MOST, None).way(speed) >= way for speed, way in ARDUPILOT)
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from companion.config import Config
-from companion.config.live import Live
-from companion.config.schema import Journal, Recording
+from companion.config.live import LiveSection
+from companion.config.schema import JournalSection, RecordingSection
 from companion.desk.check import live, recording
 from companion.desk.check.live import check_live
 from companion.desk.check.recording import check_recording
@@ -30,7 +30,10 @@ def rover(
     folder: Path, *, size: int = 1, listen: str = "", running: Mapping[str, Any] | None = None
 ) -> Rover:
     config = replace(
-        Config(), journal=Journal(folder=str(folder)), recording=Recording(size), live=Live(listen)
+        Config(),
+        journal=JournalSection(folder=str(folder)),
+        recording=RecordingSection(size),
+        live=LiveSection(listen),
     )
     return Rover(config, "", folder, running)
 

@@ -10,29 +10,29 @@ from typing import Any
 import pytest
 
 from companion.config import Config
-from companion.config.video import Video
+from companion.config.video import VideoSection
 from companion.desk.check import video
 from companion.desk.check.rover import Rover
 from companion.desk.check.video import check_video
 
 
-def found(settings: Video, running: Mapping[str, Any] | None = None) -> tuple[str, str]:
+def found(settings: VideoSection, running: Mapping[str, Any] | None = None) -> tuple[str, str]:
     rover = Rover(replace(Config(), video=settings), "", Path(), running)
     (finding,) = check_video(rover)
     return finding.verdict.name, finding.text
 
 
 def test_without_an_address_there_is_no_camera_and_all_is_well() -> None:
-    assert found(Video())[0] == "PASS"
+    assert found(VideoSection())[0] == "PASS"
 
 
 def test_what_gstreamer_lacks_is_told_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(video, "missing_of", lambda _python, _encoder: "no x264enc in GStreamer")
-    verdict, text = found(Video("127.0.0.1:0"))
+    verdict, text = found(VideoSection("127.0.0.1:0"))
     assert verdict == "WARN"
     assert text.startswith("no x264enc in GStreamer: sudo apt install python3-gi gir1.2-gst-rtsp-server-1.0 ")
     monkeypatch.setattr(video, "missing_of", lambda _python, _encoder: "")
-    assert found(Video("127.0.0.1:0")) == (
+    assert found(VideoSection("127.0.0.1:0")) == (
         "PASS",
         "127.0.0.1:0 is free, and will show it to whoever reaches that port",
     )
@@ -41,9 +41,9 @@ def test_what_gstreamer_lacks_is_told_with_what_to_install(monkeypatch: pytest.M
 def test_a_companion_that_runs_says_where_its_video_is() -> None:
     url = "rtsp://rover.local:8554/anytraverse"
     told = {"url": url, "watched": False, "trouble": "", "restarts": 0}
-    assert found(Video("127.0.0.1:0"), {"video": told}) == (
+    assert found(VideoSection("127.0.0.1:0"), {"video": told}) == (
         "PASS",
         f"{url} shows it to whoever reaches that port",
     )
     lost = {"url": "", "trouble": "ended: SIGSEGV"}
-    assert found(Video("127.0.0.1:0"), {"video": lost})[0] == "WARN"
+    assert found(VideoSection("127.0.0.1:0"), {"video": lost})[0] == "WARN"

@@ -14,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
-from companion.config.schema import Call
+from companion.config.schema import CallSection
 from companion.desk.check import interview
 from companion.desk.check.autopilot import judged
 from companion.desk.check.interview import COMPONENT_ID, Interview, value_of
@@ -28,7 +28,7 @@ from companion.sim.loopback_link import pair
 
 ROVER, ARDUPILOT, PX4 = 10, 3, 12
 TRAIL = Trail(1)
-HOLDS = replace(Config(), call=Call(policy="hold"))
+HOLDS = replace(Config(), call=CallSection(policy="hold"))
 Answer = Callable[[Any], list[Any]]
 
 

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
-from companion.config.radio import Link
+from companion.config.radio import LinkSection
 from companion.desk.check.autopilot import ask, judged
 from companion.desk.check.interview import Interview
 from companion.link.connection import Connection
@@ -90,5 +90,5 @@ def test_an_exempted_autopilot_is_heard_without_it(signing: Signing) -> None:
 
 
 def test_a_key_that_cannot_be_used_is_a_finding(tmp_path: Path) -> None:
-    config = replace(Config(), link=Link(signing_key=str(tmp_path / "none")))
+    config = replace(Config(), link=LinkSection(signing_key=str(tmp_path / "none")))
     assert "there is no signing key" in ask(config, "udpin:127.0.0.1:0").findings[0].text

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.config.schema import Camera, Mount, Roi
-from companion.config.schema import Stopping as Setting
+from companion.config.schema import CameraSection, MountSection, RoiSection, StoppingSection
 from companion.config.stopping import FARTHEST, OVERSHOOT, Outlook, Stopping, judge_stopping, tile_width
 from companion.desk.check.autopilot import Asked
 from companion.desk.check.rover import Perceives, Rover
@@ -31,10 +30,10 @@ OUTLOOKS = st.builds(
     front=st.floats(0, 3),
 )
 CONFIG = Config(
-    camera=Camera(view=75.0, latency=0.0),
-    mount=Mount(height=1.0, tilt=7.0),
-    stopping=Setting(speed=1.0, time_constant=0.3, braking=1.4, delay=0.2),
-    roi=Roi(0.35, 0.5, 0.65, 0.95),
+    camera=CameraSection(view=75.0, latency=0.0),
+    mount=MountSection(height=1.0, tilt=7.0),
+    stopping=StoppingSection(speed=1.0, time_constant=0.3, braking=1.4, delay=0.2),
+    roi=RoiSection(0.35, 0.5, 0.65, 0.95),
 )
 
 
@@ -105,7 +104,7 @@ def test_the_upper_side_that_it_says_would_do_does(
 ) -> None:
     config = replace(
         CONFIG,
-        mount=Mount(height, tilt),
+        mount=MountSection(height, tilt),
         stopping=replace(CONFIG.stopping, speed=speed),
         roi=replace(CONFIG.roi, top=top),
     )
@@ -129,7 +128,7 @@ def test_a_lower_threshold_of_the_tile_sees_farther_as_less_of_it_must_be_filled
 
 
 def test_a_region_above_the_horizon_is_believed_no_farther_than_it_should() -> None:
-    level = replace(CONFIG, mount=Mount(height=1.0, tilt=-20.0), roi=replace(CONFIG.roi, top=0.3))
+    level = replace(CONFIG, mount=MountSection(height=1.0, tilt=-20.0), roi=replace(CONFIG.roi, top=0.3))
     assert Outlook(1.0, -20.0, 75.0, 1.333).distance(0.4) == math.inf
     assert judged(level).sees == FARTHEST
 
@@ -157,21 +156,23 @@ def test_an_old_braking_figure_promises_no_shorter_way_than_ardupilot_took() -> 
     for measured in ARDUPILOT:
         figure = measured.speed**2 / (2.0 * measured.way)
         for speed, way in ARDUPILOT:
-            old = replace(CONFIG, stopping=Setting(speed=speed / OVERSHOOT, braking=figure, delay=0.0))
+            old = replace(
+                CONFIG, stopping=StoppingSection(speed=speed / OVERSHOOT, braking=figure, delay=0.0)
+            )
             assert judged(old).needs >= speed * judged(old).react + way
 
 
 def test_what_was_fitted_is_believed_at_every_speed() -> None:
     found = fit(ARDUPILOT)
-    fitted = Setting(speed=1.0, time_constant=found.time_constant, braking=found.braking, delay=0.0)
-    lone = Setting(speed=1.0, braking=found.braking, delay=0.0)
+    fitted = StoppingSection(speed=1.0, time_constant=found.time_constant, braking=found.braking, delay=0.0)
+    lone = StoppingSection(speed=1.0, braking=found.braking, delay=0.0)
     assert judged(replace(CONFIG, stopping=fitted)).needs < judged(replace(CONFIG, stopping=lone)).needs
 
 
 def test_the_greater_of_the_configured_speed_and_the_autopilot_s_counts() -> None:
     assert judged(CONFIG, speed=2.5).speed == 2.5
     assert judged(CONFIG, speed=0.5).speed == 1.0
-    assert judged(replace(CONFIG, stopping=Setting()), speed=0.5).speed == 0.5
+    assert judged(replace(CONFIG, stopping=StoppingSection()), speed=0.5).speed == 0.5
 
 
 def test_what_outruns_its_eyes_is_told_the_speed_and_the_row_that_would_do() -> None:
@@ -200,7 +201,7 @@ def test_what_is_driven_on_in_the_mode_that_holds_comes_on_top_and_has_a_remedy_
 
 
 def test_what_stands_before_nothing_can_be_seen_is_not_told_a_speed_of_nought() -> None:
-    blind = replace(CONFIG, mount=Mount(1.0, 80.0, front=3.0))
+    blind = replace(CONFIG, mount=MountSection(1.0, 80.0, front=3.0))
     assert judged(blind).sees == 0.0
     assert "no speed is slow enough: mount the camera" in judged(blind).describe()
 
@@ -209,9 +210,9 @@ def test_what_stands_before_nothing_can_be_seen_is_not_told_a_speed_of_nought() 
     ("config", "missing"),
     [
         (Config(), "set [mount] height and tilt, and [stopping] speed"),
-        (replace(Config(), stopping=Setting(speed=1.0)), "set [mount] height and tilt"),
-        (replace(CONFIG, stopping=Setting()), "set [stopping] speed"),
-        (replace(CONFIG, camera=Camera(view=170.0)), "no pinhole"),
+        (replace(Config(), stopping=StoppingSection(speed=1.0)), "set [mount] height and tilt"),
+        (replace(CONFIG, stopping=StoppingSection()), "set [stopping] speed"),
+        (replace(CONFIG, camera=CameraSection(view=170.0)), "no pinhole"),
     ],
 )
 def test_what_cannot_be_judged_says_what_is_missing(config: Config, missing: str) -> None:
@@ -239,7 +240,7 @@ def rover_with(folder: Path, config: Config, judging: Settings | None) -> Rover:
 def test_the_row_of_the_tile_tells_how_large_it_is_and_whether_a_rock_fills_it_in_time(
     tmp_path: Path, speed: float, verdict: Verdict, said: str
 ) -> None:
-    stopping = Setting(speed=speed, time_constant=1.76, braking=6.46)
+    stopping = StoppingSection(speed=speed, time_constant=1.76, braking=6.46)
     config = replace(CONFIG, stopping=stopping)
     judging = Settings(tile_share=0.08, tile_width=tile_width(config))
     (found,) = check_tile(rover_with(tmp_path, config, judging))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.regions import Box
 from companion.config import Config, load_config
-from companion.config.schema import Mount, Stopping
+from companion.config.schema import MountSection, StoppingSection
 from companion.desk.drives.drive import DriveError
 from companion.desk.tuning.proposal import (
     Candidate,
@@ -169,10 +169,10 @@ def test_what_is_seen_too_late_to_stop_is_not_proposed() -> None:
     now = Combination.of(base)
     near = replace(now, region=Box(0.3, 0.8, 0.7, 0.95))
     candidates = [kept_of(one, 1.0, 0, 0) for one in (now, near, replace(now, roi=0.6))]
-    mounted = Config(mount=Mount(height=0.6, tilt=15.0), stopping=Stopping(speed=1.0))
+    mounted = Config(mount=MountSection(height=0.6, tilt=15.0), stopping=StoppingSection(speed=1.0))
     assert in_time(candidates, now, base, mounted) == [candidates[0], candidates[2]]
     assert in_time(candidates, now, base, Config()) == candidates
-    fast = replace(mounted, stopping=Stopping(speed=8.0))
+    fast = replace(mounted, stopping=StoppingSection(speed=8.0))
     assert in_time(candidates, now, base, fast) == [candidates[0], candidates[2]]
     far = Combination(now.scene, now.roi, now.tile, Box(0.3, 0.4, 0.7, 0.95))
     assert len(in_time([*candidates, kept_of(far, 1.0, 0, 0)], now, base, fast)) == 3

@@ -22,7 +22,7 @@ pytest.importorskip("google.protobuf")
 pytest.importorskip("websockets")
 
 from companion.config import Config
-from companion.config.live import Live as Settings
+from companion.config.live import LiveSection
 from companion.observers.live import live as live_module
 from companion.observers.live.live import Live, LiveChild
 from companion.observers.recording.messages import Message
@@ -42,7 +42,7 @@ class Stage:
     """Runs a `Live` and its process, and viewers beside it."""
 
     def __init__(self, listen: str = "127.0.0.1:0", **more: Any) -> None:
-        self.live = Live(replace(Config(), live=Settings(listen)), **{"restarts": PATIENT, **more})
+        self.live = Live(replace(Config(), live=LiveSection(listen)), **{"restarts": PATIENT, **more})
         self.slowest = 0.0
         self._viewers: list[Viewer] = []
 

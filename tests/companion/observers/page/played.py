@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from companion.config import Config
-from companion.config.schema import Journal
-from companion.config.web import Web
+from companion.config.schema import JournalSection
+from companion.config.web import WebSection
 from companion.observers.page.page import Page
 from companion.system.watchdog import Restarts
 
@@ -36,7 +36,7 @@ class Stage:
 
     def __init__(self, folder: Path, listen: str = "127.0.0.1:0", token: str = "", **page: Any) -> None:
         self.folder = folder
-        config = replace(Config(), web=Web(listen, token), journal=Journal(folder=str(folder)))
+        config = replace(Config(), web=WebSection(listen, token), journal=JournalSection(folder=str(folder)))
         self.page = Page(config, **{"restarts": LIMITS, **page})
         self.news: dict[str, Any] = {
             "told": "",

@@ -10,7 +10,7 @@ from typing import Any
 
 from anytraverse.frame import Frame
 from companion.config import Config
-from companion.config.schema import Journal, Recording
+from companion.config.schema import JournalSection, RecordingSection
 from companion.observers.recording.contents import as_json, image
 from companion.observers.recording.messages import Message
 from companion.observers.recording.recorder import Recorder
@@ -58,7 +58,9 @@ class Stage:
 
     def __init__(self, folder: Path, size: int = 20, **more: Any) -> None:
         self.folder = folder / FOLDER
-        config = replace(Config(), journal=Journal(folder=str(folder)), recording=Recording(size))
+        config = replace(
+            Config(), journal=JournalSection(folder=str(folder)), recording=RecordingSection(size)
+        )
         self.recorder = Recorder(config, **{"restarts": LIMITS, **more})
 
     def turn(self, messages: Sequence[Message] = ()) -> float:

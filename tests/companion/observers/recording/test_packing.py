@@ -23,7 +23,7 @@ pytest.importorskip("mcap")
 from mcap.reader import make_reader
 
 from companion.config import Config
-from companion.config.schema import Journal, Recording
+from companion.config.schema import JournalSection, RecordingSection
 from companion.observers.recording import packing
 from companion.observers.recording.contents import as_json, image
 from companion.observers.recording.foxglove import jpeg_of
@@ -101,7 +101,9 @@ class Packing(NamedTuple):
 
 
 def packing_of(folder: Path, **more: Any) -> Packing:
-    config = replace(Config(), journal=Journal(folder=str(folder)), recording=Recording(more.pop("size", 60)))
+    config = replace(
+        Config(), journal=JournalSection(folder=str(folder)), recording=RecordingSection(more.pop("size", 60))
+    )
     return Packing(IncidentPacker(config, **more), folder)
 
 

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from companion.config import Config
-from companion.config.schema import Journal
-from companion.config.video import Video as Settings
+from companion.config.schema import JournalSection
+from companion.config.video import VideoSection
 from companion.desk.check.video import missing_of
 from companion.observers.video.rtsp_server import REPORT, STALE_AFTER
 from companion.observers.video.video import Video, VideoChild
@@ -32,7 +32,7 @@ GREY = 120
 
 @cache
 def _missing() -> str:
-    settings = Settings()
+    settings = VideoSection()
     return missing_of(settings.python, settings.encoder)
 
 
@@ -45,8 +45,8 @@ class Stage:
     """The supervisor's end, and one viewer."""
 
     def __init__(self, folder: Path, listen: str = "127.0.0.1:0", **more: Any) -> None:
-        settings = Settings(listen, rate=15.0)
-        config = replace(Config(), video=settings, journal=Journal(folder=str(folder)))
+        settings = VideoSection(listen, rate=15.0)
+        config = replace(Config(), video=settings, journal=JournalSection(folder=str(folder)))
         self.video = Video(config, **{"restarts": LIMITS, **more})
         self.frame, self.bright = 1, GREY
         self.told_at = 0.0
@@ -182,8 +182,8 @@ def test_a_process_that_says_nonsense_is_started_again(tmp_path: Path, said: byt
 
 
 def test_a_python_without_gstreamer_is_said_and_harms_nothing(tmp_path: Path) -> None:
-    settings = Settings("127.0.0.1:0", python="/nowhere/python3")
-    config = replace(Config(), video=settings, journal=Journal(folder=str(tmp_path)))
+    settings = VideoSection("127.0.0.1:0", python="/nowhere/python3")
+    config = replace(Config(), video=settings, journal=JournalSection(folder=str(tmp_path)))
     video = Video(config, restarts=LIMITS)
     deadline = time.monotonic() + 20.0
     while video.trouble == "starting":
@@ -206,8 +206,10 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
 def test_what_gstreamer_lacks_is_named_and_said(tmp_path: Path) -> None:
     if _missing():
         pytest.skip(_missing())
-    settings = Settings("127.0.0.1:0", encoder="nosuchenc bitrate=1")
-    video = Video(replace(Config(), video=settings, journal=Journal(folder=str(tmp_path))), restarts=LIMITS)
+    settings = VideoSection("127.0.0.1:0", encoder="nosuchenc bitrate=1")
+    video = Video(
+        replace(Config(), video=settings, journal=JournalSection(folder=str(tmp_path))), restarts=LIMITS
+    )
     deadline = time.monotonic() + 20.0
     while "GStreamer lacks what the video needs: sudo apt install" not in video.trouble:
         assert time.monotonic() < deadline, video.trouble
@@ -218,7 +220,7 @@ def test_what_gstreamer_lacks_is_named_and_said(tmp_path: Path) -> None:
 
 
 def test_no_camera_is_no_process(tmp_path: Path) -> None:
-    video = Video(replace(Config(), journal=Journal(folder=str(tmp_path))))
+    video = Video(replace(Config(), journal=JournalSection(folder=str(tmp_path))))
     video.poll(time.monotonic())
     assert video.figures() == {
         "url": "",
@@ -229,8 +231,8 @@ def test_no_camera_is_no_process(tmp_path: Path) -> None:
 
 
 def test_an_address_with_a_password_is_told_to_ground_stations_and_not_shown(tmp_path: Path) -> None:
-    settings = Settings(listen="0.0.0.0:8554", url="rtsp://me:SECRET@rover.local:8554/SECRET")
-    video = Video(replace(Config(), journal=Journal(folder=str(tmp_path)), video=settings))
+    settings = VideoSection(listen="0.0.0.0:8554", url="rtsp://me:SECRET@rover.local:8554/SECRET")
+    video = Video(replace(Config(), journal=JournalSection(folder=str(tmp_path)), video=settings))
     video.trouble = ""
     assert video.url == settings.url
     assert video.figures()["url"] == "rtsp://rover.local:8554/..."

@@ -83,7 +83,7 @@ class _Console:
         """Do nothing: the console shows every line at once."""
 
 
-class AnyTraverse(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no types
+class AnyTraverseModule(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no types
     """Passes MAVProxy's messages to the operator's client, and the client's messages to the links."""
 
     def __init__(self, mpstate: Any) -> None:
@@ -180,6 +180,6 @@ def _is_autopilot_text(message: Any) -> bool:
     return bool(message.get_type() == "STATUSTEXT" and message.get_srcComponent() == AUTOPILOT_COMPONENT_ID)
 
 
-def init(mpstate: Any) -> AnyTraverse:
+def init(mpstate: Any) -> AnyTraverseModule:
     """Make the module; MAVProxy calls this to load it."""
-    return AnyTraverse(mpstate)
+    return AnyTraverseModule(mpstate)

@@ -23,7 +23,7 @@ from companion.wire.signing import MAX_STREAMS, SigningKey
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal.connection import open_connection
 from gcs_plugin.terminal.runner import Runner
-from gcs_plugin.terminal.signing import Signing
+from gcs_plugin.terminal.signing import OperatorSigning
 
 DAY = 86_400.0
 SECONDS, QUICK = 6.0, 3.0
@@ -101,7 +101,7 @@ class Sender:
     """Signs with the key by a clock that is so many s ahead."""
 
     def __init__(self, key: SigningKey, ahead: float, system: int, component: int = 1) -> None:
-        self._signing = Signing(key, wall=lambda: time.time() + ahead)
+        self._signing = OperatorSigning(key, wall=lambda: time.time() + ahead)
         self._encoder = mavlink.MAVLink(None, system, component)
 
     def beat(self) -> bytes:
@@ -120,7 +120,7 @@ def _station(rover: Standing, component: int) -> tuple[OperatorClient, Runner]:
     """Return one that the companion does not know."""
     assert rover.key is not None
     client, link = OperatorClient(), open_connection("udpout:{}:{}".format(*rover.wire.companion))
-    return client, Runner(link, client, 253, component, Signing(rover.key))
+    return client, Runner(link, client, 253, component, OperatorSigning(rover.key))
 
 
 def _heard_after(rover: Standing, station: tuple[OperatorClient, Runner] | None = None) -> float | None:

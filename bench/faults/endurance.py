@@ -132,7 +132,7 @@ class Operator:
         """Hear, and answer."""
         self._runner.step(now)
         for event in self._client.events():
-            if isinstance(event, ev.CallOpened):
+            if isinstance(event, ev.CallAnnounced):
                 self.calls += 1
                 word = SetWord(_WORDS[self.calls % len(_WORDS)], 1.0)
                 self._client.answer(event.system, Answer(event.call.id, Motion.NONE, (word,)), now)

@@ -88,7 +88,7 @@ class NotedOperator(Operator):
     def _hear(self, event: ev.Event, now: float) -> None:
         super()._hear(event, now)
         match event:
-            case ev.CallOpened(call=call):
+            case ev.CallAnnounced(call=call):
                 self._notes.add(call=call.id, shows=self._rover.shows)
             case ev.Acknowledged(acknowledgement=ack) if ack.result in _REMEMBERED:
                 answers = self.calls[ack.target].answers if ack.target in self.calls else []

@@ -32,7 +32,7 @@ from companion.wire.signing import SigningKey
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal.runner import Runner
-from gcs_plugin.terminal.signing import Signing
+from gcs_plugin.terminal.signing import OperatorSigning
 
 STARTS_WITHIN = 60.0
 _FRAME_PERIOD = 0.1
@@ -130,7 +130,7 @@ class Standing:
         self.wire = self._closing.enter_context(closing(Wire(self.key, listens=listens)))
         self._frames = self._closing.enter_context(closing(FrameServer()))
         self.client = OperatorClient()
-        signing = None if self.key is None else Signing(self.key)
+        signing = None if self.key is None else OperatorSigning(self.key)
         self._runner = Runner(self.wire, self.client, signing=signing)
         self._picture = Picture(seed)
         self._frame_id, self._frame_at = 0, 0.0

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.sim.demo.rehearsal import free_port
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.signing import SigningKey, is_signed, timestamp_of
-from gcs_plugin.terminal.signing import Signing
+from gcs_plugin.terminal.signing import OperatorSigning
 
 HOST = "127.0.0.1"
 AUTO, HOLD = 10, 4
@@ -40,7 +40,7 @@ class Wire:
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
         self._encoder = mavlink.MAVLink(None, SYSTEM, AUTOPILOT_COMPONENT_ID)
-        self._signing = None if key is None else Signing(key)
+        self._signing = None if key is None else OperatorSigning(key)
         self._beats_at = 0.0
         self.reboots = False
         """Whether the autopilot says nothing."""

@@ -14,7 +14,7 @@ from companion.wire.delivery import Pending, Status
 from companion.wire.ids import Motion, Result
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.terminal.connection import Connection
+from gcs_plugin.terminal.connection import OperatorConnection
 from gcs_plugin.terminal.runner import Runner
 
 SYSTEM = 1
@@ -35,7 +35,7 @@ class KnownCall:
 class Operator:
     """Answers every call. `shown` returns what is ahead of the rover, as the call's picture would show it."""
 
-    def __init__(self, connection: Connection, seed: str, shown: Callable[[], int]) -> None:
+    def __init__(self, connection: OperatorConnection, seed: str, shown: Callable[[], int]) -> None:
         random = Random(seed)
         self.client = OperatorClient(lambda: random.randrange(1, 1 << 32))
         self.calls: dict[int, KnownCall] = {}
@@ -71,11 +71,11 @@ class Operator:
         match event:
             case ev.LinkChanged(up=True):
                 self.client.request_parameters(SYSTEM)
-            case ev.CallOpened(call=call):
+            case ev.CallAnnounced(call=call):
                 self.calls.setdefault(call.id, KnownCall(now)).answered_at = None
             case ev.Acknowledged(acknowledgement=ack) if ack.target in self.calls and ack.result in _FINAL:
                 self._known(ack.target, now)
-            case ev.CallClosed(call=call) if call.id in self.calls:
+            case ev.CallEnded(call=call) if call.id in self.calls:
                 self._known(call.id, now)
             case _:
                 pass

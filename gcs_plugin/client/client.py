@@ -31,9 +31,9 @@ from companion.wire.signing import is_signed
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.fetch import Fetch
 from gcs_plugin.client.listing import Listing
-from gcs_plugin.client.outbox import Outbox
+from gcs_plugin.client.outbox import RequestOutbox
 from gcs_plugin.client.policy_request import PendingPolicy
-from gcs_plugin.client.rovers import FRESH_S, Rover
+from gcs_plugin.client.rovers import FRESH_S, TrackedRover
 from gcs_plugin.client.vehicle import read_position, read_vehicle
 
 MAX_ROVERS = 16
@@ -56,13 +56,13 @@ class OperatorClient:
 
     def __init__(self, transactions: Callable[[], int] = random_transaction) -> None:
         self.ids: tuple[int, int] | None = None
-        self._rovers: dict[int, Rover] = {}
+        self._rovers: dict[int, TrackedRover] = {}
         self._events: deque[ev.Event] = deque(maxlen=MAX_EVENTS)
-        self._outbox = Outbox(transactions, self._events.append)
+        self._outbox = RequestOutbox(transactions, self._events.append)
         self._problems: set[tuple[int, str]] = set()
 
     @property
-    def rovers(self) -> dict[int, Rover]:
+    def rovers(self) -> dict[int, TrackedRover]:
         """The rovers from whose companion something was received, by system id."""
         return {system: rover for system, rover in sorted(self._rovers.items()) if rover.known}
 
@@ -102,7 +102,7 @@ class OperatorClient:
         except ValueError as error:
             self._not_understood(rover, str(error))
         else:
-            closed = {event.call.id for event in new_events if isinstance(event, ev.CallClosed)}
+            closed = {event.call.id for event in new_events if isinstance(event, ev.CallEnded)}
             self._outbox.close(rover.system, closed, now)
             self._events.extend(new_events)
 
@@ -164,10 +164,10 @@ class OperatorClient:
         rover = self._rovers.get(system)
         return rover is not None and rover.alive(now)
 
-    def _rover(self, system: int, *, companion: bool) -> Rover | None:
+    def _rover(self, system: int, *, companion: bool) -> TrackedRover | None:
         may_come = 0 < system < 256 and (companion or len(self._rovers) < MAX_ROVERS)
         if system not in self._rovers and may_come:
-            self._rovers[system] = Rover(system)
+            self._rovers[system] = TrackedRover(system)
         return self._rovers.get(system)
 
     def _forget_silent(self, now: float) -> None:
@@ -181,7 +181,7 @@ class OperatorClient:
         for rover in silent[: max(0, len(self._rovers) - MAX_ROVERS)]:
             del self._rovers[rover.system]
 
-    def _dispatch(self, rover: Rover, kind: str, message: Any, now: float) -> list[ev.Event]:
+    def _dispatch(self, rover: TrackedRover, kind: str, message: Any, now: float) -> list[ev.Event]:
         if kind == "HEARTBEAT":
             self._events.extend(rover.handle_heartbeat(now))
             return rover.handle_state(message.custom_mode, now)
@@ -209,7 +209,7 @@ class OperatorClient:
         to = message.target_system, message.target_component
         return self.ids is None or all(said in (0, own) for said, own in zip(to, self.ids, strict=True))
 
-    def _unwrap(self, rover: Rover, message: Any, now: float) -> list[ev.Event]:
+    def _unwrap(self, rover: TrackedRover, message: Any, now: float) -> list[ev.Event]:
         if message.payload_length > MAX_PAYLOAD:
             raise PayloadError(f"payload length {message.payload_length} is over {MAX_PAYLOAD}")
         payload = bytes(message.payload[: message.payload_length])
@@ -221,7 +221,7 @@ class OperatorClient:
             return self._acknowledged(rover, Acknowledgement.unpack(payload), now)
         return []
 
-    def _acknowledged(self, rover: Rover, ack: Acknowledgement, now: float) -> list[ev.Event]:
+    def _acknowledged(self, rover: TrackedRover, ack: Acknowledgement, now: float) -> list[ev.Event]:
         pending = self._outbox.sent(rover.system, ack.transaction)
         if pending is None:
             return []
@@ -233,7 +233,7 @@ class OperatorClient:
         pending.acknowledge(ack, final=ack.result is not Result.BUSY)
         return [ev.Acknowledged(rover.system, ack), *rover.handle_acknowledgement(ack, now)]
 
-    def _not_understood(self, rover: Rover, problem: str) -> None:
+    def _not_understood(self, rover: TrackedRover, problem: str) -> None:
         rover.counters.unreadable += 1
         if (rover.system, problem) not in self._problems and len(self._problems) < MAX_PROBLEMS:
             self._problems.add((rover.system, problem))

@@ -43,7 +43,7 @@ class VehicleChanged:
 
 
 @dataclass(frozen=True)
-class CallOpened:
+class CallAnnounced:
     """Reports a new call or hold."""
 
     event: ClassVar = "call"
@@ -61,7 +61,7 @@ class CallChanged:
 
 
 @dataclass(frozen=True)
-class CallClosed:
+class CallEnded:
     """Reports that an open call or hold is closed. after_s: seconds since it was announced.
 
     Its outcome is NONE when the closing message was lost and only the heartbeat shows that it is closed.
@@ -155,9 +155,9 @@ Event = (
     LinkChanged
     | StateChanged
     | VehicleChanged
-    | CallOpened
+    | CallAnnounced
     | CallChanged
-    | CallClosed
+    | CallEnded
     | SummaryReceived
     | TextReceived
     | VehicleTextReceived

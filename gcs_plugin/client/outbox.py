@@ -24,7 +24,7 @@ PACE_S = 0.05
 MAX_PENDING = 64
 
 
-class Outbox:
+class RequestOutbox:
     """Holds, for each rover, answers in order, the newest policy request, the newest file, a list request.
 
     transactions: returns an id for each answer. report_event: receives events of answers and policy requests.

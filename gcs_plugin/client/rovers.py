@@ -31,7 +31,7 @@ from companion.wire.ids import (
 from companion.wire.parameters import WORD_PREFIX
 from companion.wire.payloads import Summary
 from gcs_plugin.client import events as ev
-from gcs_plugin.client.vehicle import Position, Vehicle
+from gcs_plugin.client.vehicle import Position, TrackedVehicle
 
 FRESH_S = 3.0
 """The companion is alive while its last heartbeat is younger than this."""
@@ -49,7 +49,7 @@ _HOLDS_STAGE = CHANGING_RESULTS | {Result.STALE}
 
 
 @dataclass
-class Call:
+class TrackedCall:
     """Holds the newest data of a call or hold.
 
     received_at: when it was received. reported_at: when it was reported to the operator. Seconds, as `now`.
@@ -74,7 +74,7 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Computer:
+class ComputerReport:
     """Holds what the companion's computer said of itself.
 
     received_at: seconds, as `now`. temperature: degrees Celsius. cpu: share in use.
@@ -89,7 +89,7 @@ class Computer:
 
 
 @dataclass
-class Counters:
+class _Counters:
     """Counts what was received from the companion. unreadable: the messages that could not be read."""
 
     bytes: int = 0
@@ -105,7 +105,7 @@ class Counters:
         self.latency_max_ms = max(self.latency_max_ms, milliseconds)
 
 
-class Rover:
+class TrackedRover:
     """Tracks one system. Every `handle_...` takes a message's content and returns the resulting events."""
 
     def __init__(self, system: int) -> None:
@@ -116,16 +116,16 @@ class Rover:
         self.fault_accepted = False
         self.signs = False
         """Whether its companion signs; then it also ignores messages that are not signed."""
-        self.vehicle: Vehicle | None = None
+        self.vehicle: TrackedVehicle | None = None
         self.position: Position | None = None
         self.summary: Summary | None = None
-        self.computer: Computer | None = None
-        self.calls: dict[int, Call] = {}
+        self.computer: ComputerReport | None = None
+        self.calls: dict[int, TrackedCall] = {}
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=50)
         self.parameters: dict[str, float] = {}
         self.state_file: StateFile | None = None
         """Its /state.json, None until it was read."""
-        self.counters = Counters()
+        self.counters = _Counters()
         self._heartbeat_at: float | None = None
         self._up = False
         self._current_since = 0.0
@@ -148,7 +148,7 @@ class Rover:
         """Return the seconds since the companion's last heartbeat; infinity before the first."""
         return math.inf if self._heartbeat_at is None else now - self._heartbeat_at
 
-    def open_calls(self) -> list[Call]:
+    def open_calls(self) -> list[TrackedCall]:
         """Return the open calls and holds in the order of their ids."""
         return [call for _, call in sorted(self.calls.items()) if call.open]
 
@@ -177,7 +177,7 @@ class Rover:
         """Return the words that were given before, with their weights then, as far as they are known."""
         return {} if self.state_file is None else {**self.state_file.given, **self.state_file.words}
 
-    def handle_vehicle(self, vehicle: Vehicle) -> list[ev.Event]:
+    def handle_vehicle(self, vehicle: TrackedVehicle) -> list[ev.Event]:
         """Take in the autopilot's mode and arming."""
         if vehicle == self.vehicle:
             return []
@@ -226,7 +226,7 @@ class Rover:
 
     def handle_computer(self, temperature: int, cpu: int, flags: int, now: float) -> None:
         """Take in the fields of ONBOARD_COMPUTER_STATUS. cpu: percent; over 100: not known."""
-        self.computer = Computer(
+        self.computer = ComputerReport(
             now,
             None if temperature == NO_TEMPERATURE else temperature,
             None if cpu > 100 else cpu / 100.0,
@@ -244,8 +244,8 @@ class Rover:
             return self._update_call(known, data, now)
         self._make_room()
         self._serial += 1
-        self.calls[data.id] = Call(data, now - data.age_s, now, self._serial, reported_at=now)
-        return [] if data.stage is Stage.CLOSED else [ev.CallOpened(self.system, data)]
+        self.calls[data.id] = TrackedCall(data, now - data.age_s, now, self._serial, reported_at=now)
+        return [] if data.stage is Stage.CLOSED else [ev.CallAnnounced(self.system, data)]
 
     def handle_acknowledgement(self, ack: Acknowledgement, now: float) -> list[ev.Event]:
         """Update the call's stage from an answer's acknowledgement, before the call's own next message.
@@ -293,15 +293,15 @@ class Rover:
         self.parameters[name] = value
         return [ev.ParameterReceived(self.system, name, value)]
 
-    def _update_call(self, known: Call, data: CallReport, now: float) -> list[ev.Event]:
+    def _update_call(self, known: TrackedCall, data: CallReport, now: float) -> list[ev.Event]:
         if not known.open and not (known.presumed_closed and data.stage is not Stage.CLOSED):
             return []
         before, known.data, known.received_at = known.data, data, now
         if known.presumed_closed:
             known.presumed_closed, known.reported_at = False, now
-            return [ev.CallOpened(self.system, data)]
+            return [ev.CallAnnounced(self.system, data)]
         if data.stage is Stage.CLOSED:
-            return [ev.CallClosed(self.system, data, now - known.opened_at)]
+            return [ev.CallEnded(self.system, data, now - known.opened_at)]
         if (before.stage, before.reasons, before.holding) != (data.stage, data.reasons, data.holding):
             return [ev.CallChanged(self.system, data)]
         return []
@@ -320,9 +320,9 @@ class Rover:
                 new_events.append(self._close(call, Outcome.NONE, now))
         return new_events
 
-    def _close(self, call: Call, outcome: Outcome, now: float) -> ev.Event:
+    def _close(self, call: TrackedCall, outcome: Outcome, now: float) -> ev.Event:
         call.data = replace(call.data, stage=Stage.CLOSED, outcome=outcome, holding=False)
-        return ev.CallClosed(self.system, call.data, now - call.opened_at)
+        return ev.CallEnded(self.system, call.data, now - call.opened_at)
 
     def _make_room(self) -> None:
         if len(self.calls) >= MAX_CALLS:
@@ -330,7 +330,7 @@ class Rover:
             del self.calls[by_use[0].data.id]
 
 
-def _is_another_call(known: Call, data: CallReport, now: float) -> bool:
+def _is_another_call(known: TrackedCall, data: CallReport, now: float) -> bool:
     """Return whether `data` is of a new call or hold that has the id of a known one, after a restart.
 
     A call keeps its frame for life. A hold may change its frame, but is announced only once.

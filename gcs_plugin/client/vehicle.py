@@ -29,7 +29,7 @@ _PX4_AUTO = {1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class TrackedVehicle:
     """Holds the vehicle's mode by name (`MODE 99` for an unknown one) and whether it is armed."""
 
     mode: str
@@ -69,6 +69,6 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
     return f"MODE {custom_mode}"
 
 
-def read_vehicle(autopilot: int, base_mode: int, custom_mode: int) -> Vehicle:
+def read_vehicle(autopilot: int, base_mode: int, custom_mode: int) -> TrackedVehicle:
     """Read mode and arming from the fields of component 1's HEARTBEAT."""
-    return Vehicle(mode_name(autopilot, custom_mode), bool(base_mode & ARMED))
+    return TrackedVehicle(mode_name(autopilot, custom_mode), bool(base_mode & ARMED))

@@ -18,7 +18,7 @@ from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion, Outcome, Stage
 from companion.wire.packing import clean
-from gcs_plugin.client.rovers import Call, Rover
+from gcs_plugin.client.rovers import TrackedCall, TrackedRover
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import plain
 
@@ -32,8 +32,8 @@ _CLOSED_BY_ANSWER = (Outcome.ANSWERED, Outcome.ACCEPTED)
 
 
 @dataclass
-class Story:
-    """One call or hold. serial: as of `Call`; 0 for one that only its record tells of. opened: seconds since
+class CallStory:
+    """One call or hold. serial: as of `TrackedCall`; 0 for one that only its record has. opened: seconds since
     1970. pictures: JPEG by "small", "raw", "large" and "nearest". revision: rises when a picture is replaced.
     record: as it was read last; reads: how often it was asked for.
     """
@@ -66,15 +66,15 @@ class Stories:
 
     def __init__(self, system: int) -> None:
         self._system = system
-        self.by_id: dict[int, Story] = {}
+        self.by_id: dict[int, CallStory] = {}
 
-    def follow(self, rover: Rover, wall: float, now: float) -> list[Story]:
+    def follow(self, rover: TrackedRover, wall: float, now: float) -> list[CallStory]:
         """Take in the rover's calls. Returns those that are new. wall: seconds since 1970."""
         fresh = []
         for call in rover.calls.values():
             known = self.by_id.get(call.data.id)
             if known is None or (known.serial and known.serial != call.serial):
-                known = Story(call.data.id, call.serial, wall - call.age(now))
+                known = CallStory(call.data.id, call.serial, wall - call.age(now))
                 self.by_id.pop(call.data.id, None)
                 self.by_id[call.data.id] = known
                 fresh.append(known)
@@ -94,13 +94,15 @@ class Stories:
             self.by_id.pop(next(closed, next(iter(self.by_id))))
         return fresh
 
-    def remember(self, record: CallReport) -> Story | None:
+    def remember(self, record: CallReport) -> CallStory | None:
         """Take in the record of a call before this console began; None for one that is known otherwise."""
         if record.id in self.by_id or len(self.by_id) >= SHOWN:
             return None
         began = (one.at for one in record.answers if one.at is not None)
         opened = next(began, record.closed) or 0.0
-        self.by_id[record.id] = story = Story(record.id, 0, opened, record=record, closed_at=record.closed)
+        self.by_id[record.id] = story = CallStory(
+            record.id, 0, opened, record=record, closed_at=record.closed
+        )
         return story
 
     def hear(self, text: str, wall: float) -> None:
@@ -116,7 +118,7 @@ class Stories:
         if story is not None:
             story.own.answers.append(Answered(pending, wall, dict(words)))
 
-    def others_were_first(self, call: Call) -> bool:
+    def others_were_first(self, call: TrackedCall) -> bool:
         """Whether the call was answered, and not from here."""
         story = self.by_id.get(call.data.id)
         if story is None or story.own.applied:
@@ -130,7 +132,7 @@ class Stories:
         return story.own.undoing() if story is not None else ()
 
     @staticmethod
-    def _has_driven_on(story: Story, call: Call, rover: Rover) -> bool:
+    def _has_driven_on(story: CallStory, call: TrackedCall, rover: TrackedRover) -> bool:
         went = any(
             one.pending.applied and one.pending.answer.motion is Motion.GO for one in story.own.answers
         )
@@ -139,7 +141,7 @@ class Stories:
         return went and drives and not call.data.holding and call.data.stage is Stage.CLOSED
 
     def documents(
-        self, rover: Rover, now: float, ids: tuple[int, int] | None, alike: float | None
+        self, rover: TrackedRover, now: float, ids: tuple[int, int] | None, alike: float | None
     ) -> list[dict[str, Any]]:
         """Return all calls for the page, the open ones first, then the newest.
 
@@ -150,7 +152,7 @@ class Stories:
             self._document(story, rover.calls.get(story.id), now, ids, alike) for story in reversed(ordered)
         ]
 
-    def _nearest(self, story: Story, alike: float | None) -> dict[str, Any] | None:
+    def _nearest(self, story: CallStory, alike: float | None) -> dict[str, Any] | None:
         """Return what was answered in the scene most like a call's."""
         found = story.record.nearest if story.record is not None else None
         if found is None:
@@ -167,13 +169,18 @@ class Stories:
             picture = self._url(there, "small")
         return nearest(found, said, motion, alike, picture)
 
-    def _url(self, story: Story, size: str) -> str:
+    def _url(self, story: CallStory, size: str) -> str:
         if size not in story.pictures:
             return ""
         return f"/pictures/{self._system}/{story.id}/{size}.jpg?v={story.serial}.{story.revision}"
 
     def _document(
-        self, story: Story, call: Call | None, now: float, ids: tuple[int, int] | None, alike: float | None
+        self,
+        story: CallStory,
+        call: TrackedCall | None,
+        now: float,
+        ids: tuple[int, int] | None,
+        alike: float | None,
     ) -> dict[str, Any]:
         record = story.record
         report = call.data if call is not None else record
@@ -204,11 +211,11 @@ class Stories:
         }
 
 
-def _is_open(call: Call | None) -> bool:
+def _is_open(call: TrackedCall | None) -> bool:
     return call is not None and call.open
 
 
-def _frame_size(story: Story) -> list[int] | None:
+def _frame_size(story: CallStory) -> list[int] | None:
     """Return width and height of the small picture, which shows the whole frame."""
     size = jpeg_size(story.pictures.get("small", b""))
     return None if size is None else list(size)

@@ -15,13 +15,13 @@ from companion.wire.packing import PayloadError
 from companion.wire.typed_answers import CommandError
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.console.export import Exhibit, pack
+from gcs_plugin.console.export import ExportedCall, pack
 from gcs_plugin.console.requests import (
     FileRequest,
     IncidentFileRequest,
     IncidentRequest,
-    PolicyRequest,
     Request,
+    SetPolicyRequest,
     UndoRequest,
 )
 from gcs_plugin.console.rover_desk import RoverDesk
@@ -110,7 +110,7 @@ class Console:
         if not chosen or not set(chosen) <= set(calls):
             return None
         pictures = desk.stories.by_id
-        return pack(system, [Exhibit(calls[one], pictures[one].pictures) for one in chosen], wall)
+        return pack(system, [ExportedCall(calls[one], pictures[one].pictures) for one in chosen], wall)
 
     def carry_out(self, system: int, request: Request, now: float, wall: float) -> str:
         """Carry out a request of the page; returns what was done. Raises RequestError."""
@@ -121,7 +121,7 @@ class Console:
             match request:
                 case Answer():
                     return self._answer(request, desk, now, wall)
-                case PolicyRequest():
+                case SetPolicyRequest():
                     self.client.set_policy(system, request.policy, now)
                     return f"policy {request.policy.name.lower()} is asked for"
                 case UndoRequest():

@@ -46,14 +46,14 @@ time { color: #57606a; font-variant-numeric: tabular-nums; }
 
 
 @dataclass(frozen=True)
-class Exhibit:
+class ExportedCall:
     """A call to pack. shown: what the page shows of it. pictures: JPEG by the names of `_SIZES`."""
 
     shown: Mapping[str, Any]
     pictures: Mapping[str, bytes]
 
 
-def pack(rover: int, calls: Sequence[Exhibit], wall: float) -> bytes:
+def pack(rover: int, calls: Sequence[ExportedCall], wall: float) -> bytes:
     """Pack the first `MOST_CALLS` of these calls. wall: seconds since 1970.
 
     Returns a zip: report.html, which needs none of the other files, and for each call a folder with data.json

@@ -19,9 +19,9 @@ from companion.wire.documents import (
 )
 from companion.wire.ids import Kind, Stage, newest_first, words_hash
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.rovers import Call, Rover
-from gcs_plugin.console.calls import Stories, Story
-from gcs_plugin.console.files import Files, Rank
+from gcs_plugin.client.rovers import TrackedCall, TrackedRover
+from gcs_plugin.console.calls import CallStory, Stories
+from gcs_plugin.console.files import FetchedFiles, Rank
 
 STATE_AGAIN_S, STATE_LONGEST_S = 5.0, 80.0
 """Seconds between two readings of /state.json: twice as long each time that it left something untold."""
@@ -42,7 +42,7 @@ class Fetched:
     """Fetches what the page needs: pictures of calls first, then the state, then the rest."""
 
     def __init__(self, client: OperatorClient, system: int, stories: Stories) -> None:
-        self.files = Files(client, system)
+        self.files = FetchedFiles(client, system)
         self.words: dict[str, float] = {}
         """Weight by word, of those in use, as far as known."""
         self.named: dict[str, float] = {}
@@ -75,7 +75,7 @@ class Fetched:
         self._want_large(story)
         return ""
 
-    def step(self, rover: Rover, fresh: Iterable[Story], now: float) -> bool:
+    def step(self, rover: TrackedRover, fresh: Iterable[CallStory], now: float) -> bool:
         """Ask for files that are needed, and take those that came. Returns whether something changed.
 
         fresh: calls that are new.
@@ -88,7 +88,7 @@ class Fetched:
             self._want_state(rover, now)
         return self.files.step(now)
 
-    def _follow_call(self, call: Call) -> None:
+    def _follow_call(self, call: TrackedCall) -> None:
         story = self._stories.by_id.get(call.data.id)
         if story is None:
             return
@@ -101,19 +101,19 @@ class Fetched:
             if self._carries(QUICK_FOR_LARGE):
                 self._want_large(story)
 
-    def _want_small(self, story: Story, rover: Rover) -> None:
+    def _want_small(self, story: CallStory, rover: TrackedRover) -> None:
         call = rover.calls.get(story.id)
         if call is not None and call.data.picture:
             self.files.put_back(Rank.CALL_PICTURE)
             self.files.put_back(Rank.LARGE_PICTURE)
             self.files.want(call.data.picture, Rank.CALL_PICTURE, lambda jpeg: story.keep("small", jpeg))
 
-    def _want_large(self, story: Story) -> None:
+    def _want_large(self, story: CallStory) -> None:
         path = picture_path(story.id, "large")
         if "large" not in story.pictures and path not in self.files.problems:
             self.files.want(path, Rank.LARGE_PICTURE, lambda jpeg: story.keep("large", jpeg))
 
-    def _want_raw(self, story: Story, call: Call) -> None:
+    def _want_raw(self, story: CallStory, call: TrackedCall) -> None:
         """Fetch the frame without marks, where there is one. A hold has no record that could tell."""
         path = picture_path(story.id, "raw") if call.data.kind is Kind.HOLD else ""
         if story.record is not None:
@@ -121,7 +121,7 @@ class Fetched:
         if path and "raw" not in story.pictures and path not in self.files.problems:
             self.files.want(path, Rank.LARGE_PICTURE, lambda jpeg: story.keep("raw", jpeg))
 
-    def _needs_record(self, story: Story, call: Call) -> bool:
+    def _needs_record(self, story: CallStory, call: TrackedCall) -> bool:
         """Whether a call's record has something to tell: its pictures, and who was first."""
         pictured = "small" in story.pictures
         if story.record is None:
@@ -132,7 +132,7 @@ class Fetched:
             return True
         return call.open and pictured and not story.record.picture
 
-    def _want_record(self, story: Story) -> None:
+    def _want_record(self, story: CallStory) -> None:
         def take(content: bytes) -> None:
             story.record = record = read_record(content)
             nearest = record.nearest
@@ -149,7 +149,7 @@ class Fetched:
     def _carries(self, rate: float) -> bool:
         return (self.files.rate or 0.0) >= rate
 
-    def _want_state(self, rover: Rover, now: float) -> None:
+    def _want_state(self, rover: TrackedRover, now: float) -> None:
         missing = rover.current_id and not _is_open(rover.calls.get(rover.current_id))
         missing = missing or not self.words_are_known(rover)
         if self.state_wanted or not missing:
@@ -160,7 +160,7 @@ class Fetched:
             self.state_wanted, self._state_at = False, now
             self.files.want(STATE_PATH, Rank.STATE, lambda content: self._take_state(content, rover, now))
 
-    def _take_state(self, content: bytes, rover: Rover, asked_at: float) -> None:
+    def _take_state(self, content: bytes, rover: TrackedRover, asked_at: float) -> None:
         state = read_state(content)
         if state.starting:
             return
@@ -223,7 +223,7 @@ class Fetched:
             if len(self.named) > MOST_NAMED:
                 self.named.pop(next(iter(self.named)))
 
-    def words_are_known(self, rover: Rover) -> bool:
+    def words_are_known(self, rover: TrackedRover) -> bool:
         """Whether `words` are all words in use."""
         if self.state is None:
             return False
@@ -248,5 +248,5 @@ def _record_path(number: int) -> str:
     return f"/calls/{number}.json"
 
 
-def _is_open(call: Call | None) -> bool:
+def _is_open(call: TrackedCall | None) -> bool:
     return call is not None and call.data.stage is not Stage.CLOSED

@@ -66,7 +66,7 @@ class _Running:
     before: int
 
 
-class Files:
+class FetchedFiles:
     """What is fetched from one rover. rate: bytes a second of the newest long file, None while not known."""
 
     def __init__(self, client: OperatorClient, system: int) -> None:

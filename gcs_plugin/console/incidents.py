@@ -21,7 +21,7 @@ from companion.wire.json_values import DocumentError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import MAX_BYTES
 from gcs_plugin.console.fetched import QUICK_FOR_LARGE
-from gcs_plugin.console.files import DamagedError, Files, Rank
+from gcs_plugin.console.files import DamagedError, FetchedFiles, Rank
 from gcs_plugin.console.rover_page import Download, RoverPage
 
 AGAIN_S = 3.0
@@ -49,7 +49,7 @@ class RoverIncidents:
         self,
         client: OperatorClient,
         system: int,
-        files: Files,
+        files: FetchedFiles,
         folder: Path | None,
         page: RoverPage | None = None,
     ) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 from companion.wire.ids import COMPONENT_ID
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import FRESH_S
-from gcs_plugin.terminal.connection import Connection
+from gcs_plugin.terminal.connection import OperatorConnection
 from gcs_plugin.terminal.runner import Runner
-from gcs_plugin.terminal.signing import Signing
+from gcs_plugin.terminal.signing import OperatorSigning
 
 
 class _End:
@@ -43,11 +43,11 @@ class Links:
 
     def __init__(
         self,
-        connections: Sequence[Connection],
+        connections: Sequence[OperatorConnection],
         client: OperatorClient,
         system: int,
         component: int,
-        signing: Signing | None = None,
+        signing: OperatorSigning | None = None,
     ) -> None:
         self.client = client
         client.ids = system, component

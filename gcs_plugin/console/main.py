@@ -111,7 +111,7 @@ async def _run(
     from companion.pages.access import Gate
     from companion.pages.requests import MOST_POSTED
     from companion.pages.site import Server
-    from gcs_plugin.console.server import CYCLE, Site
+    from gcs_plugin.console.server import CYCLE, ConsoleSite
 
     problems = _Problems(links, console)
 
@@ -119,7 +119,7 @@ async def _run(
         names = [one.name for one in links.connections]
         return {"links": names, "problems": problems.now(), "doubled": links.doubled}
 
-    site = Site(console, about, background)
+    site = ConsoleSite(console, about, background)
     gate = Gate(
         site.app(),
         token_hash=hashed(token),

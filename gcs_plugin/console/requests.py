@@ -20,7 +20,7 @@ FILES = ("large", "check", "calls")
 
 
 @dataclass(frozen=True)
-class PolicyRequest:
+class SetPolicyRequest:
     """A policy that the rover shall have."""
 
     policy: Policy
@@ -56,7 +56,7 @@ class IncidentFileRequest:
     stop: bool
 
 
-Request = Answer | PolicyRequest | UndoRequest | FileRequest | IncidentRequest | IncidentFileRequest
+Request = Answer | SetPolicyRequest | UndoRequest | FileRequest | IncidentRequest | IncidentFileRequest
 
 
 def read_request(kind: str, body: bytes) -> tuple[int, Request]:
@@ -66,7 +66,7 @@ def read_request(kind: str, body: bytes) -> tuple[int, Request]:
     if kind == "answer":
         return rover, read_answer(told)
     if kind == "policy":
-        return rover, PolicyRequest(_policy(told.get("policy")))
+        return rover, SetPolicyRequest(_policy(told.get("policy")))
     if kind == "undo":
         return rover, UndoRequest(whole(told, "call", 1, 0xFFFF))
     if kind == "incident":

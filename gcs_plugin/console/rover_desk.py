@@ -13,7 +13,7 @@ from companion.wire.packing import clean
 from companion.wire.parameters import ROI, THR_ROI, THR_SCENE, THR_TILE, THR_TRAV
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
-from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.rovers import TrackedRover
 from gcs_plugin.console.calls import Stories
 from gcs_plugin.console.fetched import CALLS_PATH, Fetched
 from gcs_plugin.console.incidents import RoverIncidents
@@ -26,7 +26,7 @@ POINTS = 300
 """Summaries that are plotted: five minutes."""
 ENTRIES = 300
 _TONES = {ALARM: "bad", GOOD: "good"}
-_PROMPTS_STATE = (ev.StateChanged, ev.PolicyStatusChanged, ev.Acknowledged, ev.CallClosed)
+_PROMPTS_STATE = (ev.StateChanged, ev.PolicyStatusChanged, ev.Acknowledged, ev.CallEnded)
 
 
 class RoverDesk:
@@ -35,7 +35,7 @@ class RoverDesk:
     def __init__(
         self,
         client: OperatorClient,
-        rover: Rover,
+        rover: TrackedRover,
         folder: Path | None = None,
         page: RoverPage | None = None,
     ) -> None:
@@ -159,7 +159,7 @@ class RoverDesk:
     def _note(self, event: ev.Event, now: float, wall: float) -> None:
         call = 0
         match event:
-            case ev.CallOpened(call=data) | ev.CallChanged(call=data):
+            case ev.CallAnnounced(call=data) | ev.CallChanged(call=data):
                 call = data.id
                 lines, tone = [wording.headline(data, data.age_s)], "call"
             case ev.Acknowledged(acknowledgement=ack) if self.incidents.asked(ack.transaction):
@@ -169,7 +169,7 @@ class RoverDesk:
             case _:
                 lines, colour = self._output.lines(event, now)
                 tone = _TONES.get(colour, "")
-                if isinstance(event, ev.CallClosed):
+                if isinstance(event, ev.CallEnded):
                     call = event.call.id
         if lines:
             self.entries += 1

@@ -32,7 +32,7 @@ _EXPORT = re.compile(rf"(?:all|([0-9]{{1,5}}(?:,[0-9]{{1,5}}){{0,{MOST_CALLS - 1
 _PICTURE = re.compile(r"(small|raw|large|nearest|place)\.jpg", re.ASCII)
 
 
-class Site:
+class ConsoleSite:
     """Answers the page's requests."""
 
     def __init__(

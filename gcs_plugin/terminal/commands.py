@@ -38,7 +38,7 @@ class SetPolicy:
 
 
 @dataclass(frozen=True)
-class Picture:
+class FetchPicture:
     """Fetches a picture: `picture`, `picture 7`, `picture 7 large`, `picture 7 raw`.
 
     call_id None: of the open call. size: "", "large" or "raw".
@@ -56,7 +56,7 @@ class Show:
 
 
 SHOWS = ("status", "calls", "words", "help", "quit")
-Command = Answer | Select | SetPolicy | Picture | Show
+Command = Answer | Select | SetPolicy | FetchPicture | Show
 """An answer is as it was typed: its target is 0 where none was named. One that is about an incident file asks
 for it: `incident`, `incident 7`, `cancel incident 7`."""
 
@@ -85,7 +85,7 @@ def _command(rest: str) -> Command:
     if found := _POLICY.match(rest):
         return SetPolicy(_policy(found[1]))
     if found := _PICTURE.match(rest):
-        return Picture(_number(found[1]), (found[2] or "").lower())
+        return FetchPicture(_number(found[1]), (found[2] or "").lower())
     if found := _INCIDENT.match(rest):
         kind = CancelIncident if found[1] else PackIncident
         return Answer(0, Motion.NONE, (kind(_number(found[2]) or 0),))

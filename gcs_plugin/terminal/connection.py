@@ -15,7 +15,7 @@ MAX_UNSENT = 8192
 REOPEN_S = 1.0
 
 
-class Stream:
+class ReopeningConnection:
     """Opens a stream with `opener`, and opens it again a second after it broke.
 
     opener: raises BlockingIOError while it has to wait for something; then it is called again.
@@ -89,7 +89,7 @@ class Stream:
         self._unsent = b""
 
 
-class Tcp:
+class _TcpConnection:
     """Wraps a TCP client's socket, which may still be connecting; a lost peer becomes an OSError."""
 
     def __init__(self, family: int, address: Any) -> None:
@@ -108,7 +108,7 @@ class Tcp:
         return waiting
 
 
-class Serial:
+class _SerialConnection:
     """Wraps a serial device, opened for exclusive use."""
 
     def __init__(self, device: str, baud: int) -> None:
@@ -133,7 +133,7 @@ class LinkError(OSError):
     """Reports a link that cannot be opened; the text says what to do."""
 
 
-class Connection(Protocol):
+class OperatorConnection(Protocol):
     """Represents one link. `name` is its address, with the port that was bound."""
 
     @property
@@ -156,7 +156,7 @@ class Connection(Protocol):
         """Close the link for good."""
 
 
-class Udp:
+class UdpConnection:
     """Wraps a UDP socket. It sends to `peer`, or without one to the 16 newest senders of the last 30 s."""
 
     trouble = ""
@@ -225,7 +225,7 @@ class Udp:
             return
 
 
-def open_connection(link: str) -> Connection:
+def open_connection(link: str) -> OperatorConnection:
     """Open `udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT` or `serial:DEVICE[:BAUD]`.
 
     TCP and serial links may connect later. Raises LinkError.
@@ -235,14 +235,14 @@ def open_connection(link: str) -> Connection:
         return _open_serial(link, rest)
     if kind == "udpin":
         family, address = _first(_name(link, rest))
-        return Udp(family, bind=address)
+        return UdpConnection(family, bind=address)
     if kind == "udpout":
         family, address = _first(_name(link, rest))
-        return Udp(family, peer=address)
+        return UdpConnection(family, peer=address)
     if kind == "tcp":
         name = _name(link, rest)
         _first(name)
-        return Stream(link, lambda: Tcp(*name.now()))
+        return ReopeningConnection(link, lambda: _TcpConnection(*name.now()))
     raise LinkError(f'"{link}" is not a link: write it as {EXAMPLES}')
 
 
@@ -262,7 +262,7 @@ def _first(name: Name) -> Address:
         raise LinkError(f"{name.host}: {error}. Is the name right?") from error
 
 
-def _open_serial(link: str, rest: str) -> Connection:
+def _open_serial(link: str, rest: str) -> OperatorConnection:
     device, _, speed = rest.rpartition(":")
     if not device:
         device, speed = rest, str(DEFAULT_BAUD)
@@ -270,7 +270,7 @@ def _open_serial(link: str, rest: str) -> Connection:
         raise LinkError(f'"{speed}" is not a speed: write it as serial:/dev/ttyUSB0:57600')
     baud = int(speed)
     _need_pyserial()
-    return Stream(link, lambda: Serial(device, baud))
+    return ReopeningConnection(link, lambda: _SerialConnection(device, baud))
 
 
 def _need_pyserial() -> None:

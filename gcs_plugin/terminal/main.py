@@ -16,13 +16,13 @@ from anytraverse.release import own_version
 from companion.wire.signing_key import SigningKeyError, read_key
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal import wording
-from gcs_plugin.terminal.connection import EXAMPLES, Connection, LinkError, open_connection
-from gcs_plugin.terminal.output import JsonOutput, Logged, Output, TextOutput
+from gcs_plugin.terminal.connection import EXAMPLES, LinkError, OperatorConnection, open_connection
+from gcs_plugin.terminal.output import JsonOutput, LoggedOutput, Output, TextOutput
 from gcs_plugin.terminal.pictures import Pictures
 from gcs_plugin.terminal.runner import Keyboard, Runner
 from gcs_plugin.terminal.script import Script, ScriptError
 from gcs_plugin.terminal.session import Session
-from gcs_plugin.terminal.signing import Signing, open_signing
+from gcs_plugin.terminal.signing import OperatorSigning, open_signing
 
 CYCLE_S = 0.05
 SILENT_S = 10.0
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         else TextOutput(sys.stdout, colours=_colours(sys.stdout))
     )
     if log is not None:
-        output = Logged(output, JsonOutput(log, started))
+        output = LoggedOutput(output, JsonOutput(log, started))
     pictures = Pictures(options.pictures, show=options.show)
     session = Session(client, output, script, pictures.keep)
     try:
@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         runner.close()
         if log is not None:
-            with suppress(OSError):  # `Logged` has reported what could not be written
+            with suppress(OSError):  # `LoggedOutput` has reported what could not be written
                 log.close()
     return 0
 
@@ -108,7 +108,11 @@ class _LinkProblems:
     """Reports problems of the link and of signing, and once that no rover is heard on the link."""
 
     def __init__(
-        self, connection: Connection, client: OperatorClient, output: Output, signing: Signing | None
+        self,
+        connection: OperatorConnection,
+        client: OperatorClient,
+        output: Output,
+        signing: OperatorSigning | None,
     ) -> None:
         self._signing = signing
         self._connection = connection

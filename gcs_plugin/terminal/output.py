@@ -134,7 +134,7 @@ class JsonOutput:
         print(to_line(fields), file=self._stream, flush=True)
 
 
-class Logged:
+class LoggedOutput:
     """Passes everything to an output and to a log, until the log cannot be written any more."""
 
     def __init__(self, output: Output, log: Output) -> None:
@@ -223,12 +223,12 @@ class TextOutput:
                 return [wording.state(event.state, event.current_id)] * told, FAINT
             case ev.VehicleChanged():
                 return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], FAINT
-            case ev.CallOpened():
+            case ev.CallAnnounced():
                 self._shown_state[event.system] = _shown_state(event.call)
                 return wording.call_lines(event.call, event.call.age_s, self._before), ALARM
             case ev.CallChanged():
                 return self._call_change_lines(event), _PLAIN
-            case ev.CallClosed():
+            case ev.CallEnded():
                 return [wording.closed(event.call, event.after_s)], GOOD
             case ev.TextReceived():
                 fresh = self._fresh(event, now)

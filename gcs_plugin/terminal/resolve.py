@@ -9,15 +9,17 @@ from anytraverse.operations import taps_of
 from companion.wire.answers import Answer
 from companion.wire.ids import Motion
 from companion.wire.typed_answers import CommandError, placed
-from gcs_plugin.client.rovers import Rover
-from gcs_plugin.terminal.commands import Picture
+from gcs_plugin.client.rovers import TrackedRover
+from gcs_plugin.terminal.commands import FetchPicture
 
 READ_S = 2.0
 """An answer without an id is refused for this long after a new current call is shown: the operator may mean
 the call before it."""
 
 
-def choose_rover(rovers: Mapping[int, Rover], named: int | None, selected: int | None = None) -> Rover:
+def choose_rover(
+    rovers: Mapping[int, TrackedRover], named: int | None, selected: int | None = None
+) -> TrackedRover:
     """Return the rover that a line means: the named, the selected or the only one. Raises CommandError."""
     wanted = selected if named is None else named
     if wanted is not None:
@@ -33,7 +35,7 @@ def choose_rover(rovers: Mapping[int, Rover], named: int | None, selected: int |
     return next(iter(rovers.values()))
 
 
-def current_call(rover: Rover) -> int:
+def current_call(rover: TrackedRover) -> int:
     """Return the id that an answer without an id means; 0 when nothing is open."""
     if rover.current_id:
         return rover.current_id
@@ -41,7 +43,7 @@ def current_call(rover: Rover) -> int:
     return waiting[-1].data.id if waiting else 0
 
 
-def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
+def picture_of(picture: FetchPicture, rover: TrackedRover) -> tuple[str, str]:
     """Return a picture's path on the rover and its file name here. Raises CommandError without a picture."""
     number = picture.call_id or current_call(rover)
     if not number:
@@ -53,7 +55,7 @@ def picture_of(picture: Picture, rover: Rover) -> tuple[str, str]:
     return f"/calls/{number}{size}.jpg", f"rover{rover.system}-call{number}{size}.jpg"
 
 
-def address(answer: Answer, rover: Rover, now: float) -> Answer:
+def address(answer: Answer, rover: TrackedRover, now: float) -> Answer:
     """Address an answer, as it was typed, to a call of `rover`; target 0: words that belong to no call.
 
     Raises CommandError when no open call fits, or when the current call is too new to have been read.

@@ -9,8 +9,8 @@ from typing import Any, Protocol, TextIO
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from gcs_plugin.terminal.connection import Connection
-from gcs_plugin.terminal.signing import Signing
+from gcs_plugin.terminal.connection import OperatorConnection
+from gcs_plugin.terminal.signing import OperatorSigning
 
 MAX_WAITING = 65536
 
@@ -82,11 +82,11 @@ class Runner:
 
     def __init__(
         self,
-        connection: Connection,
+        connection: OperatorConnection,
         client: Client,
         system: int = 255,
         component: int = 190,
-        signing: Signing | None = None,
+        signing: OperatorSigning | None = None,
     ) -> None:
         self.client = client
         client.ids = system, component
@@ -132,7 +132,7 @@ class Runner:
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         self._connection.write(frame)
 
-    def _accepts(self, signing: Signing, message: mavlink.MAVLink_message) -> bool:
+    def _accepts(self, signing: OperatorSigning, message: mavlink.MAVLink_message) -> bool:
         return message.get_msgId() >= 0 and signing.accepts(message, self)
 
     def _forget_parsed(self) -> None:

@@ -23,7 +23,7 @@ from companion.wire.answers import Answer
 from companion.wire.call_report import CallReport
 from companion.wire.ids import Kind, Reasons, Stage
 from companion.wire.typed_answers import CommandError
-from gcs_plugin.client.rovers import Call
+from gcs_plugin.client.rovers import TrackedCall
 from gcs_plugin.terminal.commands import parse
 
 EXAMPLE = '[{"reasons": ["unknown_object"], "answer": "tap drum -1 go"}, {"when": "clear", "answer": "go"}]'
@@ -42,7 +42,7 @@ class ScriptError(ValueError):
 
 
 @dataclass
-class Rule:
+class _Rule:
     """Holds one row of the table."""
 
     answer: str
@@ -96,7 +96,7 @@ class Script:
     rule answers the call.
     """
 
-    def __init__(self, rules: list[Rule]) -> None:
+    def __init__(self, rules: list[_Rule]) -> None:
         self._rules = rules
         self._visits: dict[_Key, _StageVisit] = {}
 
@@ -111,7 +111,7 @@ class Script:
             raise ScriptError(f"a script is a list of 1 to {MAX_RULES} rules: {EXAMPLE}")
         return cls([_rule(number, row) for number, row in enumerate(table, 1)])
 
-    def answer(self, system: int, call: Call, now: float, *, words_read: bool = True) -> str | None:
+    def answer(self, system: int, call: TrackedCall, now: float, *, words_read: bool = True) -> str | None:
         """Return the line to type for this open call now, or None.
 
         words_read: False until the rover's words are known; an answer with words waits for them.
@@ -131,14 +131,14 @@ class Script:
         return None
 
 
-def _rule(number: int, row: Any) -> Rule:
+def _rule(number: int, row: Any) -> _Rule:
     known = ("answer", "when", "kind", "reasons", "holding", "nth", "times", "after")
     if not isinstance(row, dict):
         raise ScriptError(f"rule {number} is not an object: write it as {EXAMPLE}")
     unknown = sorted(set(row) - set(known))
     if unknown:
         raise ScriptError(f'rule {number}: "{unknown[0]}" is unknown, it can hold {", ".join(known)}')
-    return Rule(
+    return _Rule(
         answer=_answer(number, row.get("answer")),
         when=_choice(number, "when", row.get("when", "open"), _STAGES),
         kind=None if "kind" not in row else _choice(number, "kind", row["kind"], _KINDS),

@@ -16,9 +16,9 @@ from companion.wire.weights import own_weight, turned
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
-from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.rovers import TrackedRover
 from gcs_plugin.terminal import wording
-from gcs_plugin.terminal.commands import Picture, Select, SetPolicy, Show, parse
+from gcs_plugin.terminal.commands import FetchPicture, Select, SetPolicy, Show, parse
 from gcs_plugin.terminal.output import Output, plain
 from gcs_plugin.terminal.resolve import address, choose_rover, picture_of
 from gcs_plugin.terminal.script import Script
@@ -38,10 +38,10 @@ class SessionStatistics:
     def add(self, event: ev.Event) -> None:
         """Count an event."""
         match event:
-            case ev.CallOpened():
+            case ev.CallAnnounced():
                 self._calls += 1
                 self._by_reason.update(plain(event.call.reasons))
-            case ev.CallClosed():
+            case ev.CallEnded():
                 self._by_outcome[plain(event.call.outcome)] += 1
             case ev.AnswerStatusChanged() if event.status is Status.SENT:
                 self._sent += 1
@@ -50,7 +50,7 @@ class SessionStatistics:
             case _:
                 pass
 
-    def record(self, rovers: Mapping[int, Rover], seconds: float) -> dict[str, Any]:
+    def record(self, rovers: Mapping[int, TrackedRover], seconds: float) -> dict[str, Any]:
         """Return the figures as an object. latency_ms: capture to sending, as measured by the rovers."""
         counters = [rover.counters for rover in rovers.values()]
         latencies = [latency for counter in counters for latency in counter.latencies_ms]
@@ -146,7 +146,7 @@ class Session:
                     self._output.say([f"lines now mean rover {self._selected}"])
                 case SetPolicy():
                     self._client.set_policy(self._meant(named).system, command.policy, now)
-                case Picture():
+                case FetchPicture():
                     self._fetch(command, named, now)
                 case Show():
                     self._show(command.what, named, now)
@@ -164,18 +164,18 @@ class Session:
                 return WeightMissingError(error.word, f"{word}: {weight:g}")
         return error
 
-    def _meant(self, named: int | None) -> Rover:
+    def _meant(self, named: int | None) -> TrackedRover:
         """Return the rover that a line means; `named` is the one that it names. Raises CommandError."""
         return choose_rover(self._client.rovers, named, self._selected)
 
-    def _answer(self, typed: Answer, rover: Rover, now: float, *, by_person: bool) -> None:
+    def _answer(self, typed: Answer, rover: TrackedRover, now: float, *, by_person: bool) -> None:
         answer = typed
         if not typed.about_files:
             answer = address(typed, rover, now)
             self._refuse_turning(answer, rover, by_person=by_person)
         self._client.answer(rover.system, answer, now)
 
-    def _refuse_turning(self, answer: Answer, rover: Rover, *, by_person: bool) -> None:
+    def _refuse_turning(self, answer: Answer, rover: TrackedRover, *, by_person: bool) -> None:
         """Raise CommandError for an answer that turns a sign, unless a person repeats it."""
         state = rover.state_file
         matched = state.known_place.changed if state is not None and state.known_place is not None else {}
@@ -190,7 +190,7 @@ class Session:
             raise CommandError(question)
         self._turning = None
 
-    def _fetch(self, picture: Picture, named: int | None, now: float) -> None:
+    def _fetch(self, picture: FetchPicture, named: int | None, now: float) -> None:
         if self._keep is None:
             raise CommandError("pictures are not fetched here: `ftp get /calls/7.jpg` does it")
         rover = self._meant(named)
@@ -239,7 +239,7 @@ class Session:
             return [line for rover in chosen for line in wording.words_lines(rover)]
         return [line for rover in chosen for line in wording.status_lines(rover, now)]
 
-    def _answer_by(self, script: Script, rover: Rover, now: float) -> None:
+    def _answer_by(self, script: Script, rover: TrackedRover, now: float) -> None:
         busy = {pending.answer.target for pending in self._client.unsettled if pending.system == rover.system}
         for call in rover.open_calls():
             if call.data.id in busy:

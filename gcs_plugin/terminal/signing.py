@@ -60,7 +60,7 @@ NOT_ALONE = (
 )
 
 
-class Signing:
+class OperatorSigning:
     """Signs and checks with one key on a link. kept: stores timestamps over runs; None: nothing is stored."""
 
     def __init__(
@@ -144,21 +144,21 @@ class Signing:
         return wire.ticks(self._wall())
 
 
-def open_signing(key: SigningKey, system: int, component: int) -> Signing:
-    """Make a Signing with the timestamps of earlier runs under these ids, if they can be opened.
+def open_signing(key: SigningKey, system: int, component: int) -> OperatorSigning:
+    """Make an OperatorSigning with the timestamps of earlier runs under these ids, if they can be opened.
 
     If not, it works without them, and reports that as a problem.
     """
     try:
         kept = StoredTimestamps(key, system, component, clock=wire.ticks(time.time()))
     except BlockingIOError:
-        signing = Signing(key)
+        signing = OperatorSigning(key)
         signing.say(NOT_ALONE.format(f"{system}/{component}"))
     except (OSError, RuntimeError) as error:
-        signing = Signing(key)
+        signing = OperatorSigning(key)
         signing.say(NOT_KEPT.format(getattr(error, "strerror", None) or error))
     else:
-        signing = Signing(key, kept)
+        signing = OperatorSigning(key, kept)
         if kept.file.notice:
             signing.say(kept.file.notice)
     return signing

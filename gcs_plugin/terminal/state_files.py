@@ -7,7 +7,7 @@ from companion.wire.ids import State, words_hash
 from companion.wire.json_values import DocumentError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus
-from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.rovers import TrackedRover
 
 PATH = "/state.json"
 FIRST_S, AGAIN_S, LONGEST_S = 5.0, 60.0, 480.0
@@ -33,7 +33,7 @@ class StateFiles:
         """Give up what is being read."""
         self._fetches.pop(system, None)
 
-    def step(self, rover: Rover, now: float) -> None:
+    def step(self, rover: TrackedRover, now: float) -> None:
         """Take what has come, or ask for it where it is due."""
         system = rover.system
         fetch = self._fetches.get(system)
@@ -46,7 +46,7 @@ class StateFiles:
                 self._pauses[system], self._asked_at[system] = min(2 * pause, LONGEST_S), now
                 self._fetches[system] = self._client.fetch(system, PATH, now, background=True)
 
-    def _take(self, fetch: Fetch, rover: Rover) -> None:
+    def _take(self, fetch: Fetch, rover: TrackedRover) -> None:
         try:
             state = read_state(fetch.content) if fetch.status is FetchStatus.DONE else None
         except DocumentError:
@@ -57,6 +57,6 @@ class StateFiles:
                 self._pauses.pop(rover.system, None)
 
 
-def _known(rover: Rover) -> bool:
+def _known(rover: TrackedRover) -> bool:
     state, summary = rover.state_file, rover.summary
     return state is not None and (summary is None or summary.words == words_hash(state.words))

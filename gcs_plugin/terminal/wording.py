@@ -14,7 +14,7 @@ from companion.wire.packing import where
 from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.texts import name, percent
 from gcs_plugin.client.policy_request import PolicyStatus
-from gcs_plugin.client.rovers import Computer, Rover
+from gcs_plugin.client.rovers import ComputerReport, TrackedRover
 
 _OLD_FIGURES_S = 2.0 * (MESSAGES["computer"].period or 0.0)
 _STATES = {
@@ -184,7 +184,7 @@ def policy(value: Policy, status: PolicyStatus) -> str:
     return f"policy {value.name.lower()} {became[status]}"
 
 
-def status_lines(rover: Rover, now: float) -> list[str]:
+def status_lines(rover: TrackedRover, now: float) -> list[str]:
     """Word all that is known of a rover in a few lines."""
     heard = "heard" if rover.alive(now) else f"NOT HEARD for {duration(rover.silence(now))}"
     drives = "vehicle unknown" if rover.vehicle is None else rover.vehicle.text
@@ -210,7 +210,7 @@ def status_lines(rover: Rover, now: float) -> list[str]:
     return lines
 
 
-def computer(told: Computer, now: float) -> str:
+def computer(told: ComputerReport, now: float) -> str:
     """Word what the companion's computer said of itself, and when; what it does not tell is left out."""
     age = now - told.received_at
     parts = (
@@ -224,7 +224,7 @@ def computer(told: Computer, now: float) -> str:
     return ", ".join(part for part in parts if part)
 
 
-def shadow(rover: Rover) -> str:
+def shadow(rover: TrackedRover) -> str:
     """Word what shadow policy would have held, from the rover's parameters."""
     told = rover.parameters
     holds, hours = told.get(SHADOW_HOLDS, 0.0), told.get(SHADOW_HOURS, 0.0)
@@ -234,7 +234,7 @@ def shadow(rover: Rover) -> str:
     return f"{holds:.0f} would-be holds in {hours:.1f} h{rate}" + (f" ({named})" if named else "")
 
 
-def words_lines(rover: Rover) -> list[str]:
+def words_lines(rover: TrackedRover) -> list[str]:
     """List the words in use that parameters hold; add a note when the summary's hash shows others."""
     words = rover.words()
     if not words:
@@ -247,7 +247,7 @@ def words_lines(rover: Rover) -> list[str]:
     return lines
 
 
-def calls_lines(rover: Rover, now: float) -> list[str]:
+def calls_lines(rover: TrackedRover, now: float) -> list[str]:
     """List what is open, one line each, or say that nothing is.
 
     The heartbeat may name a call before the call's data is received.

@@ -68,7 +68,7 @@ def acknowledgement(request: Answer, result: ids.Result = ids.Result.APPLIED) ->
 
 def test_what_the_link_announces_the_client_knows(both: Callable[..., Both], thing_call: CallReport) -> None:
     pair = both()
-    assert [event.call for event in pair.of(ev.CallOpened)] == [thing_call]
+    assert [event.call for event in pair.of(ev.CallAnnounced)] == [thing_call]
     assert [event.text for event in pair.of(ev.TextReceived)][:1] == [
         "C7 unknown thing ahead 38%: go/stay/word"
     ]
@@ -89,7 +89,7 @@ def test_why_a_call_is_open_is_known_from_its_text(both: Callable[..., Both], th
     pair.run(3.0)
     rover = pair.client.rovers[1]
     assert (rover.calls[7].data.why, rover.calls[8].data.why) == ("", FIGURES)
-    assert pair.of(ev.CallOpened)[-1].call.why == FIGURES
+    assert pair.of(ev.CallAnnounced)[-1].call.why == FIGURES
     again = "C8 stays open: new place, .62, .85 needed"
     pair.link.link.alerts.announce(replace(thing_call, id=8, frame_id=5000), again, pair.link.now)
     pair.run(16.0)
@@ -108,7 +108,7 @@ def test_an_answer_in_parts_arrives_whole_and_its_acknowledgement_comes_back(
     pair.link.link.answers.acknowledge(request, acknowledgement(request), pair.link.now)
     pair.run(1.0)
     assert pending.status is Status.ACKNOWLEDGED
-    assert [event.call.outcome for event in pair.of(ev.CallClosed)] == [ids.Outcome.ANSWERED]
+    assert [event.call.outcome for event in pair.of(ev.CallEnded)] == [ids.Outcome.ANSWERED]
 
 
 def test_a_busy_companion_gets_the_answer_again_and_applies_it_once(both: Callable[..., Both]) -> None:

@@ -51,12 +51,12 @@ def test_after_three_times_it_is_told_that_only_manual_drives_on(rig: Rig) -> No
 
 
 def test_the_ground_reads_the_acceptance_in_the_heartbeat(rig: Rig) -> None:
-    from gcs_plugin.client.rovers import Rover
+    from gcs_plugin.client.rovers import TrackedRover
 
     blind(rig)
     rig.stage.mode = AUTO
     rig.stage.heartbeat(1)
     rig.wait(1.0)
-    heard = Rover(1)
+    heard = TrackedRover(1)
     heard.handle_state(rig.stage.sent("HEARTBEAT")[-1].custom_mode, 0.0)
     assert heard.fault_accepted

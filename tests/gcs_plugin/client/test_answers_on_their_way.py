@@ -28,7 +28,7 @@ def test_an_answer_is_applied_acknowledged_and_closes_the_call(sky: Sky) -> None
     sky.run(1.0)
     assert pending.status is Status.ACKNOWLEDGED
     assert sky.rover.applied == [(7, ids.Motion.GO, (BUSH,))]
-    assert [event.call.outcome for event in sky.of(ev.CallClosed)] == [ids.Outcome.ANSWERED]
+    assert [event.call.outcome for event in sky.of(ev.CallEnded)] == [ids.Outcome.ANSWERED]
     sky.run(70.0)
     assert len(sky.sent) == 1
 
@@ -41,7 +41,7 @@ def test_an_answer_survives_the_loss_of_every_nth_message_both_ways(sky: Sky, n:
     sky.run(60.0)
     assert pending.status in (Status.ACKNOWLEDGED, Status.CLOSED)
     assert sky.rover.applied == [(7, ids.Motion.GO, (BUSH,))]
-    assert len(sky.of(ev.CallClosed)) == 1
+    assert len(sky.of(ev.CallEnded)) == 1
     lost = sky.client.rovers[1].counters
     assert lost.summaries + lost.summaries_lost == pytest.approx(sky.rover.sequence, abs=2)
 
@@ -76,7 +76,7 @@ def test_a_call_that_is_closed_by_something_else_ends_the_sending(sky: Sky) -> N
     sky.run(1.5)
     sky.rover.call = replace(sky.rover.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.PASSED)
     sky.run(1.0)
-    assert [event.call.outcome for event in sky.of(ev.CallClosed)] == [ids.Outcome.PASSED]
+    assert [event.call.outcome for event in sky.of(ev.CallEnded)] == [ids.Outcome.PASSED]
     sent = len(sky.sent)
     sky.run(10.0)
     assert pending.status is Status.CLOSED

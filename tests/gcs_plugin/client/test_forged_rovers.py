@@ -41,7 +41,7 @@ def test_a_full_table_forgets_the_rover_that_is_silent_longest(sky: Sky) -> None
     assert sorted(sky.client.rovers) == [REAL, *FORGED[1:MAX_ROVERS]], "it came when 2 was silent longest"
     sky.run(60.0)
     assert len(sky.client.rovers) == MAX_ROVERS
-    assert sky.of(ev.CallOpened) == [ev.CallOpened(REAL, sky.client.rovers[REAL].calls[7].data)]
+    assert sky.of(ev.CallAnnounced) == [ev.CallAnnounced(REAL, sky.client.rovers[REAL].calls[7].data)]
 
 
 def test_forged_rovers_with_open_calls_keep_nobody_out_and_are_forgotten(sky: Sky) -> None:

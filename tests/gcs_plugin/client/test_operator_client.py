@@ -39,7 +39,7 @@ def test_a_rover_is_known_by_its_companions_heartbeat(sky: Sky) -> None:
 
 def test_a_call_that_repeats_is_told_once(sky: Sky) -> None:
     sky.run(10.0)
-    assert [event.call.id for event in sky.of(ev.CallOpened)] == [7]
+    assert [event.call.id for event in sky.of(ev.CallAnnounced)] == [7]
     assert sky.of(ev.CallChanged) == []
 
 
@@ -87,7 +87,7 @@ def test_only_component_191_of_that_rover_is_believed(
     sky.hear(speaker(system, component).tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, forged.pack()))
     sky.run(0.2)
     assert pending.status is Status.SENT
-    assert sky.of(ev.CallClosed) == []
+    assert sky.of(ev.CallEnded) == []
     assert sky.client.rovers[1].open_calls()
 
 
@@ -95,9 +95,9 @@ def test_a_lost_closing_message_is_made_good_by_the_heartbeat(sky: Sky) -> None:
     sky.run(2.0)
     sky.rover.call = None
     sky.run(2.0)
-    assert sky.of(ev.CallClosed) == []
+    assert sky.of(ev.CallEnded) == []
     sky.run(3.0)
-    assert [event.call.outcome for event in sky.of(ev.CallClosed)] == [ids.Outcome.NONE]
+    assert [event.call.outcome for event in sky.of(ev.CallEnded)] == [ids.Outcome.NONE]
 
 
 def test_a_call_that_was_only_thought_closed_opens_again(sky: Sky) -> None:
@@ -106,7 +106,7 @@ def test_a_call_that_was_only_thought_closed_opens_again(sky: Sky) -> None:
     sky.run(5.0)
     sky.rover.call = call
     sky.run(2.0)
-    assert len(sky.of(ev.CallOpened)) == 2
+    assert len(sky.of(ev.CallAnnounced)) == 2
     assert sky.client.rovers[1].open_calls()
 
 
@@ -125,7 +125,7 @@ def test_an_id_that_begins_anew_with_another_frame_is_another_call(sky: Sky, thi
     sky.run(2.0)
     sky.rover.call = replace(thing_call, frame_id=12)
     sky.run(2.0)
-    assert [event.call.frame_id for event in sky.of(ev.CallOpened)] == [4711, 12]
+    assert [event.call.frame_id for event in sky.of(ev.CallAnnounced)] == [4711, 12]
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_an_acknowledgement_without_an_outcome_closes_the_call_only_when_it_is_s
     sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, ack.pack()))
     sky.run(0.2)
     assert pending.status is Status.ACKNOWLEDGED
-    assert len(sky.of(ev.CallClosed)) == closes
+    assert len(sky.of(ev.CallEnded)) == closes
     sky.run(1.0)
     assert len(sky.client.rovers[1].open_calls()) == 1
 
@@ -161,10 +161,10 @@ def test_a_hold_has_a_new_frame_each_time_and_is_still_one_hold(sky: Sky, thing_
     for second in range(40):
         sky.rover.call = replace(hold, frame_id=second, age_s=second)
         sky.run(1.0)
-    assert [event.call.id for event in sky.of(ev.CallOpened)] == [9]
+    assert [event.call.id for event in sky.of(ev.CallAnnounced)] == [9]
     sky.rover.call = replace(hold, frame_id=3, age_s=0)
     sky.run(1.0)
-    assert [event.call.id for event in sky.of(ev.CallOpened)] == [9, 9]
+    assert [event.call.id for event in sky.of(ev.CallAnnounced)] == [9, 9]
 
 
 def test_a_hold_under_a_newer_call_is_not_thought_closed(sky: Sky, thing_call: CallReport) -> None:
@@ -173,7 +173,7 @@ def test_a_hold_under_a_newer_call_is_not_thought_closed(sky: Sky, thing_call: C
     sky.rover.call = thing_call
     sky.run(60.0)
     assert [call.data.id for call in sky.client.rovers[1].open_calls()] == [6, 7]
-    assert sky.of(ev.CallClosed) == []
+    assert sky.of(ev.CallEnded) == []
 
 
 def test_summaries_that_are_lost_are_counted_and_a_restart_is_not(sky: Sky) -> None:

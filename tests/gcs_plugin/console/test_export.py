@@ -12,7 +12,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs_plugin.console.export import MOST_BYTES, MOST_CALLS, Exhibit, pack
+from gcs_plugin.console.export import MOST_BYTES, MOST_CALLS, ExportedCall, pack
 
 WALL = 1_790_000_000.0
 JPEG = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffc0001108006000800301220002110103110100")
@@ -87,7 +87,7 @@ def unpacked(content: bytes) -> tuple[dict[str, bytes], Read]:
 
 
 def test_one_call_has_its_pictures_data_answer_and_a_page_without_a_script() -> None:
-    files, page = unpacked(pack(3, [Exhibit(shown(), {"small": JPEG, "large": JPEG + b"large"})], WALL))
+    files, page = unpacked(pack(3, [ExportedCall(shown(), {"small": JPEG, "large": JPEG + b"large"})], WALL))
     assert set(files) == {"report.html", "call-7/data.json", "call-7/small.jpg", "call-7/large.jpg"}
     assert files["call-7/large.jpg"] == JPEG + b"large"
     told = json.loads(files["call-7/data.json"])
@@ -102,7 +102,7 @@ def test_one_call_has_its_pictures_data_answer_and_a_page_without_a_script() -> 
 
 
 def test_several_calls_are_one_report() -> None:
-    files, page = unpacked(pack(1, [Exhibit(shown(n), {"small": JPEG}) for n in (9, 7)], WALL))
+    files, page = unpacked(pack(1, [ExportedCall(shown(n), {"small": JPEG}) for n in (9, 7)], WALL))
     assert page.tags.count("section") == 2
     assert page.text.index("Call C9: answered") < page.text.index("Call C7: answered")
     assert {"call-9/data.json", "call-7/data.json"} < set(files)
@@ -110,7 +110,7 @@ def test_several_calls_are_one_report() -> None:
 
 def test_a_call_without_a_picture_or_an_answer_says_so() -> None:
     plain = shown(answers=[], said=[], box=None, place=None, opened=0.0, closed=None)
-    files, page = unpacked(pack(1, [Exhibit(plain, {"small": b"no picture"})], WALL))
+    files, page = unpacked(pack(1, [ExportedCall(plain, {"small": b"no picture"})], WALL))
     assert set(files) == {"report.html", "call-7/data.json"}
     assert "Its picture had not come to the console." in page.text
     assert "It was not answered from this console." in page.text
@@ -130,7 +130,7 @@ def test_text_that_came_by_radio_stays_text(text: str) -> None:
         answers=[{"at": WALL, "said": text, "text": text, "tone": "bad"}],
         said=[{"at": WALL, "text": text}],
     )
-    files, page = unpacked(pack(1, [Exhibit(hostile, {"small": JPEG})], WALL))
+    files, page = unpacked(pack(1, [ExportedCall(hostile, {"small": JPEG})], WALL))
     assert set(files) == {"report.html", "call-7/data.json", "call-7/small.jpg"}
     assert json.loads(files["call-7/data.json"])["reason"] == text
     if text == HOSTILE:
@@ -140,7 +140,7 @@ def test_text_that_came_by_radio_stays_text(text: str) -> None:
 
 def test_the_zip_is_bounded_and_says_what_it_left_out() -> None:
     big = JPEG + bytes(MOST_BYTES - len(JPEG) - 100)
-    calls = [Exhibit(shown(n), {"small": JPEG, "large": big}) for n in range(1, MOST_CALLS + 9)]
+    calls = [ExportedCall(shown(n), {"small": JPEG, "large": big}) for n in range(1, MOST_CALLS + 9)]
     content = pack(1, calls, WALL)
     files, page = unpacked(content)
     assert len(content) < 3 * MOST_BYTES
@@ -152,4 +152,4 @@ def test_the_zip_is_bounded_and_says_what_it_left_out() -> None:
 @given(st.floats(allow_nan=False) | st.integers())
 def test_any_time_that_a_rover_claims_can_be_written(at: float) -> None:
     said = [{"at": at, "text": "C7 done"}]
-    unpacked(pack(1, [Exhibit(shown(opened=at, closed=at, said=said), {})], 0.0))
+    unpacked(pack(1, [ExportedCall(shown(opened=at, closed=at, said=said), {})], 0.0))

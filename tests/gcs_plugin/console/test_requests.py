@@ -15,7 +15,7 @@ from companion.pages.requests import RequestError
 from companion.wire.answers import Answer
 from companion.wire.delivery import split
 from companion.wire.ids import Motion, Policy
-from gcs_plugin.console.requests import FileRequest, PolicyRequest, UndoRequest, read_request
+from gcs_plugin.console.requests import FileRequest, SetPolicyRequest, UndoRequest, read_request
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=60),
@@ -52,7 +52,7 @@ def test_a_tap_with_a_name_and_a_motion_is_one_answer() -> None:
 
 
 def test_policies_undoing_and_files_are_requests() -> None:
-    assert read("policy", policy="hold") == PolicyRequest(Policy.HOLD)
+    assert read("policy", policy="hold") == SetPolicyRequest(Policy.HOLD)
     assert read("undo", call=7) == UndoRequest(7)
     assert read("fetch", what="large", call=7) == FileRequest("large", 7)
     forgotten = read("answer", motion="none", changes=[{"forget": "bush"}])

@@ -22,8 +22,8 @@ from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.typed_answers import CommandError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import LIFETIME_S, Fetch, FetchStatus
-from gcs_plugin.client.rovers import Rover
-from gcs_plugin.terminal.commands import Picture, parse
+from gcs_plugin.client.rovers import TrackedRover
+from gcs_plugin.terminal.commands import FetchPicture, parse
 from gcs_plugin.terminal.output import TextOutput
 from gcs_plugin.terminal.pictures import Pictures
 from gcs_plugin.terminal.resolve import picture_of
@@ -203,10 +203,10 @@ def test_a_file_too_long_to_hold_is_refused() -> None:
 
 
 def test_picture_is_a_command_with_an_id_and_a_size() -> None:
-    assert parse("picture") == (None, Picture())
-    assert parse("rover 2 picture C7 large") == (2, Picture(7, "large"))
-    assert parse("picture 7 RAW") == (None, Picture(7, "raw"))
-    assert parse("Picture 12") == (None, Picture(12))
+    assert parse("picture") == (None, FetchPicture())
+    assert parse("rover 2 picture C7 large") == (2, FetchPicture(7, "large"))
+    assert parse("picture 7 RAW") == (None, FetchPicture(7, "raw"))
+    assert parse("Picture 12") == (None, FetchPicture(12))
     with pytest.raises(CommandError):
         parse("picture 70000")
     with pytest.raises(CommandError):
@@ -214,14 +214,14 @@ def test_picture_is_a_command_with_an_id_and_a_size() -> None:
 
 
 def test_the_name_here_never_comes_from_the_air(thing_call: CallReport) -> None:
-    rover = Rover(3)
-    assert picture_of(Picture(7), rover) == ("/calls/7.jpg", "rover3-call7.jpg")
-    assert picture_of(Picture(7, "large"), rover)[0] == "/calls/7-large.jpg"
-    assert picture_of(Picture(7, "raw"), rover) == ("/calls/7-raw.jpg", "rover3-call7-raw.jpg")
+    rover = TrackedRover(3)
+    assert picture_of(FetchPicture(7), rover) == ("/calls/7.jpg", "rover3-call7.jpg")
+    assert picture_of(FetchPicture(7, "large"), rover)[0] == "/calls/7-large.jpg"
+    assert picture_of(FetchPicture(7, "raw"), rover) == ("/calls/7-raw.jpg", "rover3-call7-raw.jpg")
     with pytest.raises(CommandError, match="no call is open"):
-        picture_of(Picture(), rover)
+        picture_of(FetchPicture(), rover)
     rover.handle_call(replace(thing_call, picture="/calls/7.jpg"), 0.0)
-    assert picture_of(Picture(), rover)[0] == f"/calls/{thing_call.id}.jpg"
+    assert picture_of(FetchPicture(), rover)[0] == f"/calls/{thing_call.id}.jpg"
 
 
 def test_a_jpeg_tells_its_size() -> None:

@@ -17,17 +17,23 @@ import pytest
 from companion.wire import devices
 from gcs_plugin.terminal import connection as streams
 from gcs_plugin.terminal import lookup
-from gcs_plugin.terminal.connection import MAX_PEERS, Connection, LinkError, Udp, open_connection
+from gcs_plugin.terminal.connection import (
+    MAX_PEERS,
+    LinkError,
+    OperatorConnection,
+    UdpConnection,
+    open_connection,
+)
 from tests.waiting import wait_for
 
 DEADLINE_S = 10.0
 
 
 @pytest.fixture
-def opened() -> Iterator[Callable[[str], Connection]]:
-    connections: list[Connection] = []
+def opened() -> Iterator[Callable[[str], OperatorConnection]]:
+    connections: list[OperatorConnection] = []
 
-    def opening(link: str) -> Connection:
+    def opening(link: str) -> OperatorConnection:
         connections.append(open_connection(link))
         return connections[-1]
 
@@ -36,7 +42,7 @@ def opened() -> Iterator[Callable[[str], Connection]]:
         connection.close()
 
 
-def read_until(connection: Connection, wanted: bytes) -> bytes:
+def read_until(connection: OperatorConnection, wanted: bytes) -> bytes:
     heard, deadline = b"", time.monotonic() + DEADLINE_S
     while wanted not in heard and time.monotonic() < deadline:
         heard += connection.read()
@@ -44,11 +50,11 @@ def read_until(connection: Connection, wanted: bytes) -> bytes:
     return heard
 
 
-def port_of(connection: Connection) -> int:
+def port_of(connection: OperatorConnection) -> int:
     return int(connection.name.rpartition(":")[2])
 
 
-def test_udp_in_answers_whoever_spoke(opened: Callable[[str], Connection]) -> None:
+def test_udp_in_answers_whoever_spoke(opened: Callable[[str], OperatorConnection]) -> None:
     ground = opened("udpin:127.0.0.1:0")
     ground.write(b"nobody yet")
     rovers = [opened(f"udpout:127.0.0.1:{port_of(ground)}") for _ in range(2)]
@@ -59,7 +65,7 @@ def test_udp_in_answers_whoever_spoke(opened: Callable[[str], Connection]) -> No
     assert [read_until(rover, b"to all") for rover in rovers] == [b"to all", b"to all"]
 
 
-def test_udp_in_answers_the_newest_of_many_senders(opened: Callable[[str], Connection]) -> None:
+def test_udp_in_answers_the_newest_of_many_senders(opened: Callable[[str], OperatorConnection]) -> None:
     ground = opened("udpin:127.0.0.1:0")
     senders = [opened(f"udpout:127.0.0.1:{port_of(ground)}") for _ in range(MAX_PEERS + 1)]
     for number, sender in enumerate(senders):
@@ -71,13 +77,13 @@ def test_udp_in_answers_the_newest_of_many_senders(opened: Callable[[str], Conne
 
 
 def test_udp_in_forgets_who_is_silent(
-    opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
+    opened: Callable[[str], OperatorConnection], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ground = opened("udpin:127.0.0.1:0")
     rover = opened(f"udpout:127.0.0.1:{port_of(ground)}")
     rover.write(b"here")
     read_until(ground, b"here")
-    assert isinstance(ground, Udp)
+    assert isinstance(ground, UdpConnection)
     later = time.monotonic() + 60.0
     monkeypatch.setattr(time, "monotonic", lambda: later)
     ground.write(b"gone")
@@ -85,7 +91,7 @@ def test_udp_in_forgets_who_is_silent(
     assert rover.read() == b""
 
 
-def test_udp_out_to_nobody_loses_and_goes_on(opened: Callable[[str], Connection]) -> None:
+def test_udp_out_to_nobody_loses_and_goes_on(opened: Callable[[str], OperatorConnection]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         free = taken.getsockname()[1]
@@ -96,7 +102,7 @@ def test_udp_out_to_nobody_loses_and_goes_on(opened: Callable[[str], Connection]
 
 
 def test_tcp_comes_up_later_breaks_and_comes_again(
-    opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
+    opened: Callable[[str], OperatorConnection], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(streams, "REOPEN_S", 0.02)
     with socket.socket() as server:
@@ -119,7 +125,7 @@ def test_tcp_comes_up_later_breaks_and_comes_again(
 
 @pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="not on this platform")
 def test_a_tcp_peer_that_is_gone_without_a_word_is_noticed_within_15_seconds(
-    opened: Callable[[str], Connection],
+    opened: Callable[[str], OperatorConnection],
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         connection = opened(f"tcp:127.0.0.1:{server.getsockname()[1]}")
@@ -136,7 +142,7 @@ def test_a_tcp_peer_that_is_gone_without_a_word_is_noticed_within_15_seconds(
 
 @pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="not on this platform")
 def test_a_tcp_peer_that_confirms_nothing_any_more_is_connected_to_again(
-    opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
+    opened: Callable[[str], OperatorConnection], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(devices.OPTIONS, "TCP_USER_TIMEOUT", 200)
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -162,7 +168,7 @@ def test_tcp_keeps_no_more_than_a_little_for_a_peer_that_does_not_read() -> None
         def close(self) -> None:
             pass
 
-    stream = streams.Stream("deaf", Deaf)
+    stream = streams.ReopeningConnection("deaf", Deaf)
     stream.read()
     for _ in range(10_000):
         stream.write(b"x" * 100)
@@ -170,7 +176,7 @@ def test_tcp_keeps_no_more_than_a_little_for_a_peer_that_does_not_read() -> None
 
 
 def test_a_serial_device_that_is_plugged_in_later_is_found(
-    opened: Callable[[str], Connection],
+    opened: Callable[[str], OperatorConnection],
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
@@ -195,7 +201,9 @@ def test_a_serial_device_that_is_plugged_in_later_is_found(
     wait_for(lambda: connection.read() == b"" and connection.fileno() is None, DEADLINE_S)
 
 
-def test_a_serial_device_that_takes_nothing_blocks_nothing(opened: Callable[[str], Connection]) -> None:
+def test_a_serial_device_that_takes_nothing_blocks_nothing(
+    opened: Callable[[str], OperatorConnection],
+) -> None:
     pytest.importorskip("serial")
     ours, theirs = pty.openpty()
     tty.setraw(theirs)
@@ -230,14 +238,14 @@ def test_a_serial_speed_that_is_no_number_is_refused() -> None:
         open_connection("serial:/dev/ttyUSB0:fast")
 
 
-def test_a_port_that_is_taken_is_said(opened: Callable[[str], Connection]) -> None:
+def test_a_port_that_is_taken_is_said(opened: Callable[[str], OperatorConnection]) -> None:
     ground = opened("udpin:127.0.0.1:0")
     with pytest.raises(LinkError, match="Is the port taken"):
         open_connection(ground.name)
 
 
 def test_a_name_server_that_does_not_answer_blocks_nothing_but_the_link(
-    opened: Callable[[str], Connection], monkeypatch: pytest.MonkeyPatch
+    opened: Callable[[str], OperatorConnection], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(streams, "REOPEN_S", 0.02)
     monkeypatch.setattr(lookup, "PATIENCE_S", 0.05)

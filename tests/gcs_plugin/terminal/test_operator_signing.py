@@ -14,7 +14,7 @@ from companion.wire.signing import MINUTE, SigningKey, ticks
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal.main import main
 from gcs_plugin.terminal.runner import Runner
-from gcs_plugin.terminal.signing import MAX_PROBLEMS, Signing, open_signing
+from gcs_plugin.terminal.signing import MAX_PROBLEMS, OperatorSigning, open_signing
 from tests.waiting import wait_for
 
 SECRET = bytes(range(32))
@@ -49,10 +49,10 @@ class Wire:
 class Bench:
     """A runner with a key, and a rover that signs with pymavlink."""
 
-    def __init__(self, *, timestamp: int = NOW, signing: Signing | None = None) -> None:
+    def __init__(self, *, timestamp: int = NOW, signing: OperatorSigning | None = None) -> None:
         self.wire = Wire()
         self.client = OperatorClient()
-        self.signing = signing or Signing(SigningKey(SECRET), wall=lambda: WALL)
+        self.signing = signing or OperatorSigning(SigningKey(SECRET), wall=lambda: WALL)
         self.runner = Runner(self.wire, self.client, signing=self.signing)
         self.rover = mavlink.MAVLink(None, 1, 191)
         self.rover.signing.secret_key = SECRET

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.wire.call_report import CallReport
 from companion.wire.ids import Kind, Reasons, Stage
-from gcs_plugin.client.rovers import Call
+from gcs_plugin.client.rovers import TrackedCall
 from gcs_plugin.terminal.script import EXAMPLE, Script, ScriptError
 
 
@@ -20,8 +20,8 @@ def script(*rules: dict[str, Any]) -> Script:
     return Script.parse(json.dumps(rules))
 
 
-def call_of(data: CallReport) -> Call:
-    return Call(data, 0.0, 0.0, serial=data.id)
+def call_of(data: CallReport) -> TrackedCall:
+    return TrackedCall(data, 0.0, 0.0, serial=data.id)
 
 
 def test_the_first_rule_that_fits_answers(thing_call: CallReport) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from companion.wire.ids import Policy, State, heartbeat_mode
-from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.rovers import TrackedRover
 from gcs_plugin.terminal.wording import shadow, status_lines
 
 
 def test_the_status_sums_up_what_shadow_policy_would_have_held() -> None:
-    rover = Rover(1)
+    rover = TrackedRover(1)
     told = {
         "AT_SHD_HOLDS": 7,
         "AT_SHD_HOURS": 3.2,
@@ -23,7 +23,7 @@ def test_the_status_sums_up_what_shadow_policy_would_have_held() -> None:
 
 
 def test_nothing_counted_yet_has_no_rate_and_no_line() -> None:
-    rover = Rover(1)
+    rover = TrackedRover(1)
     rover.handle_parameter("AT_SHD_HOLDS", 0.0)
     rover.handle_parameter("AT_SHD_HOURS", 0.0)
     assert shadow(rover) == "0 would-be holds in 0.0 h"
@@ -31,14 +31,14 @@ def test_nothing_counted_yet_has_no_rate_and_no_line() -> None:
 
 
 def test_the_policy_is_known_from_the_heartbeat_alone() -> None:
-    rover = Rover(1)
+    rover = TrackedRover(1)
     assert not any("policy" in line for line in status_lines(rover, 0.0))
     rover.handle_state(heartbeat_mode(State.OK, 0, Policy.SHADOW), 0.0)
     assert "  policy   shadow" in status_lines(rover, 0.0)
 
 
 def test_the_status_says_that_a_human_drives_on_in_spite_of_the_fault() -> None:
-    rover = Rover(1)
+    rover = TrackedRover(1)
     rover.handle_state(heartbeat_mode(State.FAULT, 0, Policy.HOLD), 0.0)
     assert not any("driven on by hand" in line for line in status_lines(rover, 0.0))
     rover.handle_state(heartbeat_mode(State.FAULT, 0, Policy.HOLD, fault_accepted=True), 0.0)

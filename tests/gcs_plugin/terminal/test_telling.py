@@ -21,7 +21,7 @@ from companion.wire.packing import where
 from companion.wire.payloads import Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.policy_request import PolicyStatus
-from gcs_plugin.client.rovers import Rover
+from gcs_plugin.client.rovers import TrackedRover
 from gcs_plugin.client.vehicle import mode_name
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.commands import parse
@@ -43,9 +43,9 @@ def all_events(thing_call: CallReport, quiet_summary: Summary) -> list[ev.Event]
         ev.LinkChanged(1, up=False),
         ev.StateChanged(1, ids.State.FAULT, 8),
         ev.VehicleChanged(1, "HOLD", armed=True),
-        ev.CallOpened(1, thing_call),
+        ev.CallAnnounced(1, thing_call),
         ev.CallChanged(1, replace(thing_call, stage=ids.Stage.CLEAR)),
-        ev.CallClosed(1, closed, 12.0),
+        ev.CallEnded(1, closed, 12.0),
         ev.SummaryReceived(1, quiet_summary),
         ev.TextReceived(1, 3, "C7 unknown thing\x1b[2J ahead"),
         ev.VehicleTextReceived(1, 2, "HOLD: companion silent"),
@@ -94,16 +94,16 @@ def test_a_person_never_gets_the_airs_control_characters_and_no_colours_unasked(
 def test_a_call_is_worded_as_its_rover_words_it(thing_call: CallReport) -> None:
     thing = replace(thing_call, why="unknown 71% in yellow frame, over 25% calls")
     assert "C7 unknown 71% in yellow frame, over 25% calls, in the middle [vehicle held" in read(
-        ev.CallOpened(1, thing)
+        ev.CallAnnounced(1, thing)
     )
     place = replace(thing_call, reasons=ids.Reasons.UNKNOWN_SCENE, why="new place, .91 like C3, .94 needed")
-    assert "C7 new place, .91 like C3, .94 needed [vehicle held" in read(ev.CallOpened(1, place))
+    assert "C7 new place, .91 like C3, .94 needed [vehicle held" in read(ev.CallAnnounced(1, place))
     both = replace(thing, reasons=ids.Reasons.UNKNOWN_OBJECT | ids.Reasons.BLOCKED)
-    assert "over 25% calls, in the middle; blocked by what it knows, 90%" in read(ev.CallOpened(1, both))
+    assert "over 25% calls, in the middle; blocked by what it knows, 90%" in read(ev.CallAnnounced(1, both))
 
 
 def test_colours_are_there_when_asked_for(thing_call: CallReport) -> None:
-    assert "\033[1;31mC7" in read(ev.CallOpened(1, thing_call), colours=True)
+    assert "\033[1;31mC7" in read(ev.CallAnnounced(1, thing_call), colours=True)
 
 
 @pytest.mark.parametrize(("severity", "colour"), [(1, "1;31"), (2, "1;31"), (4, ""), (6, "2")])
@@ -136,7 +136,7 @@ def test_that_the_companion_is_back_and_the_scripts_hold_stands_is_read_as_the_s
     board = driving()
     board.pass_time(3.0)
     board.pass_time(25.0, state=ids.State.OK)
-    rover = Rover(1)
+    rover = TrackedRover(1)
     heard = [
         (event, said.t)
         for said in board.said
@@ -171,13 +171,13 @@ def test_a_hold_that_is_not_the_companions_is_never_told_as_ok(
 
 
 def test_that_the_vehicle_is_held_now_is_told_without_the_rest(thing_call: CallReport) -> None:
-    opened = ev.CallOpened(1, replace(thing_call, holding=False))
+    opened = ev.CallAnnounced(1, replace(thing_call, holding=False))
     told = read(opened, ev.CallChanged(1, thing_call)).splitlines()[len(read(opened).splitlines()) :]
     assert [line.split("  ")[1] for line in told] == ["C7 vehicle held"]
 
 
 def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallReport) -> None:
-    opened = ev.CallOpened(1, thing_call)
+    opened = ev.CallAnnounced(1, thing_call)
     both = replace(thing_call, reasons=ids.Reasons.UNKNOWN_OBJECT | ids.Reasons.BLOCKED)
     calls = (both, thing_call, both, thing_call, replace(both, stage=ids.Stage.CLEAR))
     text = read(opened, *(ev.CallChanged(1, call) for call in calls))

@@ -10,7 +10,7 @@ from anytraverse.history import Embedding, cosine
 from anytraverse.judging import Settings
 
 
-class Scene(NamedTuple):
+class _Scene(NamedTuple):
     """An embedding, and when the frame was taken that it was made from: the caller's monotonic seconds."""
 
     embedding: Embedding
@@ -31,13 +31,13 @@ class SceneWatch:
     """
 
     def __init__(self) -> None:
-        self._newest: Scene | None = None
+        self._newest: _Scene | None = None
         self._frames = 0
         """For how many frames the newest embedding was used, its own frame included."""
         self._clear = 0
         """How many embeddings in a row were clear."""
 
-    def take(self, settings: Settings, reference: Embedding | None, now: float) -> Scene | None:
+    def take(self, settings: Settings, reference: Embedding | None, now: float) -> _Scene | None:
         """Return the embedding to use for a new frame, None where it needs its own. `judged` puts it back."""
         scene, self._newest = self._newest, None
         if scene is None or reference is None or self._clear < settings.window:
@@ -58,4 +58,4 @@ class SceneWatch:
             self._clear = self._clear + 1 if seen.is_clear(Reason.UNKNOWN_SCENE) else 0
         self._frames += 1
         at = observation.frame.captured_at - observation.scene_age
-        self._newest = Scene(observation.embedding, at)
+        self._newest = _Scene(observation.embedding, at)

@@ -35,7 +35,7 @@ from companion.observers.recording.packer import IncidentPacker
 from companion.observers.recording.recorder import Recorder
 from companion.observers.video.video import Video
 from companion.storage import Journal
-from companion.storage.file_reader import Reader
+from companion.storage.file_reader import FileReader
 from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
@@ -117,7 +117,7 @@ def _main(
     journal = Journal(config.journal.path)
     writer = closing.enter_context(Writer(journal))
     closing.enter_context(log_to_file(config.journal.path, writer))
-    served = ServedFiles(config.journal.path, closing.enter_context(Reader()))
+    served = ServedFiles(config.journal.path, closing.enter_context(FileReader()))
     memory, saved = journal.load_memory(), journal.load_supervision() or {}
     # The memory lives as long as the daemon, and a full collection over all its scenes would stall the loop.
     gc.freeze()

@@ -10,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from anytraverse.bundle.checking import Plan, compare, words_of
-from anytraverse.bundle.comparing import LEVEL, Array, Comparison, Seen
+from anytraverse.bundle.checking import BundleCheckPlan, compare, words_of
+from anytraverse.bundle.comparing import LEVEL, Array, BundleComparison, TimedOutputs
 from anytraverse.bundle.machine import Machine, this_machine
 from anytraverse.bundle.manifest import Manifest, read_manifest, verify
 from anytraverse.bundle.pictures import frames_of
@@ -23,7 +23,7 @@ from anytraverse.perception.dense.perceiver import Dense, not_calibrated
 
 
 @dataclass
-class SizeComparison(Comparison):
+class SizeComparison(BundleComparison):
     """Collects the differences of maps of two sizes. The smaller map is enlarged to the larger one's size.
 
     attention: word -> the mean attention in the ROI of each frame, of the reference and of the other.
@@ -31,7 +31,7 @@ class SizeComparison(Comparison):
 
     attention: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
 
-    def add(self, reference: Seen, other: Seen) -> None:
+    def add(self, reference: TimedOutputs, other: TimedOutputs) -> None:
         """Add the results for one frame. Embeddings are not compared: each bundle has its own."""
         self.frames += 1
         if not np.isfinite(other.maps).all():
@@ -88,7 +88,7 @@ class Against:
         return self.milliseconds_reference / self.milliseconds
 
 
-def check_against(plan: Plan, reference: Path, say: Callable[[str], None]) -> Against:
+def check_against(plan: BundleCheckPlan, reference: Path, say: Callable[[str], None]) -> Against:
     """Compare the bundle of `plan` with the one in `reference`, both in the plan's precision.
 
     It writes nothing into either. Raises BundleError and PerceiverError when one of them is refused, fails,
@@ -187,7 +187,7 @@ class _Loaded:
     perceiver: Perceiver
 
 
-def _load(plan: Plan, folder: Path, say: Callable[[str], None]) -> _Loaded:
+def _load(plan: BundleCheckPlan, folder: Path, say: Callable[[str], None]) -> _Loaded:
     manifest = read_manifest(folder)
     manifest.parts(plan.precision)  # raises for a missing variant
     verify(folder, manifest, say)

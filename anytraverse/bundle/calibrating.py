@@ -24,7 +24,7 @@ from anytraverse.bundle.files import replace_text
 from anytraverse.bundle.manifest import MANIFEST
 from anytraverse.errors import BundleError
 from anytraverse.frame import Image
-from anytraverse.perception.dense.details import GROUP, Calibration, as_json
+from anytraverse.perception.dense.details import GROUP, ScoreCalibration, as_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,7 +49,7 @@ _MOST_PLACES = 256  # of one frame
 class Calibrated:
     """Holds a calibration, and the share of places where one of the `words` has an attention of 0.5."""
 
-    calibration: Calibration
+    calibration: ScoreCalibration
     explained: float
     words: tuple[str, ...]
 
@@ -91,7 +91,7 @@ def calibrate(
             "on these frames the model gives all words nearly the same score, so that nothing can be told to "
             "be unknown: check that the frames show your terrain, or use another model"
         )
-    calibration = Calibration(round(threshold, 6), round(temperature, 6), len(groups), CHANCE)
+    calibration = ScoreCalibration(round(threshold, 6), round(temperature, 6), len(groups), CHANCE)
     explained = float((np.concatenate(asked) >= calibration.threshold).mean())
     _write(folder, perceiver, calibration)
     say(f"calibrated on {len(groups)} frames: threshold {threshold:.4f}, temperature {temperature:.4f}")
@@ -131,7 +131,7 @@ def _spread(count: int) -> NDArray[np.intp]:
     return np.linspace(0, count - 1, min(count, _MOST_PLACES)).astype(np.intp)
 
 
-def _write(folder: Path, perceiver: Dense, calibration: Calibration) -> None:
+def _write(folder: Path, perceiver: Dense, calibration: ScoreCalibration) -> None:
     """Replace the calibration in the manifest, at once or not at all. Raises BundleError."""
     path = folder / MANIFEST
     try:

@@ -12,7 +12,7 @@ from typing import Any
 
 from anytraverse.bundle import against
 from anytraverse.bundle.calibrating import LEAST_RATIO
-from anytraverse.bundle.checking import MOST_WORDS, Plan, Report, check
+from anytraverse.bundle.checking import MOST_WORDS, BundleCheckPlan, BundleReport, check
 from anytraverse.bundle.timing import Timing
 from anytraverse.errors import PreferencesError
 from anytraverse.preferences import clean_word
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Check the bundle and print the report. Returns 2 for one not calibrated, 1 when int8 failed, else 0."""
-    plan = Plan(
+    plan = BundleCheckPlan(
         options.folder, options.frames, options.words, options.threads, options.precision, options.repeat
     )
     if options.against is not None:
@@ -85,7 +85,7 @@ def _say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def figures(report: Report) -> dict[str, Any]:
+def figures(report: BundleReport) -> dict[str, Any]:
     """Return the whole report for JSON."""
     manifest, timing = report.manifest, report.timing
     return {
@@ -109,7 +109,7 @@ def figures(report: Report) -> dict[str, Any]:
     }
 
 
-def text(report: Report) -> str:
+def text(report: BundleReport) -> str:
     """Return the whole report as lines for a person."""
     manifest, machine = report.manifest, report.machine
     size, names = manifest.image, list(report.timings)
@@ -140,7 +140,7 @@ def _judged_by(timing: Timing) -> str:
     )
 
 
-def _calibrated(report: Report) -> list[str]:
+def _calibrated(report: BundleReport) -> list[str]:
     found = report.calibrated
     if found is None:
         return []
@@ -157,7 +157,7 @@ def _calibrated(report: Report) -> list[str]:
     return lines
 
 
-def _compared(report: Report) -> list[str]:
+def _compared(report: BundleReport) -> list[str]:
     record = report.record
     if record is None:
         return []

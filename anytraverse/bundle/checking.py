@@ -13,7 +13,7 @@ from statistics import median
 import numpy as np
 
 from anytraverse.bundle.calibrating import Calibrated, calibrate
-from anytraverse.bundle.comparing import Array, Comparison, Seen
+from anytraverse.bundle.comparing import Array, BundleComparison, TimedOutputs
 from anytraverse.bundle.machine import Machine, this_machine
 from anytraverse.bundle.manifest import Manifest, manifest_digest, read_manifest, verify
 from anytraverse.bundle.pictures import frames_of
@@ -40,7 +40,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Plan:
+class BundleCheckPlan:
     """Holds what to check: `frames` is a folder of pictures or a video, `words` empty for `WORDS`.
 
     precision: the variant that is loaded first, and whose memory is reported. repeat: how often parts are
@@ -56,7 +56,7 @@ class Plan:
 
 
 @dataclass
-class Report:
+class BundleReport:
     """Holds the results of a check.
 
     memory: the peak with the first variant alone, MB. loads: precision -> seconds to load it. timings:
@@ -83,7 +83,7 @@ class Report:
         return self.timings.get(self.variant) or next(iter(self.timings.values()))
 
 
-def check(plan: Plan, say: Say) -> Report:
+def check(plan: BundleCheckPlan, say: Say) -> BundleReport:
     """Verify, load and time the bundle. With frames, calibrate a dense one, compare variants, store a record.
 
     say: receives lines about the progress. Raises BundleError and PerceiverError when the bundle is refused
@@ -92,7 +92,7 @@ def check(plan: Plan, say: Say) -> Report:
     manifest = read_manifest(plan.folder)
     manifest.parts(plan.precision)  # raises for a missing variant, before minutes of work
     runtime = Runtime(threads=plan.threads)
-    report = Report(manifest, this_machine(), runtime.cores)
+    report = BundleReport(manifest, this_machine(), runtime.cores)
     if plan.frames is not None:
         next(frames_of(plan.frames, _silent))  # raises when no picture can be read
         if "int8" in manifest.variants or manifest.kind == DENSE:
@@ -113,7 +113,7 @@ def check(plan: Plan, say: Say) -> Report:
     return report
 
 
-def _load_and_time(plan: Plan, precision: str, report: Report, say: Say) -> Perceiver:
+def _load_and_time(plan: BundleCheckPlan, precision: str, report: BundleReport, say: Say) -> Perceiver:
     """Load a variant and time it."""
     say(f"loading {precision}")
     begin = time.perf_counter()
@@ -131,14 +131,18 @@ def _load_and_time(plan: Plan, precision: str, report: Report, say: Say) -> Perc
     return perceiver
 
 
-def _fp32(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> Perceiver:
+def _fp32(
+    plan: BundleCheckPlan, perceivers: dict[str, Perceiver], report: BundleReport, say: Say
+) -> Perceiver:
     """Return the fp32 variant; it is loaded and timed where it was not."""
     if "fp32" not in perceivers:
         perceivers["fp32"] = _load_and_time(plan, "fp32", report, say)
     return perceivers["fp32"]
 
 
-def _calibrate(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> None:
+def _calibrate(
+    plan: BundleCheckPlan, perceivers: dict[str, Perceiver], report: BundleReport, say: Say
+) -> None:
     """Calibrate by fp32; what is loaded already uses the new calibration, too."""
     fp32 = _fp32(plan, perceivers, report, say)
     assert isinstance(fp32, Dense)
@@ -151,10 +155,12 @@ def _calibrate(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say
         perceiver.calibration = report.calibrated.calibration
 
 
-def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, say: Say) -> CheckRecord:
+def _check_int8(
+    plan: BundleCheckPlan, perceivers: dict[str, Perceiver], report: BundleReport, say: Say
+) -> CheckRecord:
     fp32 = _fp32(plan, perceivers, report, say)
     words = words_of(plan, fp32)
-    comparison, slow, fast = Comparison(words), report.timings["fp32"].step, 0.0
+    comparison, slow, fast = BundleComparison(words), report.timings["fp32"].step, 0.0
     try:
         int8 = perceivers.get("int8") or _load_and_time(plan, "int8", report, say)
     except PerceiverError as error:
@@ -187,7 +193,7 @@ def _check_int8(plan: Plan, perceivers: dict[str, Perceiver], report: Report, sa
 
 
 def compare(
-    comparison: Comparison, reference: Perceiver, other: Perceiver, frames: Iterable[Image], say: Say
+    comparison: BundleComparison, reference: Perceiver, other: Perceiver, frames: Iterable[Image], say: Say
 ) -> tuple[float, float]:
     """Run both on every frame and return their median milliseconds.
 
@@ -214,16 +220,16 @@ def compare(
     return (median(slow), median(fast)) if slow else (0.0, 0.0)
 
 
-def _run_step(perceiver: Perceiver, image: Image, prompts: Sequence[Prompt]) -> Seen:
+def _run_step(perceiver: Perceiver, image: Image, prompts: Sequence[Prompt]) -> TimedOutputs:
     def step() -> tuple[Array, Array]:
         features = perceiver.encode(image)
         return perceiver.attend(features, prompts), perceiver.embed(features)
 
     (maps, embedding), milliseconds, _ = measured(step)
-    return Seen(maps, embedding, milliseconds)
+    return TimedOutputs(maps, embedding, milliseconds)
 
 
-def words_of(plan: Plan, perceiver: Perceiver) -> list[str]:
+def words_of(plan: BundleCheckPlan, perceiver: Perceiver) -> list[str]:
     """Return the words to look for; where the caller gives none, words that the perceiver knows."""
     if plan.words:
         for word in plan.words:

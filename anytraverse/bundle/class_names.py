@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from anytraverse.errors import BundleError, PreferencesError
-from anytraverse.perception.classes.words import NamedClass, Words
+from anytraverse.perception.classes.words import ClassWords, NamedClass
 from anytraverse.preferences import clean_word
 from anytraverse.regular_file import read_regular
 
 _LARGEST = 1 << 20
 
 
-def read_class_names(path: Path) -> Words:
+def read_class_names(path: Path) -> ClassWords:
     """Read the classes from a text file, in the order of the network's outputs.
 
         # one class a line: its name, then its synonyms after commas
@@ -33,7 +33,7 @@ def read_class_names(path: Path) -> Words:
             raise BundleError(f"{path}, line {number}: {error}") from None
         classes.append(NamedClass(name, tuple(synonyms), not entry.startswith("-")))
     try:
-        return Words(classes)
+        return ClassWords(classes)
     except BundleError as error:
         raise BundleError(f"{path}: {error}") from None
 

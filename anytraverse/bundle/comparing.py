@@ -31,7 +31,7 @@ LEAST_GAIN = 1.1
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class TimedOutputs:
     """Holds maps (words, h, w) in [0, 1], an embedding (d,) of length 1, and milliseconds for both."""
 
     maps: Array
@@ -40,7 +40,7 @@ class Seen:
 
 
 @dataclass
-class Comparison:
+class BundleComparison:
     """Collects the differences, frame by frame.
 
     failure: why int8 fails whatever the figures, or "". stray: the largest share of a picture that differs
@@ -57,7 +57,7 @@ class Comparison:
     _both: dict[str, int] = field(default_factory=dict)
     _either: dict[str, int] = field(default_factory=dict)
 
-    def add(self, fp32: Seen, int8: Seen) -> None:
+    def add(self, fp32: TimedOutputs, int8: TimedOutputs) -> None:
         """Add the results of both variants for one frame."""
         self.frames += 1
         if not (np.isfinite(int8.maps).all() and np.isfinite(int8.embedding).all()):

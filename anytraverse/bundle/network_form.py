@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.errors import BundleError
-from anytraverse.perception.classes.details import LAYOUTS, Details, InputForm
+from anytraverse.perception.classes.details import LAYOUTS, ClassesDetails, InputForm
 from anytraverse.perception.classes.network import FEATURES, Network
-from anytraverse.perception.classes.words import Words
+from anytraverse.perception.classes.words import ClassWords
 from anytraverse.perception.runtime import Runtime, open_session
 
 _DTYPES = ("tensor(float)", "tensor(uint8)")
@@ -39,14 +39,14 @@ class NetworkOptions:
 class NetworkForm:
     """Describes a network that was run. size: width and height of its input; maps: of its scores."""
 
-    details: Details
+    details: ClassesDetails
     size: tuple[int, int]
     maps: tuple[int, int]
     features: int | None
     """The number of channels of its features; None without features."""
 
 
-def network_form(model: Path, words: Words, wishes: NetworkOptions) -> NetworkForm:
+def network_form(model: Path, words: ClassWords, wishes: NetworkOptions) -> NetworkForm:
     """Open the network and run it on noise and on grey. Raises BundleError and PerceiverError."""
     runtime = Runtime()
     session = open_session(model, runtime)
@@ -65,7 +65,7 @@ def network_form(model: Path, words: Words, wishes: NetworkOptions) -> NetworkFo
     output = _output([each.name for each in session.get_outputs()], wishes.output)
     del session
     single = len(words.classes) == 1
-    details = Details(words, "sigmoid" if single else "softmax", form, output)
+    details = ClassesDetails(words, "sigmoid" if single else "softmax", form, output)
     network = Network(model, details, runtime)
     tried = [network.raw(picture) for picture in _pictures(*size)]
     if not all(np.isfinite(maps).all() for maps in tried[0] + tried[1]):

@@ -13,12 +13,12 @@ from typing import Any
 from anytraverse.evaluation.arguments import add_choice, add_dask, open_chosen
 from anytraverse.evaluation.datasets import KINDS, Dataset, kind_and_path
 from anytraverse.evaluation.defaults import Defaults, read_defaults
-from anytraverse.evaluation.evaluating import Evaluation, Share
+from anytraverse.evaluation.evaluating import Evaluation, WorkShare
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.matching import asked_names, refuse_asked
-from anytraverse.evaluation.records import Records
+from anytraverse.evaluation.records import TallyStore
 from anytraverse.evaluation.seeing import PerceiverRun, maps_identity
-from anytraverse.evaluation.summary import Summary
+from anytraverse.evaluation.summary import TallySummary
 from anytraverse.evaluation.tally import FORMAT, Rows
 from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.perception.runtime import Runtime
@@ -27,7 +27,7 @@ from anytraverse.release import own_version
 
 
 def add_asked(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that `Asked` reads, and --out and --json."""
+    """Add the arguments that `EvaluationRequest` reads, and --out and --json."""
     parser.add_argument(
         "--dataset",
         dest="folder",
@@ -50,7 +50,7 @@ def add_asked(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True)
-class Asked:
+class EvaluationRequest:
     """Holds what one run of a command asks of a data set and a perceiver.
 
     words: sets of words. drivable, unknown: classes, none in both and no unknown one that a word asks for.
@@ -66,7 +66,7 @@ class Asked:
     unknown: tuple[str, ...]
 
     @classmethod
-    def of(cls, options: argparse.Namespace, prompts: Sequence[str]) -> Asked:
+    def of(cls, options: argparse.Namespace, prompts: Sequence[str]) -> EvaluationRequest:
         """Open what the options name. prompts: sets of words; none: the paper's.
 
         Raises DatasetError, PreferencesError, PerceiverError, OSError.
@@ -88,7 +88,7 @@ class Asked:
         """Return the perceiver with each set of words. Raises PreferencesError."""
         return [PerceiverRun(self.perceiver, words) for words in self.words]
 
-    def judged(self, records: Records) -> Evaluation:
+    def judged(self, records: TallyStore) -> Evaluation:
         """Return the evaluation of all frames, judged on the cluster where there is one.
 
         Raises PreferencesError, DatasetError, SpreadError.
@@ -97,7 +97,7 @@ class Asked:
         if self.options.dask is not None:
             prompts = tuple(words.format() for words in self.words)
             options = self.options
-            share = Share(
+            share = WorkShare(
                 f"{self.kind}:{self.dataset.path.resolve()}",
                 self.split,
                 _absolute(options.perceiver),
@@ -108,7 +108,7 @@ class Asked:
             evaluation.on_cluster(share, options.dask)
         return evaluation
 
-    def records(self) -> Records:
+    def records(self) -> TallyStore:
         """Open the records in --out. Raises DatasetError, OSError."""
         classes = self.dataset.classes
         run = {
@@ -119,11 +119,11 @@ class Asked:
             "classes": [*classes.names, classes.ignore],
             "model": maps_identity(self.options.perceiver, self.perceiver),
         }
-        return Records(self.options.out, run, Rows(classes).count)
+        return TallyStore(self.options.out, run, Rows(classes).count)
 
-    def summary(self) -> Summary:
+    def summary(self) -> TallySummary:
         """Return a summary to which no frame has been added."""
-        return Summary(Rows(self.dataset.classes), self.drivable, self.unknown)
+        return TallySummary(Rows(self.dataset.classes), self.drivable, self.unknown)
 
     @property
     def split(self) -> str:

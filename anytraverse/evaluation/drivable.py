@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from anytraverse.evaluation.datasets import LabelledFrame
-from anytraverse.evaluation.labels import Classes, DatasetError
+from anytraverse.evaluation.labels import DatasetError, LabelClasses
 from anytraverse.evaluation.matching import Matches
 from anytraverse.evaluation.scores import Overlap, Ranking
 from anytraverse.evaluation.seeing import PerceiverRun, stretched, stretched_mask
@@ -47,7 +47,7 @@ class DrivableScore:
 def score_drivable(
     frames: Iterable[LabelledFrame],
     seeing: PerceiverRun,
-    classes: Classes,
+    classes: LabelClasses,
     drivable: Sequence[str],
     matches: Matches,
 ) -> DrivableScore:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from anytraverse.evaluation.arguments import setting
-from anytraverse.evaluation.asking import Asked, add_asked, conclude
+from anytraverse.evaluation.asking import EvaluationRequest, add_asked, conclude
 from anytraverse.evaluation.exhibits import Exhibit, draw
 from anytraverse.evaluation.page import page
 from anytraverse.evaluation.report import markdown, text_of
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Judge the frames, write the files, print the table and the JSON. Returns 0."""
-    asked = Asked.of(options, [] if options.prompts is None else [options.prompts])
+    asked = EvaluationRequest.of(options, [] if options.prompts is None else [options.prompts])
     (seeing,) = asked.runs()
     summary = asked.summary()
     with asked.records() as records:
@@ -59,7 +59,9 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _exhibits(figures: Mapping[str, Any], asked: Asked, seeing: PerceiverRun) -> dict[int, Exhibit]:
+def _exhibits(
+    figures: Mapping[str, Any], asked: EvaluationRequest, seeing: PerceiverRun
+) -> dict[int, Exhibit]:
     """Judge the best and the worst frames once more, and draw them."""
     drawn: dict[int, Exhibit] = {}
     for row in (*figures["worst"], *figures["best"]):

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from threading import local
 
 from anytraverse.errors import PerceiverError
-from anytraverse.evaluation.datasets import Dataset, Files, LabelledFrame, TornPictureError, open_dataset
+from anytraverse.evaluation.datasets import Dataset, FrameFiles, LabelledFrame, TornPictureError, open_dataset
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.progress import Progress
-from anytraverse.evaluation.records import Records
+from anytraverse.evaluation.records import TallyStore
 from anytraverse.evaluation.seeing import PerceiverRun, maps_identity
 from anytraverse.evaluation.spreading import spread
 from anytraverse.evaluation.tally import Rows, Tally
@@ -25,7 +25,7 @@ Judged = tuple[int, tuple[Tally, ...]]
 
 
 @dataclass(frozen=True)
-class Share:
+class WorkShare:
     """Names frames and all that a worker needs to judge them: folder, perceiver, words as text.
 
     model: `maps_identity` of the perceiver, which a worker's must have, too.
@@ -48,7 +48,7 @@ class Evaluation:
     tries them again.
     """
 
-    def __init__(self, dataset: Dataset, runs: Sequence[PerceiverRun], records: Records) -> None:
+    def __init__(self, dataset: Dataset, runs: Sequence[PerceiverRun], records: TallyStore) -> None:
         """runs: of one perceiver, at most `records.MOST_WORDS`."""
         self._dataset = dataset
         self._runs = runs
@@ -90,7 +90,7 @@ class Evaluation:
         if self.torn == len(self._dataset):
             raise DatasetError(f"{self._dataset.path} has no frame that can be read: copy the folder again")
 
-    def on_cluster(self, share: Share, address: str) -> None:
+    def on_cluster(self, share: WorkShare, address: str) -> None:
         """Judge the frames that are not stored on a Dask cluster, and store them.
 
         share: of this data set and these runs, without numbers. Damaged frames are left for the iteration.
@@ -115,7 +115,7 @@ class Evaluation:
             progress.close()
         self.resumed = len(self._dataset)
 
-    def _judged(self, number: int, files: Files, stored: Sequence[Tally | None]) -> tuple[Tally, ...]:
+    def _judged(self, number: int, files: FrameFiles, stored: Sequence[Tally | None]) -> tuple[Tally, ...]:
         """Return a frame's tallies, and store those that were not."""
         frame = self._dataset.read(number)
         features = _shared_features(self._runs, frame)
@@ -133,7 +133,7 @@ def _shared_features(runs: Sequence[PerceiverRun], frame: LabelledFrame) -> Feat
     return runs[0].perceiver.encode(frame.image) if len(runs) > 1 else None
 
 
-def judged_share(share: Share) -> list[tuple[int, tuple[bytes, ...]]]:
+def judged_share(share: WorkShare) -> list[tuple[int, tuple[bytes, ...]]]:
     """Judge frames in a worker of a cluster. Return their numbers and packed tallies, one for each prompt.
 
     Raises DatasetError, PerceiverError, PreferencesError.
@@ -154,7 +154,7 @@ def judged_share(share: Share) -> list[tuple[int, tuple[bytes, ...]]]:
 class _Opened(local):
     """What this thread has opened last, for its next share: a perceiver serves one thread."""
 
-    share: Share | None = None
+    share: WorkShare | None = None
     dataset: Dataset
     runs: tuple[PerceiverRun, ...]
 
@@ -162,7 +162,7 @@ class _Opened(local):
 _OPENED = _Opened()
 
 
-def _opened(share: Share) -> tuple[Dataset, tuple[PerceiverRun, ...]]:
+def _opened(share: WorkShare) -> tuple[Dataset, tuple[PerceiverRun, ...]]:
     """Open data set and perceiver, or return those of this thread. Raises as `judged_share` does."""
     if _OPENED.share != share:
         perceiver = make_perceiver(share.perceiver, Runtime(threads=share.threads))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from anytraverse.drawing import FAINT, GREEN, VERMILION, VIOLET, Colour, enlarged, fitted, hatching, tint
 from anytraverse.evaluation.datasets import LabelledFrame
 from anytraverse.evaluation.drivable import HALF
-from anytraverse.evaluation.labels import Classes
-from anytraverse.evaluation.seeing import Seen, stretched, stretched_mask
+from anytraverse.evaluation.labels import LabelClasses
+from anytraverse.evaluation.seeing import TimedMaps, stretched, stretched_mask
 from anytraverse.frame import Image
 
 WIDTH = 480
@@ -30,7 +30,7 @@ class Exhibit(NamedTuple):
     compared: bytes
 
 
-def draw(frame: LabelledFrame, seen: Seen, classes: Classes, drivable: Sequence[str]) -> Exhibit:
+def draw(frame: LabelledFrame, seen: TimedMaps, classes: LabelClasses, drivable: Sequence[str]) -> Exhibit:
     """Draw a frame. Green is drivable; in `compared` vermilion is found and wrong, violet was missed."""
     picture = fitted(frame.image, WIDTH)
     height, width = picture.shape[:2]

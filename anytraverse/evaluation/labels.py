@@ -29,7 +29,7 @@ class DatasetError(AnyTraverseError, ValueError):
 
 
 @dataclass(frozen=True)
-class Classes:
+class LabelClasses:
     """Holds the classes of a data set.
 
     names: as written, at most 256; the index is the id, classes of the same name count as one, and an id with
@@ -95,7 +95,7 @@ def fold(name: str) -> str:
     return " ".join(name.replace("_", " ").replace("-", " ").lower().split())
 
 
-def read_classes(folder: Path) -> Classes:
+def read_classes(folder: Path) -> LabelClasses:
     """Read `classes.json` of a folder. Raises DatasetError, which says what to write, and OSError."""
     file = folder / FILE
     try:
@@ -111,7 +111,7 @@ def read_classes(folder: Path) -> Classes:
     return _checked(file, found)
 
 
-def _checked(file: Path, found: Any) -> Classes:
+def _checked(file: Path, found: Any) -> LabelClasses:
     names = found.get("classes") if isinstance(found, dict) else None
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise DatasetError(f'{file} has no list of names under "classes": write {FORM}')
@@ -122,4 +122,4 @@ def _checked(file: Path, found: Any) -> Classes:
         raise DatasetError(
             f'{file} has {ignore!r} under "ignore": give the id of unlabelled pixels, 0 to 255'
         )
-    return Classes(tuple(names), ignore)
+    return LabelClasses(tuple(names), ignore)

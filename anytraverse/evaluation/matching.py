@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from anytraverse.errors import PreferencesError
-from anytraverse.evaluation.labels import Classes, DatasetError, fold
+from anytraverse.evaluation.labels import DatasetError, LabelClasses, fold
 from anytraverse.preferences import clean_word
 from anytraverse.synonyms import Meaning, meaning_of
 
@@ -28,7 +28,7 @@ def parse_matches(text: str) -> dict[str, tuple[str, ...]]:
     return matches
 
 
-def match_words(words: Iterable[str], classes: Classes, meaning: Meaning, given: Matches) -> Matches:
+def match_words(words: Iterable[str], classes: LabelClasses, meaning: Meaning, given: Matches) -> Matches:
     """Find the classes of each word: the given ones, or else those of the same name or meaning.
 
     A word without such a class gets the classes whose last part means the same ("trail" gets "smooth_trail"),

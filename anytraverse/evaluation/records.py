@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from anytraverse.evaluation.datasets import Files
+from anytraverse.evaluation.datasets import FrameFiles
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.tally import DamagedTallyError, Tally
 from anytraverse.preferences import Preferences
@@ -27,7 +27,7 @@ COMMIT;
 """
 
 
-class Records:
+class TallyStore:
     """Keeps tallies by words and frame in a file of SQLite, which survives a kill at any point.
 
     What else decides the maps is stored with them: a folder holds the tallies of one data set and one
@@ -60,7 +60,7 @@ class Records:
                 self._connection.close()
                 raise
 
-    def __enter__(self) -> Records:
+    def __enter__(self) -> TallyStore:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -85,11 +85,11 @@ class Records:
             self._execute("DELETE FROM tallies WHERE words NOT IN (SELECT id FROM words)")
         return int(key)
 
-    def holds(self, words: int, name: str, files: Files) -> bool:
+    def holds(self, words: int, name: str, files: FrameFiles) -> bool:
         """Return whether `get` returns a tally."""
         return self._find("1", words, name, files) is not None
 
-    def get(self, words: int, name: str, files: Files) -> Tally | None:
+    def get(self, words: int, name: str, files: FrameFiles) -> Tally | None:
         """Return the tally of a frame; None when there is none of the files as they are now.
 
         words: what `use` returned. Raises DatasetError.
@@ -98,7 +98,7 @@ class Records:
             found = self._find("tally", words, name, files)
             return Tally.unpacked(found[0], self._rows) if found else None
 
-    def add(self, words: int, name: str, files: Files, tally: Tally) -> None:
+    def add(self, words: int, name: str, files: FrameFiles, tally: Tally) -> None:
         """Store a tally; it is there after a kill. Raises DatasetError, e.g. when the disk is full."""
         with self._refusals():
             self._execute(
@@ -109,7 +109,7 @@ class Records:
                 tally.packed(),
             )
 
-    def _find(self, column: str, words: int, name: str, files: Files) -> Any:
+    def _find(self, column: str, words: int, name: str, files: FrameFiles) -> Any:
         where = "WHERE words = ? AND name = ? AND stamp = ?"
         with self._refusals():
             return self._execute(
@@ -140,7 +140,7 @@ class Records:
         )
 
 
-def _stamp(files: Files) -> str:
+def _stamp(files: FrameFiles) -> str:
     """Return what changes when a frame's files change: their sizes and times of change."""
     states = (files.picture.stat(), files.label.stat())
     return " ".join(f"{state.st_size}:{state.st_mtime_ns}" for state in states)

@@ -9,7 +9,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.evaluation.datasets import LabelledFrame
 from anytraverse.evaluation.degrade import DEGRADATIONS, degraded
 from anytraverse.evaluation.drivable import HALF
-from anytraverse.evaluation.labels import Classes, DatasetError
+from anytraverse.evaluation.labels import DatasetError, LabelClasses
 from anytraverse.evaluation.scores import Mean, Overlap, Share
 from anytraverse.evaluation.seeing import PerceiverRun, stretched, stretched_mask
 
@@ -35,7 +35,7 @@ class GroundScore:
     above: Share = field(default_factory=lambda: Share(HALF))
 
     def add(
-        self, seeing: PerceiverRun, frame: LabelledFrame, classes: Classes, drivable: Sequence[str]
+        self, seeing: PerceiverRun, frame: LabelledFrame, classes: LabelClasses, drivable: Sequence[str]
     ) -> float:
         """Judge a frame and count it. Returns the milliseconds of judging. Raises PerceiverError."""
         seen = seeing.look(frame)
@@ -68,7 +68,7 @@ def parse_degradations(text: str) -> list[str]:
 def score_degraded(
     frames: Iterable[LabelledFrame],
     seeing: PerceiverRun,
-    classes: Classes,
+    classes: LabelClasses,
     drivable: Sequence[str],
     names: Sequence[str],
 ) -> tuple[dict[str, GroundScore], list[float]]:

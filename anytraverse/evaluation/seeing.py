@@ -24,7 +24,7 @@ from anytraverse.synonyms import refuse_contradictions
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class TimedMaps:
     """Holds the maps of a frame, at the model's own resolution, and the milliseconds they took."""
 
     maps: Maps
@@ -61,7 +61,7 @@ class PerceiverRun:
         self._drivable = [prompt for prompt in self._prompts if prompt.drivable]
         self._settings = Settings()
 
-    def look(self, frame: LabelledFrame, features: Features | None = None) -> Seen:
+    def look(self, frame: LabelledFrame, features: Features | None = None) -> TimedMaps:
         """Encode, attend and pool. features: of this frame, so that it is not encoded again.
 
         Raises PerceiverError, also for maps that cannot be used.
@@ -78,7 +78,7 @@ class PerceiverRun:
         milliseconds = (time.perf_counter() - begin) * 1e3
         if isinstance(maps, Finding):
             raise PerceiverError(f"{frame.name}: {maps.figure}: the perceiver is broken, or its files are")
-        return Seen(maps, milliseconds)
+        return TimedMaps(maps, milliseconds)
 
 
 def stretched(values: Map, shape: tuple[int, int]) -> Map:

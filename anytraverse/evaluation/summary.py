@@ -44,7 +44,7 @@ class FrameScore:
 
 
 @dataclass
-class Summary:
+class TallySummary:
     """Adds tallies up. drivable, unknown: names of classes, as `Classes.choose` returns them."""
 
     rows: Rows

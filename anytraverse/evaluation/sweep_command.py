@@ -9,11 +9,11 @@ from dataclasses import replace
 from typing import Any
 
 from anytraverse.evaluation.arguments import add_cache, cache_bytes, rounded, shown
-from anytraverse.evaluation.asking import Asked, add_asked, conclude
+from anytraverse.evaluation.asking import EvaluationRequest, add_asked, conclude
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.records import MOST_WORDS
 from anytraverse.evaluation.seeing import maps_identity
-from anytraverse.evaluation.summary import Summary, as_csv
+from anytraverse.evaluation.summary import TallySummary, as_csv
 from anytraverse.evaluation.weights import WeightScore, WeightSweep, read_weights
 from anytraverse.perception.stored import PerceptionStore, StoredPerceiver, default_cache
 from anytraverse.preferences import Preferences
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     given = list(dict.fromkeys(options.prompts))
     if not (given or sets):
         raise DatasetError("nothing is compared: give --prompts for each set of words, or --weights")
-    asked = Asked.of(options, [*given, *(one.format() for one in sets[:1])])
+    asked = EvaluationRequest.of(options, [*given, *(one.format() for one in sets[:1])])
     ranked = _ranked(asked, sets) if sets else []
     words = [*map(Preferences.parse, given), *(one.words for one in in_full(ranked))]
     asked = replace(asked, words=tuple(dict.fromkeys(words)))
@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _ranked(asked: Asked, sets: Sequence[Preferences]) -> list[WeightScore]:
+def _ranked(asked: EvaluationRequest, sets: Sequence[Preferences]) -> list[WeightScore]:
     """Score sets of weights by small maps, the best first. No frame is perceived that was seen before."""
     options = asked.options
     identity = maps_identity(options.perceiver, asked.perceiver)
@@ -146,7 +146,7 @@ def _weight_row(one: WeightScore) -> dict[str, Any]:
     }
 
 
-def _row(prompts: str, summary: Summary) -> dict[str, Any]:
+def _row(prompts: str, summary: TallySummary) -> dict[str, Any]:
     """Return the figures of a set of words for JSON."""
     figures = summary.figures(0)
     best = max(figures["curve"], key=lambda step: (step["iou_mean"] or 0.0, -abs(step["threshold"] - 0.5)))

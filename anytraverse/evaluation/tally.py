@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.evaluation.datasets import LabelledFrame
-from anytraverse.evaluation.labels import Classes, fold
+from anytraverse.evaluation.labels import LabelClasses, fold
 from anytraverse.evaluation.scores import COARSE, Counts
-from anytraverse.evaluation.seeing import Seen, stretched, stretched_mask
+from anytraverse.evaluation.seeing import TimedMaps, stretched, stretched_mask
 from anytraverse.judging import Settings
 
 THRESHOLDS = tuple(step / 20 for step in range(1, 20))
@@ -35,7 +35,7 @@ class DamagedTallyError(AnyTraverseError):
 class Rows:
     """Assigns a row of counts to each class; the last row is for pixels without a label."""
 
-    classes: Classes
+    classes: LabelClasses
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -75,7 +75,7 @@ class Tally:
     milliseconds: float
 
     @classmethod
-    def of(cls, seen: Seen, frame: LabelledFrame, rows: Rows) -> Tally:
+    def of(cls, seen: TimedMaps, frame: LabelledFrame, rows: Rows) -> Tally:
         """Count a frame at its labels' size."""
         shape = frame.labels.shape
         row = rows.table()[frame.labels]

@@ -20,8 +20,8 @@ from anytraverse.export.linear import LINEAR
 from anytraverse.export.making import TOKEN_TABLE, TOKENIZER, check_precisions, check_weights, save_tokenizer
 from anytraverse.export.smoothing import smoothed
 from anytraverse.perception import DefaultThresholds
-from anytraverse.perception.dense.details import Details, as_json
-from anytraverse.perception.dense.words import Words
+from anytraverse.perception.dense.details import DenseDetails, as_json
+from anytraverse.perception.dense.words import WordEmbeddings
 from anytraverse.perception.resizing import Fit
 from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.text_tower import TextTower
@@ -94,7 +94,7 @@ def make_dense_bundle(
     for weights in (checkpoint.weights, {"token_embedding": checkpoint.tokens}):
         check_weights(weights)
     grid = side // arch.vision.patch
-    details = Details(arch.family, grid, arch.joint, tuple(templates), WORDS, tuple(absent))
+    details = DenseDetails(arch.family, grid, arch.joint, tuple(templates), WORDS, tuple(absent))
     variants: dict[str, dict[str, str]] = {}
     with BundleWriter(out, say) as writer:
         for precision in dict.fromkeys(("fp32", *precisions)):
@@ -109,7 +109,7 @@ def make_dense_bundle(
         save_tokenizer(writer.folder / TOKENIZER, checkpoint.tokenizer, len(checkpoint.tokens))
         say(f"embedding {len(WORDS) + len(absent)} words")
         tower = TextTower([writer.folder / file for file in pieces], writer.folder / TOKEN_TABLE, Runtime())
-        words = Words(tower, writer.folder / TOKENIZER, templates)
+        words = WordEmbeddings(tower, writer.folder / TOKENIZER, templates)
         for file, texts in ((ABSENT_FILE, absent), (WORDS_FILE, WORDS)):
             np.save(writer.folder / file, np.stack(words.embeddings(texts)))
         variants["fp32"] |= {"tokens": TOKEN_TABLE, "tokenizer": TOKENIZER}

@@ -21,7 +21,7 @@ _FILE = "models/efficientnet-lite0-57934424.pth"
 _EPSILON = 1e-3  # of all normalisations
 
 
-class Stage(NamedTuple):
+class _Stage(NamedTuple):
     """Holds a stage: blocks that repeat, kernel side, stride of the first, expansion, output channels."""
 
     repeats: int
@@ -33,13 +33,13 @@ class Stage(NamedTuple):
 
 STEM = 32
 STAGES = (
-    Stage(1, 3, 1, 1, 16),
-    Stage(2, 3, 2, 6, 24),
-    Stage(2, 5, 2, 6, 40),
-    Stage(3, 3, 2, 6, 80),
-    Stage(3, 5, 1, 6, 112),
-    Stage(4, 5, 2, 6, 192),
-    Stage(1, 3, 1, 6, 320),
+    _Stage(1, 3, 1, 1, 16),
+    _Stage(2, 3, 2, 6, 24),
+    _Stage(2, 5, 2, 6, 40),
+    _Stage(3, 3, 2, 6, 80),
+    _Stage(3, 5, 1, 6, 112),
+    _Stage(4, 5, 2, 6, 192),
+    _Stage(1, 3, 1, 6, 320),
 )
 _LAST_OF_SCALE = (2, 4, 10, 15)  # blocks
 

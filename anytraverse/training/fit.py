@@ -20,7 +20,7 @@ from anytraverse.training.backbone import pretrained
 from anytraverse.training.calibration import fitted_distances, plain, tap_background
 from anytraverse.training.classes import CLASSES
 from anytraverse.training.export import LARGEST, export, read_back
-from anytraverse.training.fitting import Material, Options, Progress, train
+from anytraverse.training.fitting import FitOptions, Material, Progress, train
 from anytraverse.training.folders import Folder, Split
 from anytraverse.training.joint import recalibrated
 from anytraverse.training.net import GroundNet
@@ -45,7 +45,7 @@ class Fitted:
 
 
 def fit(
-    material: Material, split: Split, options: Options, folder: Path, progress: Progress | None = None
+    material: Material, split: Split, options: FitOptions, folder: Path, progress: Progress | None = None
 ) -> Fitted:
     """Train from the ImageNet weights on all blocks but those of `split`, calibrate on validation.
 
@@ -64,7 +64,7 @@ def fit_on(
     start: Path,
     material: Material,
     split: Split,
-    options: Options,
+    options: FitOptions,
     folder: Path,
     progress: Progress | None = None,
 ) -> Fitted:
@@ -85,7 +85,7 @@ def fit_on(
 
 
 def _exported(
-    net: GroundNet, material: Material, options: Options, folder: Path, progress: Progress | None
+    net: GroundNet, material: Material, options: FitOptions, folder: Path, progress: Progress | None
 ) -> Path:
     path = folder / "trained.onnx"
     export(train(net, material, options, progress), path, material.real)

@@ -26,7 +26,7 @@ _UNKNOWN_SHARE = 0.03  # rough share of pixels covered by pasted things, which n
 
 
 @dataclass(frozen=True)
-class Options:
+class FitOptions:
     """Holds the options of a training.
 
     steps: number of batches. batch: views in each. rate: the highest learning rate. made_share: share of
@@ -46,7 +46,7 @@ class Options:
     threads: int = 1
 
 
-REFIT = Options(steps=150, rate=1e-3, decay=0.98, pull=1e-3)
+REFIT = FitOptions(steps=150, rate=1e-3, decay=0.98, pull=1e-3)
 """Options that suit a trained network."""
 
 
@@ -68,7 +68,7 @@ Progress = Callable[[int, int, float, float], None]
 
 
 def train(
-    net: GroundNet, material: Material, options: Options, progress: Progress | None = None
+    net: GroundNet, material: Material, options: FitOptions, progress: Progress | None = None
 ) -> GroundNet:
     """Train the decoder of `net`, which is changed, and return it with the average over its weights.
 
@@ -114,7 +114,7 @@ def train(
     return finished
 
 
-def batch(material: Material, options: Options, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+def batch(material: Material, options: FitOptions, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
     """Draw augmented views (n, 3, h, w), float 0 to 255, and their classes (n, h/4, w/4) at the logits."""
     size = SIZES[int(rng.choice(len(SIZES), p=_SIZE_ODDS))]
     views = []

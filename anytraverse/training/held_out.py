@@ -28,7 +28,7 @@ _SEED = 8  # for pasting things, so that both networks see the same ones
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveScores:
     """Holds the scores of the fit and of the replaced network on the frames of one block; None: of all."""
 
     block: int | None
@@ -43,7 +43,7 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class HeldOutComparison:
     """Holds the scores of each drive and of all, and the figures by which a fit is refused.
 
     recalibrated: IoU of the replaced network with bias and limits fitted to these drives; None where those of
@@ -53,8 +53,8 @@ class Comparison:
     noticed_recalibrated: that of the replaced network as for `recalibrated`.
     """
 
-    drives: tuple[Drive, ...]
-    all: Drive
+    drives: tuple[DriveScores, ...]
+    all: DriveScores
     recalibrated: float | None
     things: float
     things_before: float
@@ -124,7 +124,7 @@ class Comparison:
 
 def compare(
     fitted: Model, replaced: Model, folder: Folder, cutouts: Sequence[Cutout] = (), *, chosen_here: bool
-) -> Comparison:
+) -> HeldOutComparison:
     """Compare both on the frames of a folder; chosen_here: the fit's calibration was chosen on them.
 
     A calibration chosen on these frames is an advantage: the replaced network is then calibrated on them too.
@@ -134,17 +134,17 @@ def compare(
     new, old = (outputs(network, folder) for network, _ in (fitted, replaced))
     blocks = [frame.number // BLOCK for frame in folder.frames]
 
-    def drive(block: int | None) -> Drive:
+    def drive(block: int | None) -> DriveScores:
         chosen = [index for index, own in enumerate(blocks) if block is None or own == block]
         scores = (
             score([results[index] for index in chosen], calibration)
             for results, (_, calibration) in zip((new, old), (fitted, replaced), strict=True)
         )
-        return Drive(block, len(chosen), *scores)
+        return DriveScores(block, len(chosen), *scores)
 
     new_things, old_things = (seen(network, folder, _SEED, cutouts) for network, _ in (fitted, replaced))
     again = recalibrated(replaced[0], folder, replaced[1], cutouts) if chosen_here else None
-    return Comparison(
+    return HeldOutComparison(
         tuple(drive(block) for block in folder.blocks),
         drive(None),
         score(old, again).iou if again else None,
@@ -177,7 +177,7 @@ def _number(share: float) -> float | None:
     return None if math.isnan(share) else round(share, 4)
 
 
-def _figures(drive: Drive) -> dict[str, Any]:
+def _figures(drive: DriveScores) -> dict[str, Any]:
     return {
         "images": drive.images,
         "iou_pooled": round(drive.fitted.iou, 4),

@@ -21,7 +21,7 @@ from anytraverse.memory import first_memory
 from anytraverse.perception.builtin.attention import distance, posteriors
 from anytraverse.perception.builtin.calibration import Calibration, Floats
 from anytraverse.perception.builtin.network import Outputs
-from anytraverse.perception.builtin.perceiver import Ground, GroundNetwork
+from anytraverse.perception.builtin.perceiver import GroundNetwork, GroundOutputs
 from anytraverse.preferences import Preferences
 from anytraverse.training.classes import CLASSES, DRIVABLE, UNLABELLED
 from anytraverse.training.cutouts import Cutout
@@ -47,7 +47,7 @@ Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class _Outcome:
     """Holds what a rover does on some drives: counts of pixels, of clean frames and of pasted things."""
 
     overlap: float
@@ -57,9 +57,9 @@ class Outcome:
     noticed: int
     things: int
 
-    def __add__(self, other: Outcome) -> Outcome:
+    def __add__(self, other: _Outcome) -> _Outcome:
         """Add the counts of other drives."""
-        return Outcome(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+        return _Outcome(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
 
     def __str__(self) -> str:
         return (
@@ -125,13 +125,13 @@ class Outcomes:
         """Return the calibration of a choice."""
         return replace(self.rows[choice[0]], tile=float(self.tiles[choice[1]]))
 
-    def outcome(self, choice: tuple[int, int], drive: int) -> Outcome:
+    def outcome(self, choice: tuple[int, int], drive: int) -> _Outcome:
         """Return what a choice does on the frames of a drive as they were filmed, and on its things."""
         row, tile = choice[0], self.tiles[choice[1]]
         own, things = (self.drives == drive) & self.filmed, self.of == drive
         clean = own & self.clean
         bad = self.otherwise[row, clean] | (self.worst[row, clean] > tile)
-        return Outcome(
+        return _Outcome(
             float(self.overlap[row, own].sum()),
             float(self.union[row, own].sum()),
             int(bad.sum()),
@@ -140,16 +140,16 @@ class Outcomes:
             int(things.sum()),
         )
 
-    def left_out(self, required: float) -> dict[int, Outcome]:
+    def left_out(self, required: float) -> dict[int, _Outcome]:
         """Return for each drive what the choice of all others does on it."""
         return {
             int(drive): self.outcome(self.choose(required, int(drive)), int(drive))
             for drive in np.unique(self.drives)
         }
 
-    def frontier(self) -> dict[float, Outcome]:
+    def frontier(self) -> dict[float, _Outcome]:
         """Return for each required recall what is reached on the drives that were left out, in all."""
-        nothing = Outcome(0.0, 0.0, 0, 0, 0, 0)
+        nothing = _Outcome(0.0, 0.0, 0, 0, 0, 0)
         return {required: sum(self.left_out(required).values(), nothing) for required in FRONTIER}
 
 
@@ -289,7 +289,7 @@ class _Judge:
         return float(overlap), float(union), max(tiles), rest
 
     def _observation(self, outputs: Outputs, far: Floats, image: Image) -> Observation:
-        ground = Ground(_NO_FRAME, outputs, posteriors(outputs, self._calibration, far))
+        ground = GroundOutputs(_NO_FRAME, outputs, posteriors(outputs, self._calibration, far))
         return Observation(Frame(0, 0.0, image), ground, _SOMEWHERE)
 
 

@@ -44,7 +44,7 @@ class Pointwise(nn.Sequential):  # type: ignore[misc]
         super().__init__(nn.Conv2d(inputs, outputs, 1, bias=False), nn.BatchNorm2d(outputs))
 
 
-class Decoder(nn.Module):  # type: ignore[misc]
+class _Decoder(nn.Module):  # type: ignore[misc]
     """Maps the backbone's features to logits (n, C, h/4, w/4) and features (n, 32, h/4, w/4)."""
 
     def __init__(self, classes: int = len(CLASSES)) -> None:
@@ -81,7 +81,7 @@ class GroundNet(nn.Module):  # type: ignore[misc]
     def __init__(self, classes: int = len(CLASSES)) -> None:
         super().__init__()
         self.backbone = Backbone().requires_grad_(requires_grad=False)
-        self.decoder = Decoder(classes)
+        self.decoder = _Decoder(classes)
 
     def train(self, mode: bool = True) -> GroundNet:
         """Set the training mode of the decoder; the backbone stays in evaluation mode."""

@@ -19,13 +19,13 @@ from anytraverse.training.calibration import FEWEST_FRAMES
 from anytraverse.training.classes import DRIVABLE
 from anytraverse.training.cutouts import Cutout, read_cutouts, split_cutouts
 from anytraverse.training.fit import Fitted, check_out, details, fit, fit_on, stored, write
-from anytraverse.training.fitting import REFIT, Material, Options
+from anytraverse.training.fitting import REFIT, FitOptions, Material
 from anytraverse.training.folders import Folder, Split, read_folder, suggested
-from anytraverse.training.held_out import Comparison, Model, compare
+from anytraverse.training.held_out import HeldOutComparison, Model, compare
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
+class _Work:
     """Holds the input of a fit.
 
     start: the network to train on from, or None. replaced: the file of the network that the fit must not be
@@ -34,7 +34,7 @@ class Work:
 
     material: Material
     split: Split
-    options: Options
+    options: FitOptions
     start: Path | None
     replaced: tuple[Path, Model]
 
@@ -55,7 +55,7 @@ def run_fit(given: argparse.Namespace) -> int:
         raise
 
 
-def prepared(given: argparse.Namespace) -> Work:
+def prepared(given: argparse.Namespace) -> _Work:
     """Check and read all input, so that errors come before the training. Raises AnyTraverseError, OSError."""
     check_out(given.out)
     start = None if given.start == "scratch" else SHIPPED if given.start == "builtin" else Path(given.start)
@@ -69,7 +69,7 @@ def prepared(given: argparse.Namespace) -> Work:
         ) from error
     if start is not None:
         stored(start)
-    options = REFIT if start else Options()
+    options = REFIT if start else FitOptions()
     steps = options.steps if given.steps is None else given.steps
     if given.threads < 1 or steps < (0 if start else 1):
         raise TrainingError("--threads and --steps begin at 1; --steps 0 needs a network to begin from")
@@ -99,10 +99,10 @@ def prepared(given: argparse.Namespace) -> Work:
     kept: tuple[Cutout, ...] = ()
     if cutouts and start:  # from scratch all are needed: made things alone check that training
         cutouts, kept = split_cutouts(cutouts)
-    return Work(Material(real, made, cutouts, kept), split, options, start, (replaced, model))
+    return _Work(Material(real, made, cutouts, kept), split, options, start, (replaced, model))
 
 
-def trained(work: Work, folder: Path) -> Fitted:
+def trained(work: _Work, folder: Path) -> Fitted:
     """Train with a progress bar; the network is written to `folder`. Raises TrainingError."""
     bar, shown = Progress(work.options.steps, "steps"), 0
 
@@ -119,7 +119,7 @@ def trained(work: Work, folder: Path) -> Fitted:
         bar.close()
 
 
-def _compare_and_write(given: argparse.Namespace, work: Work, fitted: Fitted) -> int:
+def _compare_and_write(given: argparse.Namespace, work: _Work, fitted: Fitted) -> int:
     training, validation, test = work.split.parts(work.material.real)
     (replaced, before), model = work.replaced, fitted.model
     cutouts = work.material.kept_cutouts
@@ -162,7 +162,7 @@ def _compare_and_write(given: argparse.Namespace, work: Work, fitted: Fitted) ->
     return 0 if figures["written"] else 1
 
 
-def _unchanged(work: Work, fitted: Fitted) -> bool:
+def _unchanged(work: _Work, fitted: Fitted) -> bool:
     """Return whether the fit is the network that it began from."""
     if work.start is None or work.options.steps:
         return False
@@ -170,7 +170,7 @@ def _unchanged(work: Work, fitted: Fitted) -> bool:
     return np.array_equal(before.bias, now.bias) and np.array_equal(before.limits, now.limits)
 
 
-def _advice(work: Work, compared: Comparison) -> str:
+def _advice(work: _Work, compared: HeldOutComparison) -> str:
     if not work.options.steps:
         return "Label more drives, or keep the network as it is"
     advice = "Label more drives, or try another --seed"
@@ -179,7 +179,7 @@ def _advice(work: Work, compared: Comparison) -> str:
     return advice
 
 
-def _show(what: str, compared: Comparison, more: list[str]) -> None:
+def _show(what: str, compared: HeldOutComparison, more: list[str]) -> None:
     print("\n".join([f"  {what}", *compared.table(), *(f"    {line}" for line in more)]))
 
 

@@ -34,7 +34,7 @@ _TRIES = 4  # for each thing, until one is large enough
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ThingOutputs:
     """Holds a network's outputs for a frame with one thing, without `features`, and where the thing is.
 
     where: (h/4, w/4), as the logits. aspect: width / height of the frame.
@@ -77,7 +77,7 @@ def pasted(
 
 def seen(
     network: Network, folder: Folder, seed: int, cutouts: Sequence[Cutout] = (), parts: int = 1
-) -> list[Seen]:
+) -> list[ThingOutputs]:
     """Run the network on each frame of `pasted`."""
     found = []
     for image, where in pasted(folder, seed, cutouts, parts):
@@ -86,12 +86,12 @@ def seen(
         small = cv2.resize(where.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
         whole = np.asarray(small >= min(0.5, float(small.max())), dtype=np.bool_)
         kept = outputs._replace(features=outputs.features[:0])
-        found.append(Seen(kept, whole, image.shape[1] / image.shape[0]))
+        found.append(ThingOutputs(kept, whole, image.shape[1] / image.shape[0]))
     return found
 
 
 def recall(
-    things: Sequence[Seen], calibration: Calibration, share: float = GroundNetwork.DEFAULTS.tile_share
+    things: Sequence[ThingOutputs], calibration: Calibration, share: float = GroundNetwork.DEFAULTS.tile_share
 ) -> float:
     """Calculate the share of things that a rover would notice; NaN without any.
 
@@ -103,13 +103,17 @@ def recall(
     return float(np.mean([noticed(thing, calibration, share) for thing in things]))
 
 
-def noticed(thing: Seen, calibration: Calibration, share: float = GroundNetwork.DEFAULTS.tile_share) -> bool:
+def noticed(
+    thing: ThingOutputs, calibration: Calibration, share: float = GroundNetwork.DEFAULTS.tile_share
+) -> bool:
     """Return whether a rover would notice a thing: see `recall`."""
     _, uncertainty = maps(thing.outputs, calibration, thing.where.shape)
     return worst_on(thing, uncertainty, share) > calibration.tile
 
 
-def worst_on(thing: Seen, uncertainty: Floats, share: float = GroundNetwork.DEFAULTS.tile_share) -> float:
+def worst_on(
+    thing: ThingOutputs, uncertainty: Floats, share: float = GroundNetwork.DEFAULTS.tile_share
+) -> float:
     """Return the highest mean uncertainty of a tile whose middle is on the thing. uncertainty: (h/4, w/4)."""
     rows, columns = thing.where.shape
     high, wide = tile_size(rows, columns, Settings().region.bounds, thing.aspect, share)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from anytraverse.assessment import Reason
-from anytraverse.evaluation.labels import Classes, Labels
+from anytraverse.evaluation.labels import LabelClasses, Labels
 from anytraverse.history import Place
 from bench.calls.operators import About
 from companion.calls.decisions import Call
@@ -136,7 +136,7 @@ class _Onlooker(LabelOperator):
     """An operator who sees the whole frame: what stands beside the tile is named, not the ground below it."""
 
     def __init__(self, film: FilmedField) -> None:
-        super().__init__(Classes(LABELS), lambda _: film.labels, DRIVABLE)
+        super().__init__(LabelClasses(LABELS), lambda _: film.labels, DRIVABLE)
         self._film = film
 
     def asked(self, call: Call, _frame: DriveFrame) -> str | None:

@@ -33,7 +33,7 @@ from companion.vision.client import VisionClient
 from companion.vision.codec import decode, decode_trusted, encode, encode_trusted
 from companion.vision.memory_copy import MemoryCopy, update_from, updated
 from companion.vision.messages import Done, Scenes, Start
-from companion.vision.process import Port, receive_start
+from companion.vision.process import SupervisorChannel, receive_start
 
 COUNTS = (10, 100, 256, 1000, 3000, 10_000)
 """256 is the limit as configured, 10,000 the highest that may be configured."""
@@ -173,7 +173,7 @@ def _handed_over(memory: Memory) -> Iterator[bytes]:
         yield encode_trusted(Scenes(scenes))
 
 
-class _Sent(Port):
+class _Sent(SupervisorChannel):
     """The vision process's end, with all that it was sent."""
 
     def __init__(self, parts: list[bytes]) -> None:

@@ -10,7 +10,7 @@ from anytraverse.operations import Operation, SetWord
 from bench.link.synthetic_frames import thing
 from companion.wire.answers import Answer
 from companion.wire.call_report import CallReport
-from companion.wire.delivery import Pending, Status
+from companion.wire.delivery import DeliveryStatus, Pending
 from companion.wire.ids import Motion, Result
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
@@ -103,4 +103,4 @@ class Operator:
 
 def expired(known: KnownCall) -> int:
     """Counts the answers of a call that ran out of time."""
-    return sum(one.status is Status.EXPIRED for one in known.answers)
+    return sum(one.status is DeliveryStatus.EXPIRED for one in known.answers)

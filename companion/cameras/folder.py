@@ -12,7 +12,7 @@ import numpy as np
 from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, decode
 from anytraverse.regular_file import read_regular
 from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, EndOfFrames
-from companion.cameras.playback import Pace
+from companion.cameras.playback import PlaybackPace
 
 _PHOTOS = {".jpg", ".jpeg"}
 _SUFFIXES = _PHOTOS | {".png", ".bmp", ".webp", ".tif", ".tiff"}
@@ -48,7 +48,7 @@ class PictureFolder:
     def __init__(self, place: str, options: CameraOptions) -> None:
         self._folder = Path(os.path.expanduser(place)).absolute()
         self._loop = options.loop
-        self._pace = Pace(options.playback or _USUAL_RATE)
+        self._pace = PlaybackPace(options.playback or _USUAL_RATE)
         self._frames: Iterator[Path] = iter(pictures(self._folder))
 
     def read(self, timeout: float) -> Capture:

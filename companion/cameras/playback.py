@@ -7,7 +7,7 @@ import time
 from companion.cameras import NoFrameYet
 
 
-class Pace:
+class PlaybackPace:
     """Lets a reader through `rate` times a second. It never speeds up to make up for lost time."""
 
     def __init__(self, rate: float) -> None:

@@ -10,7 +10,7 @@ import cv2
 
 from anytraverse.decoding import PictureTooLargeError, check_size
 from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, EndOfFrames
-from companion.cameras.playback import Pace
+from companion.cameras.playback import PlaybackPace
 
 _USUAL_RATE = 30.0
 _HIGHEST_RATE = 240.0
@@ -24,7 +24,7 @@ class VideoFile:
         self._loop = options.loop
         self._video = open_video(self._path)
         self._read_in_lap = 0
-        self._pace = Pace(options.playback or own_rate(self._video))
+        self._pace = PlaybackPace(options.playback or own_rate(self._video))
 
     def read(self, timeout: float) -> Capture:
         now = self._pace.wait(timeout)

@@ -23,7 +23,7 @@ _STRAINED_PERIOD = 1.0
 LEGEND = "green: drivable, red: not, violet: unknown"
 
 
-class Shown(NamedTuple):
+class ShownFrame(NamedTuple):
     """A drawn frame. captured_at: monotonic seconds. jpeg: the panel, or the video's picture.
 
     number: of a still picture of the video, 0 for others.
@@ -40,7 +40,7 @@ class _Drawing:
 
     def __init__(self, vision: VisionClient) -> None:
         self._vision = vision
-        self._asked: tuple[int, Shown] | None = None
+        self._asked: tuple[int, ShownFrame] | None = None
         """Number of the request, and what it will give, yet without jpeg."""
         self._restarts = 0
         """Restarts of vision when it was asked: a request before the last of them is lost."""
@@ -52,15 +52,15 @@ class _Drawing:
     def ask(
         self, seen: Assessment, title: str, state: State, video: VideoMarks | None = None, number: int = 0
     ) -> bool:
-        """Request a picture, unless one is being drawn. Whether it did. number: of `Shown`."""
+        """Request a picture, unless one is being drawn. Whether it did. number: of `ShownFrame`."""
         frame = seen.frame
         if self.busy or not self._vision.draw(frame.id, title, state, video=video, roi=seen.roi):
             return False
-        self._asked = self._vision.newest_request, Shown(frame.id, frame.captured_at, b"", number)
+        self._asked = self._vision.newest_request, ShownFrame(frame.id, frame.captured_at, b"", number)
         self._restarts = self._vision.watchdog.restarted
         return True
 
-    def drawn(self, turn: Turn) -> Shown | None:
+    def drawn(self, turn: Turn) -> ShownFrame | None:
         """Return the picture that was requested here, once it was drawn in this turn."""
         for event in turn.events:
             match event:
@@ -81,13 +81,13 @@ class LivePicture(Observer):
     def __init__(self, vision: VisionClient) -> None:
         self._drawing = _Drawing(vision)
         self._wanted = False
-        self._drawn: Shown | None = None
+        self._drawn: ShownFrame | None = None
 
     def want(self) -> None:
         """Have the next judged frame drawn."""
         self._wanted = True
 
-    def take(self) -> Shown | None:
+    def take(self) -> ShownFrame | None:
         """Return the newest picture once."""
         drawn, self._drawn = self._drawn, None
         return drawn
@@ -133,7 +133,7 @@ class VideoPictures(Observer):
         """The still picture that was requested last, None while live ones are."""
         self._complete = False
         """Whether the picture that was requested last was drawn."""
-        self._drawn: Shown | None = None
+        self._drawn: ShownFrame | None = None
         self._new = False
         self.watched = False
 
@@ -171,7 +171,7 @@ class VideoPictures(Observer):
         if self._drawing.ask(seen, title, state, VideoMarks(note=LEGEND)):
             self._complete, self._asked_at = False, now
 
-    def take(self, now: float) -> Shown | None:
+    def take(self, now: float) -> ShownFrame | None:
         """Return a new picture once, and a still one once a second.
 
         While vision hangs no tap can be judged: then the video says that its picture is old.

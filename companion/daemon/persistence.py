@@ -14,7 +14,7 @@ from companion.calls.snapshot import snapshot
 from companion.calls.summary import recorded
 from companion.daemon.answers.handler import Reply
 from companion.link.answer_store import AnswerStore
-from companion.storage import Batch, JournalError, Row
+from companion.storage import Batch, JournalError, TableRow
 from companion.storage.batch import as_json
 from companion.storage.writer import SLOW, Writer
 from companion.vision.messages import LARGEST_PNG
@@ -109,13 +109,13 @@ class Persistence:
             "text": acknowledgement.text,
         }
         at = self.stamp()
-        self._queue(lambda: Batch(rows=(Row.of_answer(target, record, at),)))
+        self._queue(lambda: Batch(rows=(TableRow.of_answer(target, record, at),)))
         return {"at": round(at, 2), **record}
 
     def save_closed_call(self, call: Call) -> None:
         """Queue a closed call."""
         at = self.stamp()
-        self._queue(lambda: Batch(rows=(Row.of_call(recorded(call), at),)))
+        self._queue(lambda: Batch(rows=(TableRow.of_call(recorded(call), at),)))
 
     def save_frame(self, frame_id: int, png: bytes) -> None:
         """Queue the frame of the open call. It replaces the one before."""

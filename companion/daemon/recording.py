@@ -22,7 +22,7 @@ from companion.daemon.turn import Decided, Event, Observer, Turn
 from companion.link.inbound import ParameterRequest, PolicyRequest, ResetRequest
 from companion.observers.recording import contents
 from companion.observers.recording.foxglove import NS
-from companion.observers.recording.messages import Message
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.topics import Topic
 from companion.system.error_guard import ErrorGuard
 from companion.system.log_lines import brief
@@ -81,7 +81,7 @@ class Feed(Protocol):
     def listener(self) -> int:
         """The number of its process, 0: there is none."""
 
-    def feed(self, messages: Iterable[Message], now: float) -> None:
+    def feed(self, messages: Iterable[RecordedMessage], now: float) -> None:
         """Send the process messages."""
 
 
@@ -123,7 +123,7 @@ class Recording(Observer):
             "model": str(vision.ready.model),
             "config": config,
         }
-        self._messages: deque[Message] = deque(maxlen=_MOST_WAITING)
+        self._messages: deque[RecordedMessage] = deque(maxlen=_MOST_WAITING)
         self._lines = _Lines()
         self._offset = clock.stamp() - time.monotonic()
         """Seconds since 1970 at second 0 of the monotonic clock."""
@@ -257,7 +257,7 @@ class Recording(Observer):
             if now - at < _OLDEST_LINE:
                 self._add(Topic.LOG, at, contents.log_line(level, name, text, self._ns(at)))
 
-    def take(self) -> list[Message]:
+    def take(self) -> list[RecordedMessage]:
         """Return the messages since the last call."""
         found = list(self._messages)
         self._messages.clear()
@@ -309,7 +309,7 @@ class Recording(Observer):
             self._add(topic, now, data, event=event)
 
     def _add(self, topic: Topic, at: float, data: bytes, sequence: int = 0, *, event: bool = False) -> None:
-        self._messages.append(Message(topic, self._ns(at), data, sequence, event))
+        self._messages.append(RecordedMessage(topic, self._ns(at), data, sequence, event))
 
     def _ns(self, at: float) -> int:
         """Return ns since 1970."""

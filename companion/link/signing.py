@@ -14,7 +14,7 @@ from companion.system.computer import is_synchronised
 from companion.vehicle.state import SOFTWARE_MADE
 from companion.wire import signing as wire
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
-from companion.wire.signing import DAY, TICKS, SigningKey, Stream, ticks
+from companion.wire.signing import DAY, TICKS, SignedStream, SigningKey, ticks
 from companion.wire.signing_key import SigningKeyError, read_key
 from companion.wire.signing_store import NAME, TimestampFile
 
@@ -102,7 +102,7 @@ class Signing:
         self._clock = clock
         self._unsigned_autopilot = unsigned_autopilot
         self._now = 0.0
-        self._own: set[Stream] = set()
+        self._own: set[SignedStream] = set()
         self._refused: tuple[str, float] | None = None
         self._autopilot_at = float("-inf")
         """When a frame of the autopilot was verified last, monotonic seconds."""
@@ -165,7 +165,7 @@ class Signing:
 
         Call it only when `ready`. Raises ValueError for a MAVLink 1 frame.
         """
-        stream = Stream(frame[5], frame[6], link)
+        stream = SignedStream(frame[5], frame[6], link)
         timestamp = self._timestamps.next(stream, self._clock.now(now) or 0)
         self._own.add(stream)
         return self._key.sign(frame, message.crc_extra, link, timestamp)

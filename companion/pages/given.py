@@ -9,7 +9,7 @@ from typing import Any
 from anytraverse.operations import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, Tap
 from companion.pages.wording import without_box
 from companion.wire.answers import Answer, AnyOperation
-from companion.wire.delivery import Pending, Status
+from companion.wire.delivery import DeliveryStatus, Pending
 from companion.wire.ids import CHANGING_RESULTS, Motion, Result
 from companion.wire.words_text import operation_text
 
@@ -34,7 +34,7 @@ class Answered:
         """Return what a page shows of it."""
         pending = self.pending
         ack = pending.acknowledgement
-        settled = ack.result if ack is not None and pending.status is Status.ACKNOWLEDGED else None
+        settled = ack.result if ack is not None and pending.status is DeliveryStatus.ACKNOWLEDGED else None
         return {
             "at": round(self.at, 2),
             "said": said(pending.answer),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from companion.storage.batch import Batch, Row
+from companion.storage.batch import Batch, TableRow
 from companion.storage.database import JournalError
 from companion.storage.journal import Journal
 
-__all__ = ["Batch", "Journal", "JournalError", "Row"]
+__all__ = ["Batch", "Journal", "JournalError", "TableRow"]

@@ -16,7 +16,7 @@ MAX_ROWS = 256
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """Holds one row to append to a table. values: for SQLite, in the order of `columns`."""
 
     table: str
@@ -24,13 +24,13 @@ class Row:
     values: tuple[Any, ...]
 
     @classmethod
-    def of_call(cls, call: CallReport, at: float) -> Row:
+    def of_call(cls, call: CallReport, at: float) -> TableRow:
         """Make the row of a closed call. at: seconds since 1970. Raises JournalError as `as_json` does."""
         values = (call.id, at, call.outcome.name.lower(), as_json(call.document(FIGURES)))
         return cls("calls", "id, closed_at, outcome, record", values)
 
     @classmethod
-    def of_answer(cls, call_id: int, record: Mapping[str, Any], at: float) -> Row:
+    def of_answer(cls, call_id: int, record: Mapping[str, Any], at: float) -> TableRow:
         """Make the row of an answer. record: JSON values. at: seconds since 1970. Raises JournalError."""
         return cls("answers", "call_id, answered_at, record", (call_id, at, as_json(record)))
 
@@ -45,7 +45,7 @@ class Batch:
     memory: Memory | None = None
     state: str | None = None
     frame: tuple[int, bytes] | None = None
-    rows: tuple[Row, ...] = ()
+    rows: tuple[TableRow, ...] = ()
 
     def __bool__(self) -> bool:
         return any((self.memory, self.state, self.frame, self.rows))

@@ -29,7 +29,7 @@ class _Read:
     error: FileError | None = None
 
 
-class Reader:
+class FileReader:
     """Runs reading jobs in a thread. Before it is entered, it runs them at once in the caller's thread."""
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class Reader:
         self._stop = False
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
-    def __enter__(self) -> Reader:
+    def __enter__(self) -> FileReader:
         """Start the thread."""
         self._thread.start()
         return self

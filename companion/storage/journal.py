@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory
-from companion.storage.batch import Batch, Row, as_json
+from companion.storage.batch import Batch, TableRow, as_json
 from companion.storage.daily_copy import DailyCopy
 from companion.storage.database import FRAME_SINCE, Damaged, Database, JournalError
 from companion.storage.memory_rows import read_memory, write_memory
@@ -207,7 +207,7 @@ def number_of(aside: Path) -> int:
     return int(number) if number.isdecimal() else 0
 
 
-def _append(connection: sqlite3.Connection, row: Row) -> None:
+def _append(connection: sqlite3.Connection, row: TableRow) -> None:
     marks = ", ".join("?" * len(row.values))
     connection.execute(f"INSERT INTO {row.table} ({row.columns}) VALUES ({marks})", row.values)
     connection.execute(

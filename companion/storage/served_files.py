@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from anytraverse.assessment import Assessment, Map
 from companion.storage.call_files import PATTERN, SCENE_PATTERN, SCENES
-from companion.storage.file_reader import Reader
+from companion.storage.file_reader import FileReader
 from companion.storage.log_file import FOLDER, NAME
 from companion.storage.served_tree import (
     Document,
@@ -37,16 +37,16 @@ MAX_FILES = 500
 _MAX_SCANNED = 5000
 
 
-class Folder:
+class MatchingFiles:
     """Serves the files of `path` whose names match the shell pattern, the newest `MAX_FILES` of them.
 
     The folder need not exist yet. It may be a symbolic link, unlike the files in it: the owner chose it.
     """
 
-    def __init__(self, path: Path, pattern: str = "*", reader: Reader | None = None) -> None:
+    def __init__(self, path: Path, pattern: str = "*", reader: FileReader | None = None) -> None:
         self._path = path
         self._pattern = pattern
-        self._reader = reader or Reader()
+        self._reader = reader or FileReader()
 
     def sizes(self) -> Mapping[str, int]:
         return self._reader.read((self._path, ""), self._sizes)
@@ -159,7 +159,7 @@ def _png(grey: NDArray[np.uint8]) -> bytes:
 class ServedFiles:
     """Serves /state.json, /check.json, /incidents.json, /calls, /maps, /scenes, /logs and /incidents."""
 
-    def __init__(self, folder: Path, reader: Reader | None = None) -> None:
+    def __init__(self, folder: Path, reader: FileReader | None = None) -> None:
         """folder: the journal's. reader: reads what is on the disk."""
         self.calls = folder / "calls"
         with suppress(OSError):  # writing a call's files will fail, and is logged then
@@ -173,11 +173,11 @@ class ServedFiles:
                 "state.json": Document(lambda: _as_json(self._figures())),
                 "check.json": Document(lambda: _as_json(self._checks())),
                 incidents.DOCUMENT: Document(lambda: _as_json(self._incidents())),
-                "calls": Folder(self.calls, PATTERN, reader),
+                "calls": MatchingFiles(self.calls, PATTERN, reader),
                 "maps": NewestMaps(self._newest_frame).documents(),
-                SCENES: Folder(folder / SCENES, SCENE_PATTERN, reader),
-                "logs": Folder(folder / FOLDER, f"{NAME}*", reader),
-                incidents.FOLDER: Folder(folder / incidents.FOLDER, "*.zip", reader),
+                SCENES: MatchingFiles(folder / SCENES, SCENE_PATTERN, reader),
+                "logs": MatchingFiles(folder / FOLDER, f"{NAME}*", reader),
+                incidents.FOLDER: MatchingFiles(folder / incidents.FOLDER, "*.zip", reader),
             }
         )
 

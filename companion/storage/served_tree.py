@@ -76,7 +76,7 @@ MAX_NAME = 128
 """Bytes of a name in UTF-8: a path and a line of a list both fit one MAVLink FTP payload."""
 
 
-class Entry(NamedTuple):
+class ListingEntry(NamedTuple):
     """Describes a file or folder in a listing. size: bytes; None for a folder."""
 
     name: str
@@ -139,13 +139,13 @@ class Tree:
         """Return a copy with one more folder. Raises ValueError for a name that cannot be served."""
         return Tree({**self._mounts, name: folder})
 
-    def entries(self, path: str) -> tuple[Entry, ...]:
+    def entries(self, path: str) -> tuple[ListingEntry, ...]:
         """List a folder in name order. Raises FileError."""
         match _parts(path):
             case []:
                 return tuple(self._entry(name) for name in sorted(self._mounts))
             case [name] if (mount := self._mounts.get(name)) and not isinstance(mount, Document):
-                return tuple(Entry(file, size) for file, size in sorted(_sizes(mount).items()))
+                return tuple(ListingEntry(file, size) for file, size in sorted(_sizes(mount).items()))
             case _:
                 raise MissingError(path)
 
@@ -160,16 +160,16 @@ class Tree:
             case _:
                 raise MissingError(path)
 
-    def _entry(self, name: str) -> Entry:
+    def _entry(self, name: str) -> ListingEntry:
         mount = self._mounts[name]
         if not isinstance(mount, Document):
-            return Entry(name, None)
+            return ListingEntry(name, None)
         try:
             opened = _guarded(mount.open)
         except FileError:
-            return Entry(name, 0)
+            return ListingEntry(name, 0)
         opened.close()
-        return Entry(name, opened.size)
+        return ListingEntry(name, opened.size)
 
 
 def presentable(name: str) -> bool:

@@ -68,7 +68,7 @@ class Brakes:
         return min(_root(quadratic, linear + react, max(0.0, metres)) for linear, quadratic in self.terms)
 
 
-class Fit(NamedTuple):
+class BrakeFit(NamedTuple):
     """Fitted figures. time_constant: s. braking: m/s2.
 
     excess: the largest share by which the fitted way is longer than a measured one.
@@ -79,7 +79,7 @@ class Fit(NamedTuple):
     excess: float
 
 
-def fit(stops: Iterable[Measured]) -> Fit:
+def fit(stops: Iterable[Measured]) -> BrakeFit:
     """Fit the figures that give the shortest ways that are no shorter than any measured one.
 
     Raises ValueError where the stops are too few, or their speeds too similar; its text says what to do.
@@ -105,7 +105,7 @@ def fit(stops: Iterable[Measured]) -> Fit:
     # Rounded to two digits, as they are written into a configuration, and to the safe side.
     time_constant = math.ceil(100.0 * linear - 1e-6) / 100.0
     braking = max(0.01, math.floor(100.0 / (2.0 * slope) + 1e-6) / 100.0)
-    return Fit(time_constant, braking, _excess(Brakes.of(braking, time_constant), found))
+    return BrakeFit(time_constant, braking, _excess(Brakes.of(braking, time_constant), found))
 
 
 def _excess(brakes: Brakes, stops: Sequence[Measured]) -> float:

@@ -54,7 +54,7 @@ _MAX_LINES = 100
 _LONGEST_LINE = 2000
 
 
-class Port:
+class SupervisorChannel:
     """Sends reports and receives requests on the channel to the supervisor."""
 
     def __init__(self, channel: socket.socket) -> None:
@@ -86,7 +86,7 @@ class Port:
 class _Lines(logging.Handler):
     """Queues log lines for the supervisor's log. The queue drops its oldest line when it is full."""
 
-    def __init__(self, port: Port) -> None:
+    def __init__(self, port: SupervisorChannel) -> None:
         super().__init__()
         self._port = port
 
@@ -106,7 +106,7 @@ def main(descriptor: int, parent: int) -> NoReturn:
     faulthandler.enable()
     for number in (signal.SIGINT, signal.SIGTERM):  # a terminal and systemd send them to both processes
         signal.signal(number, signal.SIG_IGN)
-    port = Port(socket.socket(fileno=descriptor))
+    port = SupervisorChannel(socket.socket(fileno=descriptor))
     crash = StderrHandler()
     crash.setLevel(logging.CRITICAL)
     logging.basicConfig(level=logging.INFO, handlers=[_Lines(port), crash], format="%(message)s")
@@ -121,7 +121,7 @@ def main(descriptor: int, parent: int) -> NoReturn:
     end_process(code)
 
 
-def _serve(port: Port) -> None:
+def _serve(port: SupervisorChannel) -> None:
     start = receive_start(port)
     camera, freshness = start.config.camera, start.config.freshness
     reader = CameraThread(
@@ -157,11 +157,11 @@ def _serve(port: Port) -> None:
     _judge_frames(port, Worker(engine, revision), reader, camera.rate)
 
 
-def _send_alive(port: Port, reader: CameraThread) -> None:
+def _send_alive(port: SupervisorChannel, reader: CameraThread) -> None:
     port.send(Alive(reader.status, reader.delivered_at))
 
 
-def receive_start(port: Port) -> Start:
+def receive_start(port: SupervisorChannel) -> Start:
     """Wait for the first message, and for all remembered scenes that follow it."""
     start: Start | None = None
     scenes: list[Entry] = []
@@ -174,7 +174,7 @@ def receive_start(port: Port) -> Start:
     return start.joined(tuple(scenes)) if scenes else start
 
 
-def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float) -> None:
+def _judge_frames(port: SupervisorChannel, worker: Worker, reader: CameraThread, rate: float) -> None:
     period, encoder, answers = 1.0 / rate, BesideJudging(), AnswerQueue()
     tuned, due, alive_at = False, time.monotonic(), float("-inf")
     while True:
@@ -212,6 +212,6 @@ def _judge_frames(port: Port, worker: Worker, reader: CameraThread, rate: float)
             port.send(judged)
 
 
-def _handle(request: Request, worker: Worker, port: Port) -> None:
+def _handle(request: Request, worker: Worker, port: SupervisorChannel) -> None:
     for report in worker.handle(request):
         port.send(report)

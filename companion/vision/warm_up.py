@@ -38,7 +38,7 @@ _AT_ONCE = 8
 
 
 @dataclass(frozen=True)
-class Ready:
+class _WarmEngine:
     """Holds a warmed-up engine.
 
     notices: texts about the memory for the operator. step: seconds of a whole step, the median.
@@ -51,14 +51,14 @@ class Ready:
 
 def load_and_warm_up(
     config: Config, saved: Memory | None, progress: Callable[[], None] | None = None
-) -> Ready:
+) -> _WarmEngine:
     """Load the engine and warm it up. Takes seconds. Raises as `load_engine` does.
 
     A region that the vehicle does not fit in is allowed: the daemon must run to report that as a fault.
     """
     engine, notices = load_engine(config, saved, progress, misfit_allowed=True)
     remembered = [word for entry in engine.memory.history for word in entry.preferences]
-    return Ready(engine, notices, warm_up(engine, (*config.vocabulary, *remembered)))
+    return _WarmEngine(engine, notices, warm_up(engine, (*config.vocabulary, *remembered)))
 
 
 def judging_settings(config: Config, perceiver: Perceiver, *, misfit_allowed: bool = False) -> Settings:
@@ -99,7 +99,7 @@ def load_engine(
     *,
     misfit_allowed: bool = False,
 ) -> tuple[AnyTraverse, list[str]]:
-    """Load the perceiver, and fit the saved memory to it. Returns the engine and notices as in `Ready`.
+    """Load the perceiver, and fit the saved memory to it. Returns the engine and notices as in `_WarmEngine`.
 
     progress: called between the parts of what takes longer than a frame, see `Runtime`.
     Raises AnyTraverseError when the perceiver cannot be made, or cannot ground a configured word, and as

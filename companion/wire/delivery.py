@@ -32,7 +32,7 @@ delay a stay."""
 MAX_PARTS = 4
 
 
-class Status(Enum):
+class DeliveryStatus(Enum):
     """Names the status of an answer. The last three are final."""
 
     WAITING = "waiting"
@@ -46,11 +46,11 @@ class Status(Enum):
 
 
 STATUS_TEXTS = {
-    Status.WAITING: "waits: the companion is not heard, or has not acknowledged the answer before",
-    Status.SENT: "sent",
-    Status.ACKNOWLEDGED: "acknowledged",
-    Status.CLOSED: "not acknowledged: the call was closed meanwhile, or stay was said",
-    Status.EXPIRED: "LOST: no acknowledgement within 60 s",
+    DeliveryStatus.WAITING: "waits: the companion is not heard, or has not acknowledged the answer before",
+    DeliveryStatus.SENT: "sent",
+    DeliveryStatus.ACKNOWLEDGED: "acknowledged",
+    DeliveryStatus.CLOSED: "not acknowledged: the call was closed meanwhile, or stay was said",
+    DeliveryStatus.EXPIRED: "LOST: no acknowledgement within 60 s",
 }
 _RESULTS = {
     Result.APPLIED: "done",
@@ -113,7 +113,7 @@ class Pending:
     system: int
     answer: Answer
     created: float
-    status: Status = Status.WAITING
+    status: DeliveryStatus = DeliveryStatus.WAITING
     acknowledgement: Acknowledgement | None = None
     rounds: int = 0
     first_sent: float | None = None
@@ -134,7 +134,7 @@ class Pending:
     @property
     def settled(self) -> bool:
         """Whether nothing more will be sent."""
-        return self.status not in (Status.WAITING, Status.SENT)
+        return self.status not in (DeliveryStatus.WAITING, DeliveryStatus.SENT)
 
     @property
     def applied(self) -> bool:
@@ -144,7 +144,7 @@ class Pending:
     @property
     def told(self) -> str:
         """What became of it, for a person."""
-        if self.acknowledgement is not None and self.status is Status.ACKNOWLEDGED:
+        if self.acknowledgement is not None and self.status is DeliveryStatus.ACKNOWLEDGED:
             return result_text(self.acknowledgement)
         return STATUS_TEXTS[self.status]
 
@@ -168,14 +168,14 @@ class Pending:
             self.rounds += 1
         if self.first_sent is None:
             self.first_sent = now
-        self.status = Status.SENT
+        self.status = DeliveryStatus.SENT
         return payload
 
     def acknowledge(self, acknowledgement: Acknowledgement, *, final: bool) -> None:
         """Take in an acknowledgement; when it is not final, sending continues."""
         self.acknowledgement = acknowledgement
         if final:
-            self.status = Status.ACKNOWLEDGED
+            self.status = DeliveryStatus.ACKNOWLEDGED
 
     def overrule(self, others: Iterable[Pending], now: float) -> None:
         """Send no more what would come after this and undo it.
@@ -204,7 +204,7 @@ class Pending:
         if self.settled:
             return False
         if self._closed_at is not None and (self.first_sent is None or now - self._closed_at >= GRACE_S):
-            self.status = Status.CLOSED
+            self.status = DeliveryStatus.CLOSED
         elif now - self.created >= LIFETIME_S:
-            self.status = Status.EXPIRED
+            self.status = DeliveryStatus.EXPIRED
         return self.settled

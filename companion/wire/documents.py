@@ -64,7 +64,7 @@ class StateFile:
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckRow:
     """One row of /check.json. verdict: "pass", "skip", "warn" or "fail". text: what to do."""
 
     name: str
@@ -102,11 +102,11 @@ def state_from(told: Mapping[str, Any]) -> StateFile:
     )
 
 
-def read_checks(content: bytes) -> tuple[Check, ...]:
+def read_checks(content: bytes) -> tuple[CheckRow, ...]:
     """Read /check.json. Raises DocumentError."""
     rows = map(mapping_of, list_of(read_object(content).get("checks"))[:MOST_CHECKS])
     return tuple(
-        Check(text_of(row.get("check")), text_of(row.get("verdict")), text_of(row.get("text")))
+        CheckRow(text_of(row.get("check")), text_of(row.get("verdict")), text_of(row.get("text")))
         for row in rows
     )
 

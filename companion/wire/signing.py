@@ -43,7 +43,7 @@ _CHECKSUM = 2
 _HEADER = 10
 
 
-class Stream(NamedTuple):
+class SignedStream(NamedTuple):
     """A source of signed frames. Each stream has its own timestamps."""
 
     system: int
@@ -61,9 +61,9 @@ def is_signed(frame: bytes) -> bool:
     return len(frame) >= _HEADER + _CHECKSUM + BLOCK and frame[0] == _V2 and bool(frame[2] & _SIGNED)
 
 
-def stream_of(frame: bytes) -> Stream:
+def stream_of(frame: bytes) -> SignedStream:
     """The stream that a signed frame claims; it may be forged until the frame is verified."""
-    return Stream(frame[5], frame[6], frame[-BLOCK])
+    return SignedStream(frame[5], frame[6], frame[-BLOCK])
 
 
 def timestamp_of(frame: bytes) -> int:
@@ -119,24 +119,26 @@ class Timestamps:
     dropped, because at most 64 are stored.
     """
 
-    def __init__(self, last: int = 0, floor: int = 0, streams: Mapping[Stream, int] | None = None) -> None:
+    def __init__(
+        self, last: int = 0, floor: int = 0, streams: Mapping[SignedStream, int] | None = None
+    ) -> None:
         self.last = last
         self.floor = floor
         self._streams = dict(streams or {})
 
     @property
-    def streams(self) -> Mapping[Stream, int]:
+    def streams(self) -> Mapping[SignedStream, int]:
         """Stream -> its newest timestamp."""
         return self._streams
 
-    def next(self, stream: Stream, clock: int) -> int:
+    def next(self, stream: SignedStream, clock: int) -> int:
         """The timestamp for the next frame of our own `stream`. It is stored, so that an echo is refused."""
         self.last = min(LAST, max(clock, self.last + 1))
         self._note(stream, self.last)
         return self.last
 
     def check(
-        self, stream: Stream, timestamp: int, clock: int | None, *, synchronised: bool = False
+        self, stream: SignedStream, timestamp: int, clock: int | None, *, synchronised: bool = False
     ) -> FrameRefusal:
         """Check and store the timestamp of a verified frame; return why it is refused, "" when accepted.
 
@@ -158,7 +160,7 @@ class Timestamps:
         self.last = max(self.last, timestamp)
         return ""
 
-    def _note(self, stream: Stream, timestamp: int) -> None:
+    def _note(self, stream: SignedStream, timestamp: int) -> None:
         if stream not in self._streams and len(self._streams) >= MAX_STREAMS:
             # The oldest timestamp, not the one heard longest ago: its frames could be replayed.
             forgotten = min(self._streams, key=self._streams.__getitem__)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 from anytraverse.regular_file import read_regular
 from companion.system.atomic_write import write_durably
-from companion.wire.signing import MAX_STREAMS, TICKS, Stream, Timestamps
+from companion.wire.signing import MAX_STREAMS, TICKS, SignedStream, Timestamps
 
 NAME = "signing.state"
 SYNC_EVERY = 5.0
@@ -46,7 +46,7 @@ class _Saved:
     boot: bytes
     last: int
     floor: int
-    rows: dict[Stream, int]
+    rows: dict[SignedStream, int]
     whole: bool
 
 
@@ -55,7 +55,7 @@ class _Content(NamedTuple):
 
     last: int
     floor: int
-    streams: dict[Stream, int]
+    streams: dict[SignedStream, int]
 
 
 class TimestampFile:
@@ -185,7 +185,7 @@ def _head(boot: bytes, content: _Content) -> bytes:
     return head + zlib.crc32(head).to_bytes(4, "little")
 
 
-def _row(stream: Stream, timestamp: int) -> bytes:
+def _row(stream: SignedStream, timestamp: int) -> bytes:
     row = _ROW.pack(*stream, timestamp, 0)[:-4]
     return row + zlib.crc32(row).to_bytes(4, "little")
 
@@ -195,12 +195,12 @@ def _unpack(content: bytes) -> _Saved:
     head = content[: _HEAD.size]
     is_intact = len(content) == _SIZE and head[:4] == _MAGIC and _has_valid_checksum(head)
     _, boot, last, floor, _ = _HEAD.unpack(head) if is_intact else (b"", b"", 0, 0, 0)
-    rows: dict[Stream, int] = {}
+    rows: dict[SignedStream, int] = {}
     for at in range(_HEAD.size, len(content) - _ROW.size + 1, _ROW.size):
         row = content[at : at + _ROW.size]
         if _has_valid_checksum(row):
             system, component, link, timestamp, _ = _ROW.unpack(row)
-            rows[Stream(system, component, link)] = timestamp
+            rows[SignedStream(system, component, link)] = timestamp
         elif any(row):
             is_intact = False
     return _Saved(boot, last, floor, rows, is_intact)

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.wire.answers import MAX_PAYLOAD, Acknowledgement, Answer
 from companion.wire.call_report import CallReport
-from companion.wire.delivery import Pending, Status, random_transaction
+from companion.wire.delivery import DeliveryStatus, Pending, random_transaction
 from companion.wire.ids import (
     ANSWER_COMMAND,
     AUTOPILOT_COMPONENT_ID,
@@ -225,7 +225,7 @@ class OperatorClient:
         pending = self._outbox.sent(rover.system, ack.transaction)
         if pending is None:
             return []
-        if pending.status is Status.ACKNOWLEDGED:
+        if pending.status is DeliveryStatus.ACKNOWLEDGED:
             rover.counters.duplicate_acknowledgements += 1
             return []
         if pending.settled and ack.result is Result.BUSY:

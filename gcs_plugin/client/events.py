@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from companion.wire.answers import Acknowledgement
 from companion.wire.call_report import CallReport
-from companion.wire.delivery import Status
+from companion.wire.delivery import DeliveryStatus
 from companion.wire.ids import Policy, State
 from companion.wire.payloads import Summary
 from gcs_plugin.client.policy_request import PolicyStatus
@@ -120,7 +120,7 @@ class AnswerStatusChanged:
     system: int
     target: int
     transaction: int
-    status: Status
+    status: DeliveryStatus
 
 
 @dataclass(frozen=True)

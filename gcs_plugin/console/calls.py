@@ -33,7 +33,7 @@ _CLOSED_BY_ANSWER = (Outcome.ANSWERED, Outcome.ACCEPTED)
 
 @dataclass
 class CallStory:
-    """One call or hold. serial: as of `TrackedCall`; 0 for one that only its record has. opened: seconds since
+    """One call or hold. serial: as of `TrackedCall`; 0 where only the record is known. opened: seconds since
     1970. pictures: JPEG by "small", "raw", "large" and "nearest". revision: rises when a picture is replaced.
     record: as it was read last; reads: how often it was asked for.
     """

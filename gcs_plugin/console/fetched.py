@@ -10,7 +10,7 @@ from anytraverse.picture_size import jpeg_size
 from companion.pages.wording import named
 from companion.wire.call_report import picture_path
 from companion.wire.documents import (
-    Check,
+    CheckRow,
     KnownPlace,
     StateFile,
     read_checks,
@@ -50,7 +50,7 @@ class Fetched:
         self.state: StateFile | None = None
         self.state_wanted = False
         """Whether something happened that /state.json tells more of."""
-        self.checks: tuple[Check, ...] = ()
+        self.checks: tuple[CheckRow, ...] = ()
         self.checked = False
         """Whether `checks` were read."""
         self.earlier = "unknown"

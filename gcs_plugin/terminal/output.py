@@ -13,7 +13,7 @@ from typing import Any, Protocol, TextIO
 from pymavlink.dialects.v20.common import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_WARNING
 
 from companion.wire.call_report import ONLY_RECORDED, CallReport
-from companion.wire.delivery import STATUS_TEXTS, Status
+from companion.wire.delivery import STATUS_TEXTS, DeliveryStatus
 from companion.wire.ids import Reasons, Stage, State
 from companion.wire.packing import clean
 from gcs_plugin.client import events as ev
@@ -238,7 +238,7 @@ class TextOutput:
                 return [f'autopilot says "{clean(event.text)}"'] * fresh, ALARM
             case ev.AnswerStatusChanged():
                 subject = str(event.target) if event.target else "no call"
-                alarm = event.status in (Status.WAITING, Status.EXPIRED)
+                alarm = event.status in (DeliveryStatus.WAITING, DeliveryStatus.EXPIRED)
                 return [f"answer to {subject} {STATUS_TEXTS[event.status]}"], ALARM if alarm else FAINT
             case ev.Acknowledged():
                 return [wording.acknowledged(event.acknowledgement)], _PLAIN

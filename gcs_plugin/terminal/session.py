@@ -8,7 +8,7 @@ from statistics import median
 from typing import Any
 
 from companion.wire.answers import Answer
-from companion.wire.delivery import Status
+from companion.wire.delivery import DeliveryStatus
 from companion.wire.ids import Result
 from companion.wire.packing import PayloadError
 from companion.wire.typed_answers import CommandError, WeightMissingError
@@ -43,7 +43,7 @@ class SessionStatistics:
                 self._by_reason.update(plain(event.call.reasons))
             case ev.CallEnded():
                 self._by_outcome[plain(event.call.outcome)] += 1
-            case ev.AnswerStatusChanged() if event.status is Status.SENT:
+            case ev.AnswerStatusChanged() if event.status is DeliveryStatus.SENT:
                 self._sent += 1
             case ev.Acknowledged() if event.acknowledgement.result is not Result.BUSY:
                 self._acknowledged += 1

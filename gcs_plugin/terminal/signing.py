@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.wire import signing as wire
-from companion.wire.signing import SigningKey, Stream, Timestamps
+from companion.wire.signing import SignedStream, SigningKey, Timestamps
 from companion.wire.signing_store import TimestampFile
 
 
@@ -79,7 +79,7 @@ class OperatorSigning:
         self.doubled = 0
         """Frames that came again over another link."""
         self._recent: deque[tuple[bytes, object]] = deque(maxlen=RECENT)
-        self._own: Stream | None = None
+        self._own: SignedStream | None = None
         self._reported: set[tuple[str, str]] = set()
         self._problems: list[str] = []
 
@@ -100,7 +100,7 @@ class OperatorSigning:
 
     def sign(self, frame: bytes, message: Any) -> bytes:
         """Sign `message`, packed as `frame`, and return the signed frame."""
-        self._own = Stream(frame[5], frame[6], self._link)
+        self._own = SignedStream(frame[5], frame[6], self._link)
         timestamp = self._timestamps.next(self._own, self._clock())
         return self._key.sign(frame, message.crc_extra, self._link, timestamp)
 

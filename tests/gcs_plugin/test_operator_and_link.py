@@ -13,7 +13,7 @@ from companion.sim.loopback_link import LoopbackLink
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.call_report import CallReport
-from companion.wire.delivery import Status
+from companion.wire.delivery import DeliveryStatus
 from companion.wire.payloads import Summary
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
@@ -107,7 +107,7 @@ def test_an_answer_in_parts_arrives_whole_and_its_acknowledgement_comes_back(
     assert (request.target, request.motion, request.operations) == (7, ids.Motion.GO, words)
     pair.link.link.answers.acknowledge(request, acknowledgement(request), pair.link.now)
     pair.run(1.0)
-    assert pending.status is Status.ACKNOWLEDGED
+    assert pending.status is DeliveryStatus.ACKNOWLEDGED
     assert [event.call.outcome for event in pair.of(ev.CallEnded)] == [ids.Outcome.ANSWERED]
 
 

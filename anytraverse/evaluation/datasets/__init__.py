@@ -7,7 +7,7 @@ from pathlib import Path
 
 from anytraverse.evaluation.datasets.dataset import (
     Dataset,
-    Files,
+    FrameFiles,
     LabelledFrame,
     Selection,
     TornPictureError,
@@ -25,7 +25,7 @@ __all__ = [
     "FOLDER",
     "KINDS",
     "Dataset",
-    "Files",
+    "FrameFiles",
     "LabelledFrame",
     "Selection",
     "TornPictureError",

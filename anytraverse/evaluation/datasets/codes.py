@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from anytraverse.evaluation.labels import Classes, DatasetError, Labels
+from anytraverse.evaluation.labels import DatasetError, LabelClasses, Labels
 
 Colour = tuple[int, int, int]
 IGNORED = 255
@@ -34,7 +34,7 @@ class IdCode:
 
     flags = int(cv2.IMREAD_UNCHANGED)
 
-    def __init__(self, classes: Classes, source: str, remedy: str) -> None:
+    def __init__(self, classes: LabelClasses, source: str, remedy: str) -> None:
         self._classes = classes
         self._source = source
         self._remedy = remedy
@@ -70,7 +70,7 @@ class ColourCode:
         strict: whether a label image of which more than 1 % has other colours is refused; they count as not
         labelled. False is for a data set in which what is not labelled has no colour of its own.
         """
-        self.classes = Classes(tuple(colours), IGNORED)
+        self.classes = LabelClasses(tuple(colours), IGNORED)
         self._title = title
         self._strict = strict
         ids = {_packed(colour): number for number, colour in enumerate(colours.values())}

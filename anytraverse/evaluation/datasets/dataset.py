@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from anytraverse.decoding import PictureTooLargeError, decode
 from anytraverse.evaluation.datasets.codes import LabelCode
-from anytraverse.evaluation.labels import Classes, DatasetError, Labels
+from anytraverse.evaluation.labels import DatasetError, LabelClasses, Labels
 from anytraverse.frame import Image
 from anytraverse.regular_file import read_regular
 
@@ -54,7 +54,7 @@ class Selection:
 
 
 @dataclass(frozen=True)
-class Files:
+class FrameFiles:
     """Names the picture and the label image of a frame.
 
     number: the one in the name, or the place in the split as published, from 0.
@@ -89,8 +89,8 @@ class Dataset:
         self,
         title: str,
         path: Path,
-        classes: Classes,
-        files: Sequence[Files],
+        classes: LabelClasses,
+        files: Sequence[FrameFiles],
         code: LabelCode,
         selection: Selection,
         *,
@@ -137,7 +137,7 @@ class Dataset:
         return tuple(self._files)
 
     @property
-    def files(self) -> tuple[Files, ...]:
+    def files(self) -> tuple[FrameFiles, ...]:
         """The files of the chosen frames, in the order of `numbers`."""
         return tuple(self._files.values())
 

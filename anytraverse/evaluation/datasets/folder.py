@@ -7,7 +7,7 @@ from pathlib import Path
 
 from anytraverse.evaluation.datasets import dataset
 from anytraverse.evaluation.datasets.codes import IdCode
-from anytraverse.evaluation.datasets.dataset import Dataset, Files, Selection
+from anytraverse.evaluation.datasets.dataset import Dataset, FrameFiles, Selection
 from anytraverse.evaluation.datasets.splits import ALL
 from anytraverse.evaluation.labels import FILE, DatasetError, read_classes
 
@@ -29,7 +29,7 @@ def open_folder(path: Path, split: str = ALL, selection: Selection | None = None
     if not pictures:
         raise DatasetError(f"{path} holds no picture NNNN.jpg: name pictures by number, as 0001.jpg")
     files = [
-        Files(
+        FrameFiles(
             number,
             pictures.get(number) or labels[number].with_suffix(".jpg"),
             labels.get(number) or pictures[number].with_suffix(".png"),

@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from anytraverse.evaluation.datasets.codes import IdCode
 from anytraverse.evaluation.datasets.dataset import Dataset, Selection
 from anytraverse.evaluation.datasets.splits import ALL, Origin, numbered, unpacked
-from anytraverse.evaluation.labels import Classes, DatasetError
+from anytraverse.evaluation.labels import DatasetError, LabelClasses
 from anytraverse.regular_file import read_regular
 
 ORIGIN = Origin("RELLIS-3D", "https://github.com/unmannedlab/RELLIS-3D", "CC BY-NC-SA 3.0")
@@ -23,7 +23,7 @@ _IDS = {
     10: "asphalt", 12: "building", 15: "log", 17: "person", 18: "fence", 19: "bush", 23: "concrete",
     27: "barrier", 29: "grass", 30: "grass", 31: "puddle", 32: "water", 33: "mud", 34: "rubble",
 }  # fmt: skip
-CLASSES = Classes(tuple(_IDS.get(number, "") for number in range(max(_IDS) + 1)), ignore=0)
+CLASSES = LabelClasses(tuple(_IDS.get(number, "") for number in range(max(_IDS) + 1)), ignore=0)
 _PICTURES, _LABELS = "pylon_camera_node", "pylon_camera_node_label_id"
 _MOST_BYTES = 10_000_000
 _ARCHIVES = '"Full Images" and "Full Image Annotations ID Format"'

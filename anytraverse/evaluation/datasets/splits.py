@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from anytraverse.evaluation.datasets.dataset import Files
+from anytraverse.evaluation.datasets.dataset import FrameFiles
 from anytraverse.evaluation.labels import DatasetError
 
 ALL = "all"
@@ -44,8 +44,8 @@ def unpacked(path: Path, name: str) -> Path:
     return path / name if (path / name).is_dir() else path
 
 
-def numbered(pairs: Sequence[tuple[Path, Path]], where: Path, remedy: str) -> list[Files]:
+def numbered(pairs: Sequence[tuple[Path, Path]], where: Path, remedy: str) -> list[FrameFiles]:
     """Number the pairs (picture, label image) by their place, from 0. Raises DatasetError without any."""
     if not pairs:
         raise DatasetError(f"{where} holds no labelled picture: {remedy}")
-    return [Files(number, picture, label) for number, (picture, label) in enumerate(pairs)]
+    return [FrameFiles(number, picture, label) for number, (picture, label) in enumerate(pairs)]

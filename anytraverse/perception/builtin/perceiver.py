@@ -64,7 +64,7 @@ _STRANGENESS_QUANTILE = 0.75
 
 
 @dataclass(eq=False)
-class Ground:
+class GroundOutputs:
     """Holds a frame's input (1, 3, H, W), the network's outputs and the class probabilities (C, h, w)."""
 
     frame: Floats
@@ -111,12 +111,12 @@ class GroundNetwork:
         """Return the trust in a word, "good", "fair" or "weak". Raises UnknownWordError."""
         return GROUND_WORDS[self.meaning(word)].trust
 
-    def encode(self, image: Image) -> Ground:
+    def encode(self, image: Image) -> GroundOutputs:
         """Run the network, which is nearly all of a frame's cost. Raises PerceiverError."""
         check_image(image)
         return self._ground(network_input(image))
 
-    def attend(self, features: Ground, prompts: Sequence[Prompt]) -> Floats:
+    def attend(self, features: GroundOutputs, prompts: Sequence[Prompt]) -> Floats:
         """Make attention maps, (len(prompts), h, w) in [0, 1]. Raises UnknownWordError, ExampleError."""
         maps = np.zeros((len(prompts), *features.probabilities.shape[1:]), dtype=np.float32)
         concepts = [self._concept(prompt) for prompt in prompts]
@@ -138,18 +138,18 @@ class GroundNetwork:
                 np.maximum(each, found, out=each)
         return maps
 
-    def embed(self, features: Ground) -> Floats:
+    def embed(self, features: GroundOutputs) -> Floats:
         """Make the scene's embedding, a unit vector: see `scene_vector`. Raises PerceiverError."""
         vector = scene_vector(features.outputs, self._calibration)
         if not np.isfinite(vector).all():
             raise PerceiverError("the scene's embedding is not finite")
         return vector
 
-    def surroundings(self, features: Ground) -> Floats:
+    def surroundings(self, features: GroundOutputs) -> Floats:
         """Make the vector of the surroundings: see `surroundings_vector`."""
         return surroundings_vector(features.outputs, self._calibration)
 
-    def example(self, features: Ground, box: Box) -> Example:
+    def example(self, features: GroundOutputs, box: Box) -> Example:
         """Learn what the box shows, by encoding the frame in six lights. Raises ExampleError."""
         pixels = features.frame[0].transpose(1, 2, 0).astype(np.uint8)
         views = [
@@ -195,11 +195,11 @@ class GroundNetwork:
                 f"{name} and its .npz are no pair of one training: copy both files again, or fit it again"
             )
 
-    def _ground(self, frame: Floats) -> Ground:
+    def _ground(self, frame: Floats) -> GroundOutputs:
         outputs = self._run(frame)
         if not all(np.isfinite(output).all() for output in outputs):
             raise PerceiverError("the network's output is not finite: its file is broken, install it again")
-        return Ground(frame, outputs, posteriors(outputs, self._calibration))
+        return GroundOutputs(frame, outputs, posteriors(outputs, self._calibration))
 
     def _concept(self, prompt: Prompt) -> str | None:
         """Return the concept of the prompt's word; None where only its examples count.
@@ -215,7 +215,7 @@ class GroundNetwork:
             return None
         return None if prompt.examples and GROUND_WORDS[concept].trust == WEAK else concept
 
-    def _words(self, seen: Ground, words: Sequence[tuple[str, bool | None]]) -> Floats:
+    def _words(self, seen: GroundOutputs, words: Sequence[tuple[str, bool | None]]) -> Floats:
         """Make the attention maps of concepts, each with whether it is drivable."""
         concepts = [concept for concept, _ in words]
         own = own_weights(concepts, self._calibration.classes)
@@ -231,7 +231,7 @@ class GroundNetwork:
         found = likeness(white, vector[:-1]) * (1 - (1 - strange) * np.clip(vector[-1], 0, 1)) ** 2
         return np.asarray(found, dtype=np.float32)
 
-    def _strangeness(self, seen: Ground) -> Floats:
+    def _strangeness(self, seen: GroundOutputs) -> Floats:
         """Return how little all named classes together explain each point, (h, w) in [0, 1].
 
         A thing that was strange when it was tapped is found only where the frame is strange: by its look

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from anytraverse.bundle.fields import Fields
 from anytraverse.errors import BundleError
 from anytraverse.frame import Image
-from anytraverse.perception.classes.words import NamedClass, Words
+from anytraverse.perception.classes.words import ClassWords, NamedClass
 
 LAYOUTS = ("nchw", "nhwc")
 DTYPES = ("float32", "uint8")
@@ -67,7 +67,7 @@ class InputForm:
 
 
 @dataclass(frozen=True)
-class Details:
+class ClassesDetails:
     """Describes a segmentation network.
 
     words: of its classes. form: of its input. output: the name of the output with the scores.
@@ -75,7 +75,7 @@ class Details:
     network ends in a softmax itself; none: its values are in [0, 1] already, each class by itself.
     """
 
-    words: Words
+    words: ClassWords
     activation: str
     form: InputForm
     output: str
@@ -95,7 +95,7 @@ class Details:
         return self.activation in ("softmax", "probabilities")
 
 
-def as_json(details: Details) -> dict[str, Any]:
+def as_json(details: ClassesDetails) -> dict[str, Any]:
     """Return the JSON object that `read_details` reads."""
     classes, form = details.words.classes, details.form
     return {
@@ -114,7 +114,7 @@ def as_json(details: Details) -> dict[str, Any]:
     }
 
 
-def read_details(values: Mapping[str, Any], where: str) -> Details:
+def read_details(values: Mapping[str, Any], where: str) -> ClassesDetails:
     """Read the details of a manifest; `where` names it in error messages. Raises BundleError."""
     fields = Fields(dict(values), where)
     fields.only(("classes", "ignore", "activation", "output", "input"))
@@ -126,7 +126,7 @@ def read_details(values: Mapping[str, Any], where: str) -> Details:
     activation, output = fields.choice("activation", ACTIVATIONS), fields.text("output")
     form = _form(fields.object("input"))
     try:
-        return Details(Words(classes), activation, InputForm(**form), output)
+        return ClassesDetails(ClassWords(classes), activation, InputForm(**form), output)
     except BundleError as error:
         raise BundleError(f"{where}: {error}") from None
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.frame import Image
-from anytraverse.perception.classes.details import Details
+from anytraverse.perception.classes.details import ClassesDetails
 from anytraverse.perception.runtime import Runtime, open_session, run_session
 
 Array = NDArray[np.float32]
@@ -49,7 +49,7 @@ class Segmented:
 class Network:
     """Runs one network. Its maps are thinned to at most 360 places on the longer side."""
 
-    def __init__(self, model: Path, details: Details, runtime: Runtime) -> None:
+    def __init__(self, model: Path, details: ClassesDetails, runtime: Runtime) -> None:
         """Raises PerceiverError when the network cannot be loaded, BundleError if `details` do not fit it."""
         self._details = details
         self._session = open_session(model, runtime)

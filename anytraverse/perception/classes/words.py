@@ -24,7 +24,7 @@ class NamedClass:
         return (self.name, *self.synonyms)
 
 
-class Words:
+class ClassWords:
     """Maps words to classes. `classes` has the order of the network's outputs."""
 
     def __init__(self, classes: Sequence[NamedClass]) -> None:

@@ -21,7 +21,7 @@ _SLOT = "{}"
 
 
 @dataclass(frozen=True)
-class Calibration:
+class ScoreCalibration:
     """Says how a score becomes an attention: sigmoid((score - threshold) / temperature).
 
     frames: on how many it was measured. chance: the share of places that `GROUP` absent words explain.
@@ -34,7 +34,7 @@ class Calibration:
 
 
 @dataclass(frozen=True)
-class Details:
+class DenseDetails:
     """Describes a dense model.
 
     family: its architecture, one of `FAMILIES`. grid: patches along a side. width: values of a feature.
@@ -49,7 +49,7 @@ class Details:
     templates: tuple[str, ...]
     words: tuple[str, ...]
     absent: tuple[str, ...]
-    calibration: Calibration | None = None
+    calibration: ScoreCalibration | None = None
 
     def __post_init__(self) -> None:
         check_templates(self.templates)
@@ -77,13 +77,13 @@ def filled(template: str, word: str) -> str:
     return template.replace(_SLOT, word)
 
 
-def as_json(details: Details) -> dict[str, Any]:
+def as_json(details: DenseDetails) -> dict[str, Any]:
     """Return the JSON object that `read_details` reads."""
     values = asdict(details)
     return values | {name: list(values[name]) for name in ("templates", "words", "absent")}
 
 
-def read_details(values: Mapping[str, Any], where: str) -> Details:
+def read_details(values: Mapping[str, Any], where: str) -> DenseDetails:
     """Read the details of a manifest; `where` names it in error messages. Raises BundleError."""
     fields = Fields(dict(values), where)
     fields.only(("family", "grid", "width", "templates", "words", "absent", "calibration"))
@@ -92,14 +92,14 @@ def read_details(values: Mapping[str, Any], where: str) -> Details:
     grid, width = fields.whole("grid", 2, 1024), fields.whole("width", 1, 1 << 14)
     try:
         templates, words = fields.texts("templates"), fields.texts("words")
-        return Details(family, grid, width, templates, words, fields.texts("absent"), calibration)
+        return DenseDetails(family, grid, width, templates, words, fields.texts("absent"), calibration)
     except BundleError as error:
         raise BundleError(f"{where}: {error}") from None
 
 
-def _calibration(fields: Fields) -> Calibration:
+def _calibration(fields: Fields) -> ScoreCalibration:
     fields.only(("threshold", "temperature", "frames", "chance"))
-    return Calibration(
+    return ScoreCalibration(
         fields.number("threshold", -2.0, 2.0),
         fields.number("temperature", 1e-6, 2.0),
         fields.whole("frames", 1, 1 << 20),

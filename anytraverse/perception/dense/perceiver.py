@@ -18,8 +18,8 @@ from anytraverse.errors import BundleError, PerceiverError
 from anytraverse.frame import Image
 from anytraverse.perception import DefaultThresholds, Example, Prompt
 from anytraverse.perception.classes.attention import learn, likeness
-from anytraverse.perception.dense.details import Calibration, Details, read_details
-from anytraverse.perception.dense.words import Words, unit
+from anytraverse.perception.dense.details import DenseDetails, ScoreCalibration, read_details
+from anytraverse.perception.dense.words import WordEmbeddings, unit
 from anytraverse.perception.resizing import Resizer
 from anytraverse.perception.runtime import Runtime, open_session, run_session
 from anytraverse.perception.text_tower import TextTower, open_array
@@ -29,7 +29,7 @@ from anytraverse.regions import Box
 Array = NDArray[np.float32]
 
 KIND = "dense"
-_UNMEASURED = Calibration(threshold=0.0, temperature=0.05, frames=0, chance=1.0)
+_UNMEASURED = ScoreCalibration(threshold=0.0, temperature=0.05, frames=0, chance=1.0)
 """For a check alone, which times the parts before it calibrates."""
 _UNIT = 1e-3
 """By how much the length of an embedding may differ from 1."""
@@ -64,7 +64,7 @@ class Dense:
             raise PerceiverError('dense needs its bundle: write "dense:FOLDER"')
         self._folder = Path(argument).expanduser()
         self.manifest: Manifest = read_manifest(self._folder, KIND)
-        self.details: Details = read_details(self.manifest.details, f"{self._folder}: details")
+        self.details: DenseDetails = read_details(self.manifest.details, f"{self._folder}: details")
         if self.details.calibration is None and not isinstance(runtime, CheckRuntime):
             raise BundleError(not_calibrated(self._folder))
         self.calibration = self.details.calibration or _UNMEASURED
@@ -75,7 +75,7 @@ class Dense:
         ]
         tower = TextTower(pieces, self._file("tokens"), runtime)
         known = dict(zip(self.details.words, self._embeddings("words", self.details.words), strict=True))
-        self._words = Words(tower, self._file("tokenizer"), self.details.templates, known)
+        self._words = WordEmbeddings(tower, self._file("tokenizer"), self.details.templates, known)
         self.absent = self._embeddings("absent", self.details.absent)
         self._neutral = self.absent.mean(axis=0)
         self._image = open_session(self._file("image"), runtime)

@@ -20,7 +20,7 @@ Array = NDArray[np.float32]
 _CACHE_SIZE = 256
 
 
-class Words:
+class WordEmbeddings:
     """Looks up or computes the embeddings of words, unit vectors (d,); caches the last 256 computed.
 
     A word's embedding is the mean of the unit vectors of all templates with the word, scaled to length 1.

@@ -49,7 +49,7 @@ class Count:
 
 
 @dataclass
-class Entry:
+class _Entry:
     """One would-be hold. at: Unix time of its beginning. lasted: seconds, None until it ends."""
 
     number: int
@@ -69,14 +69,14 @@ class ShadowStatistics:
     model: str = ""
     since: float = 0.0
     counts: dict[str, Count] = field(default_factory=lambda: {name: Count() for name in _REASONS})
-    newest: deque[Entry] = field(default_factory=lambda: deque(maxlen=_STORED_ENTRIES))
+    newest: deque[_Entry] = field(default_factory=lambda: deque(maxlen=_STORED_ENTRIES))
     _saved: dict[str, Any] | None = None
 
     def began(self, hold: WouldHold, wall: float) -> None:
         """Record the begin of a would-be hold at Unix time `wall`."""
         self._saved = None
         reasons = sorted(reason.value for reason in hold.reasons)
-        self.newest.append(Entry(hold.number, wall, reasons))
+        self.newest.append(_Entry(hold.number, wall, reasons))
         for name in reasons:
             self.counts[name].holds += 1
 
@@ -212,10 +212,10 @@ def _count(saved: Mapping[str, Any]) -> Count:
     return Count(seconds=figures["seconds"], longest=figures["longest"], **whole)
 
 
-def _entry(saved: Mapping[str, Any]) -> Entry:
+def _entry(saved: Mapping[str, Any]) -> _Entry:
     reasons: Iterable[str] = saved["reasons"]
     lasted = None if saved["lasted"] is None else _figure(saved["lasted"])
-    return Entry(
+    return _Entry(
         int(_figure(saved["number"])),
         _figure(saved["at"]),
         [Reason(value).value for value in reasons],

@@ -10,7 +10,7 @@ from companion.desk.check.rules import (
     Bad,
     Facts,
     Needed,
-    Rule,
+    ParameterRule,
     Table,
     above,
     below,
@@ -93,72 +93,78 @@ def _on_unless(*policies: str) -> Bad:
 
 
 RULES = (
-    Rule("MIS_RESTART", other_than(0), FAIL, "after every hold the mission starts over: set 0"),
-    Rule("SCR_ENABLE", one_of(0), FAIL, f"{DIES}: set 1, {_SCRIPT}"),
-    Rule("SCR_HEAP_SIZE", below(HEAP), WARN, f"may be too little for anytraverse.lua: set {HEAP} or more"),
-    Rule("SCR_VM_I_COUNT", below(10000), WARN, "may cut anytraverse.lua short: set 10000"),
-    Rule("ATS_ENABLE", one_of(0), FAIL, f"anytraverse.lua is switched off: {DIES}: set 1"),
-    Rule(
+    ParameterRule("MIS_RESTART", other_than(0), FAIL, "after every hold the mission starts over: set 0"),
+    ParameterRule("SCR_ENABLE", one_of(0), FAIL, f"{DIES}: set 1, {_SCRIPT}"),
+    ParameterRule(
+        "SCR_HEAP_SIZE", below(HEAP), WARN, f"may be too little for anytraverse.lua: set {HEAP} or more"
+    ),
+    ParameterRule("SCR_VM_I_COUNT", below(10000), WARN, "may cut anytraverse.lua short: set 10000"),
+    ParameterRule("ATS_ENABLE", one_of(0), FAIL, f"anytraverse.lua is switched off: {DIES}: set 1"),
+    ParameterRule(
         "ATS_MODES",
         without_bits(_AUTO | _GUIDED),
         FAIL,
         f"anytraverse.lua does not guard all modes that drive (AUTO {_AUTO}, GUIDED {_GUIDED}): set "
         f"{_AUTO | _GUIDED}",
     ),
-    Rule(
+    ParameterRule(
         "ATS_RC",
         _no_switch,
         WARN,
         "no RCn_OPTION is that number, so that no switch turns anytraverse.lua off: give one channel this "
         "option (300 to 307), or set 0",
     ),
-    Rule("ATS_TIMEOUT", above(3), WARN, "so many seconds it drives on without a companion: set 1.5"),
-    Rule("ATS_FAULT", one_of(0), WARN, "a companion that says fault stops nothing: set 1"),
-    Rule(
+    ParameterRule("ATS_TIMEOUT", above(3), WARN, "so many seconds it drives on without a companion: set 1.5"),
+    ParameterRule("ATS_FAULT", one_of(0), WARN, "a companion that says fault stops nothing: set 1"),
+    ParameterRule(
         "ATS_NEED",
         _on_unless("hold"),
         WARN,
         "a lost companion stops the vehicle and forbids arming in every policy, and [call] policy is not "
         '"hold": set 0, or that policy',
     ),
-    Rule(
+    ParameterRule(
         "ATS_POLICY",
         _on_unless("hold", "off"),
         WARN,
         "a lost companion stops the vehicle in policy report and shadow too: set 0, or [call] policy "
         '= "hold"',
     ),
-    Rule("ARMING_CHECK", _unchecked, FAIL, f"{_NOT_ASKED}: set 1, or add {_AUX_AUTH}"),
-    Rule("ARMING_SKIPCHK", _skipped, FAIL, f"{_NOT_ASKED}: set 0, or leave out {_AUX_AUTH}"),
-    Rule(
+    ParameterRule("ARMING_CHECK", _unchecked, FAIL, f"{_NOT_ASKED}: set 1, or add {_AUX_AUTH}"),
+    ParameterRule("ARMING_SKIPCHK", _skipped, FAIL, f"{_NOT_ASKED}: set 0, or leave out {_AUX_AUTH}"),
+    ParameterRule(
         "ARMING_REQUIRE",
         _drives_off,
         WARN,
         f"{_BOOTS}, with a companion or without: set 1, or INITIAL_MODE 4, or ATS_NEED 1",
     ),
-    Rule(
+    ParameterRule(
         "ARMING_REQUIRE",
         _waits_for_us,
         WARN,
         f"{_BOOTS} once a companion runs, which holds it until a go in policy hold alone: set 1 where a "
         "person can arm it",
     ),
-    Rule("FS_ACTION", one_of(0), WARN, "a failsafe does nothing: set 2 (hold)"),
-    Rule("FS_ACTION", one_of(1, 3, 4), WARN, f"a failsafe {HOME}: set 2 (hold)"),
-    Rule("FS_THR_ENABLE", one_of(0), WARN, "the loss of the pilot's transmitter is not noticed: set 1"),
-    Rule(
+    ParameterRule("FS_ACTION", one_of(0), WARN, "a failsafe does nothing: set 2 (hold)"),
+    ParameterRule("FS_ACTION", one_of(1, 3, 4), WARN, f"a failsafe {HOME}: set 2 (hold)"),
+    ParameterRule(
+        "FS_THR_ENABLE", one_of(0), WARN, "the loss of the pilot's transmitter is not noticed: set 1"
+    ),
+    ParameterRule(
         "FS_THR_ENABLE",
         one_of(2),
         WARN,
         "in AUTO it drives on without the pilot's transmitter, so that nobody there can take over: set 1",
     ),
-    Rule("SYSID_MYGCS", _is_own, FAIL, _OURS),
-    Rule("SYSID_MYGCS", _is_not_allowed, WARN, _FOREIGN),
-    Rule("MAV_GCS_SYSID", _is_own, FAIL, _OURS),
-    Rule("MAV_GCS_SYSID", _is_not_allowed, WARN, _FOREIGN),
-    Rule("AVOID_BACKUP_SPD", _backs_up, WARN, "near an obstacle it backs up, where no camera looks: set 0"),
+    ParameterRule("SYSID_MYGCS", _is_own, FAIL, _OURS),
+    ParameterRule("SYSID_MYGCS", _is_not_allowed, WARN, _FOREIGN),
+    ParameterRule("MAV_GCS_SYSID", _is_own, FAIL, _OURS),
+    ParameterRule("MAV_GCS_SYSID", _is_not_allowed, WARN, _FOREIGN),
+    ParameterRule(
+        "AVOID_BACKUP_SPD", _backs_up, WARN, "near an obstacle it backs up, where no camera looks: set 0"
+    ),
     *(
-        Rule(f"{port}_OPTIONS", with_bit(bit), WARN, f"nothing {_NOT_FORWARDED} {bit}")
+        ParameterRule(f"{port}_OPTIONS", with_bit(bit), WARN, f"nothing {_NOT_FORWARDED} {bit}")
         for bit, ports in (
             (SERIAL_APART, [f"SERIAL{number}" for number in range(1, 7)]),
             (MAV_APART, [f"MAV{number}" for number in range(1, 7)]),

@@ -28,7 +28,7 @@ from companion.desk.check.interview import (
     names,
     speed,
 )
-from companion.desk.check.rules import Finding, Verdict, failed, warned
+from companion.desk.check.rules import CheckFinding, Verdict, failed, warned
 from companion.link.connection import Connection
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import check_installed, open_transport
@@ -55,7 +55,7 @@ _NOT_A_PX4 = "[call] px4_deadman is ignored here: on ArduPilot the script stops 
 
 
 @dataclass
-class Asked:
+class AutopilotReadings:
     """Holds what is known of the autopilot after asking it.
 
     findings: about autopilot and link. speed: name and m/s of the parameter that sets its speed.
@@ -64,7 +64,7 @@ class Asked:
     course: what is missing to know where it drives, see `companion.vehicle.course.unknown`.
     """
 
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[CheckFinding] = field(default_factory=list)
     speed: tuple[str, float] | None = None
     overrun: float = 0.0
     heard: bool = True
@@ -73,19 +73,19 @@ class Asked:
     course: str = "position"
 
 
-def ask_first(config: Config, urls: Sequence[str]) -> Asked:
+def ask_first(config: Config, urls: Sequence[str]) -> AutopilotReadings:
     """Ask the autopilot by the first of `urls` on which one is received; the others need not have one."""
-    silent: list[Finding] = []
+    silent: list[CheckFinding] = []
     for url in urls:
         asked = ask(config, url)
         if asked.heard:
             told = [warned(one.check, f"not here: {one.text}") for one in silent]
             return replace(asked, findings=[*told, *asked.findings])
         silent += asked.findings
-    return Asked(silent, heard=False)
+    return AutopilotReadings(silent, heard=False)
 
 
-def ask(config: Config, url: str) -> Asked:
+def ask(config: Config, url: str) -> AutopilotReadings:
     """Ask the autopilot behind `url`. Takes up to 10 s to find it, and at most `LIMIT` seconds in all."""
     try:
         with talking(config, url, names) as (interview, turn):
@@ -96,7 +96,7 @@ def ask(config: Config, url: str) -> Asked:
                 pass
             _await_course(interview, listener, turn)
     except LinkSettingError as error:
-        return Asked([failed(LINK, str(error))], heard=False)
+        return AutopilotReadings([failed(LINK, str(error))], heard=False)
     return replace(judged(config, url, interview), course=listener.missing)
 
 
@@ -144,21 +144,21 @@ def _signing(key: str | None) -> Signing | None:
         return open_signing(Path(key), Path(folder))
 
 
-def judged(config: Config, url: str, interview: Interview) -> Asked:
+def judged(config: Config, url: str, interview: Interview) -> AutopilotReadings:
     """Judge the results of an interview."""
     autopilot, values = interview.autopilot, interview.values
     if autopilot is None:
-        return Asked([failed(LINK, silence(url, interview))], heard=False)
+        return AutopilotReadings([failed(LINK, silence(url, interview))], heard=False)
     name = NAMES.get(autopilot.kind, f"autopilot of kind {autopilot.kind}")
     who = f"{name}, system {autopilot.system_id}"
     known = known_autopilot(autopilot.kind, autopilot.vehicle, config.call.px4_hold)
     grounds = tuple(sorted(interview.grounds))
     if known is None:
         never = f"{who}, vehicle type {autopilot.vehicle}: no ArduPilot or PX4 rover, never held"
-        return Asked([failed(CHECK, never)], url=url, grounds=grounds)
+        return AutopilotReadings([failed(CHECK, never)], url=url, grounds=grounds)
     if not values:
         mute = f"{who}: it answers none of our questions: check that the link goes both ways"
-        return Asked([failed(CHECK, mute)], overrun=known.overrun, url=url, grounds=grounds)
+        return AutopilotReadings([failed(CHECK, mute)], overrun=known.overrun, url=url, grounds=grounds)
     offboard = config.call.px4_hold == "offboard"
     deadman = config.call.px4_deadman != "off"
     facts = Facts(
@@ -167,12 +167,12 @@ def judged(config: Config, url: str, interview: Interview) -> Asked:
     wrong = judge(autopilot.kind, facts, holds=config.call.policy == "hold")
     worst = max((one.verdict for one in wrong), default=Verdict.PASS)
     told = f"{len(wrong)} findings, below" if wrong else "none makes a hold unsafe"
-    wrong.insert(0, Finding(CHECK, worst, f"{who}: {len(values)} parameters told, {told}"))
+    wrong.insert(0, CheckFinding(CHECK, worst, f"{who}: {len(values)} parameters told, {told}"))
     if autopilot.kind == PX4:
         wrong.append(warned(CHECK, _GUARDED if deadman else _UNGUARDED))
     elif deadman:
         wrong.append(warned(CHECK, _NOT_A_PX4))
-    return Asked(wrong, speed(autopilot.kind, values), known.overrun, url=url, grounds=grounds)
+    return AutopilotReadings(wrong, speed(autopilot.kind, values), known.overrun, url=url, grounds=grounds)
 
 
 def silence(url: str, interview: Interview) -> str:

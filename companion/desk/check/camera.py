@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from companion.cameras.shown import shown
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.vision.exposure import ADVICE
 from companion.vision.infrared import REMEDY, SHARE, TEXT
 
@@ -20,7 +20,7 @@ _DARK, _FLAT = 25.0, 4.0
 _WHITE_SHARE = 0.4
 
 
-def check_camera(rover: Rover) -> list[Finding]:
+def check_camera(rover: CheckedRover) -> list[CheckFinding]:
     """Check that a first picture comes, and has the shape that [mount] aspect says."""
     if rover.running is not None:
         return [_camera_of_running(rover.told("camera"))]
@@ -37,7 +37,7 @@ def check_camera(rover: Rover) -> list[Finding]:
     return [passed(CAMERA, what)]
 
 
-def _camera_of_running(camera: Mapping[str, Any]) -> Finding:
+def _camera_of_running(camera: Mapping[str, Any]) -> CheckFinding:
     state, reason = str(camera.get("state", "unknown")), str(camera.get("reason") or "")
     what = f"{state}, with the companion that runs"
     if state == "delivering":
@@ -47,7 +47,7 @@ def _camera_of_running(camera: Mapping[str, Any]) -> Finding:
     return warned(CAMERA, f"{what}: wait, then type this again")
 
 
-def check_frames(rover: Rover) -> list[Finding]:
+def check_frames(rover: CheckedRover) -> list[CheckFinding]:
     """Check how many pictures a second come, and how old they are."""
     if rover.running is not None:
         rate, latency = rover.told("camera").get("rate"), rover.running.get("latency_ms")
@@ -65,7 +65,7 @@ def check_frames(rover: Rover) -> list[Finding]:
     return [finding]
 
 
-def _frames(rover: Rover, rate: float, age: float, when: str) -> Finding:
+def _frames(rover: CheckedRover, rate: float, age: float, when: str) -> CheckFinding:
     wanted, fresh = rover.config.camera.rate, rover.config.freshness
     what = f"{rate:.1f} frames/s, {1e3 * age:.0f} ms {when}"
     worst = failed if rover.holds else warned
@@ -81,7 +81,7 @@ def _frames(rover: Rover, rate: float, age: float, when: str) -> Finding:
     return passed(FRAMES, what)
 
 
-def check_exposure(rover: Rover) -> list[Finding]:
+def check_exposure(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the ground can be seen, as the companion does while it runs, with some light to spare."""
     if rover.running is not None:
         where = "type `picture` at the ground, or look into the folder pictures"
@@ -101,7 +101,7 @@ def check_exposure(rover: Rover) -> list[Finding]:
     return [passed(EXPOSURE, what)]
 
 
-def check_infrared(rover: Rover) -> list[Finding]:
+def check_infrared(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the camera has an infrared filter, or that the perceiver handles one without."""
     if rover.running is not None:
         shown = rover.told("camera").get("infrared")

@@ -12,8 +12,8 @@ from pathlib import Path
 from platform import python_version
 
 from anytraverse.release import own_version
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.storage.writer import SLOW
 from companion.system.computer import HOT, WARM, existing, is_synchronised
 from companion.vehicle.state import is_set
@@ -36,7 +36,7 @@ def _installed(package: str) -> str | None:
         return None
 
 
-def check_versions(rover: Rover) -> list[Finding]:
+def check_versions(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the packages are installed, each module by one package, and which version runs."""
     own, told = own_version(), (rover.running or {}).get("version")
     if isinstance(told, str) and told != own:
@@ -60,7 +60,7 @@ UNIT = "companion.service"
 _PATIENCE = 5.0
 
 
-def check_service(rover: Rover) -> list[Finding]:
+def check_service(rover: CheckedRover) -> list[CheckFinding]:
     """Check that systemd starts the companion at boot, and that it did not fail."""
     if rover.inside:
         if (rover.running or {}).get("service"):
@@ -102,7 +102,7 @@ def _unit() -> dict[str, str] | None:
 _LEAST, _LITTLE = 50 << 20, 500 << 20
 
 
-def check_space(folder: Path) -> Finding:
+def check_space(folder: Path) -> CheckFinding:
     """Check that the disk has room for journal, pictures and logs."""
     place = existing(folder)
     free = shutil.disk_usage(place).free
@@ -119,7 +119,7 @@ _SLOWISH = 0.5
 """Seconds for a write that reaches the disk beyond which it is slow, but not yet too slow."""
 
 
-def check_speed(rover: Rover) -> list[Finding]:
+def check_speed(rover: CheckedRover) -> list[CheckFinding]:
     """Check how long a write takes until it is on the disk: 64 KiB, the slowest of eight."""
     disk = rover.told("disk")
     if rover.running is not None:
@@ -164,7 +164,7 @@ def _slowest(folder: Path) -> float:
 _RTC = Path("/sys/class/rtc/rtc0")
 
 
-def check_clock(rover: Rover) -> list[Finding]:
+def check_clock(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the clock was set, and whether it goes on without power."""
     now = time.time()
     shown = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(now))
@@ -181,7 +181,7 @@ def check_clock(rover: Rover) -> list[Finding]:
     return [warned(CLOCK, f"{shown}, never set: let network or autopilot (GNSS) tell the time{silent}")]
 
 
-def check_heat(rover: Rover) -> list[Finding]:
+def check_heat(rover: CheckedRover) -> list[CheckFinding]:
     """Check temperature, throttling and supply."""
     told = rover.computer
     degrees, throttled, low = (told.get(name) for name in ("temperature", "throttled", "under_voltage"))
@@ -205,7 +205,7 @@ _SCARCE = 150
 """MiB of free memory below which the kernel may soon end the vision process."""
 
 
-def check_load(rover: Rover) -> list[Finding]:
+def check_load(rover: CheckedRover) -> list[CheckFinding]:
     """Check CPU and memory, and whether frames are judged as often as configured."""
     told, judging = rover.computer, rover.told("judging")
     cpu, total, free = (told.get(name) for name in ("cpu", "memory", "memory_free"))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, passed, skipped, warned
 
 CHECK = "course"
 _REMEDY = {
@@ -12,7 +12,7 @@ _REMEDY = {
 }
 
 
-def check_course(rover: Rover) -> list[Finding]:
+def check_course(rover: CheckedRover) -> list[CheckFinding]:
     """Check that it would be noticed if the vehicle drove where its camera does not look."""
     if rover.leaves_link:
         told = rover.running or {}

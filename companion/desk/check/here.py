@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.regular_file import open_regular
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, warned
 from companion.storage.database import JournalError
 from companion.storage.journal_copy import read_stored_memory
 from companion.system.computer import existing
@@ -66,7 +66,7 @@ def is_alive(pid: object) -> bool:
 CHECK = "journal"
 
 
-def check_journal(rover: Rover) -> list[Finding]:
+def check_journal(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the folder can be written, and that what is remembered can be read. Leave no file there.
 
     A file of root's would keep out the daemon, which runs as another user.

@@ -11,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.desk.check import ardupilot, px4
-from companion.desk.check.rules import FAIL, WARN, Facts, Finding, Table, Verdict
+from companion.desk.check.rules import FAIL, WARN, CheckFinding, Facts, Table, Verdict
 from companion.link.connection import Connection
 from companion.link.parser import Parser
 from companion.link.signing import Signing
@@ -31,27 +31,27 @@ def names(autopilot: int) -> tuple[str, ...]:
     return _TABLES.get(autopilot, _EMPTY).names
 
 
-def judge(autopilot: int, facts: Facts, *, holds: bool) -> list[Finding]:
+def judge(autopilot: int, facts: Facts, *, holds: bool) -> list[CheckFinding]:
     """Return what is wrong. holds: whether the policy is hold; otherwise every failure is only a warning."""
     worst = FAIL if holds else WARN
     table = _TABLES.get(autopilot, _EMPTY)
     wrong = [
-        Finding(f"{rule.name} {facts.values[rule.name]:g}", min(rule.verdict, worst), rule.text)
+        CheckFinding(f"{rule.name} {facts.values[rule.name]:g}", min(rule.verdict, worst), rule.text)
         for rule in table.rules
         if rule.name in facts.values and rule.bad(facts.values[rule.name], facts)
     ]
     absent = [
-        Finding(f"{needed.name} absent", worst, needed.text)
+        CheckFinding(f"{needed.name} absent", worst, needed.text)
         for needed in table.needed
         if needed.name not in facts.values and (not needed.other or facts.values.get(needed.other, 0.0))
     ]
     return wrong + absent + _missing(table, facts, worst)
 
 
-def _missing(table: Table, facts: Facts, worst: Verdict) -> list[Finding]:
+def _missing(table: Table, facts: Facts, worst: Verdict) -> list[CheckFinding]:
     """Report the parameters that every autopilot of this kind has and this one did not send."""
     return [
-        Finding(
+        CheckFinding(
             f"{choice[0]} untold",
             min(max(rule.verdict for rule in table.rules if rule.name in choice), worst),
             "no good answer in three tries: check the link, then check again, or read it at the ground",

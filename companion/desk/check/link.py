@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 
 from companion.desk.check.autopilot import CHECK, LINK
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.wire.signing import DAY, ticks
 from companion.wire.signing_key import SigningKeyError, read_key
 from companion.wire.signing_store import NAME, newest_stored
@@ -18,7 +18,7 @@ _RECOVER = f"set its clock; if others are refused, stop the companion, delete {N
 _OWNED = "stop it first, or give the check a way of its own with --link"
 
 
-def check_link(rover: Rover) -> list[Finding]:
+def check_link(rover: CheckedRover) -> list[CheckFinding]:
     """Check that an autopilot is heard on one of the connections."""
     if rover.leaves_link:
         told = rover.told("link")
@@ -35,7 +35,7 @@ def check_link(rover: Rover) -> list[Finding]:
     return [*silent, passed(LINK, f"{asked.url}: an autopilot is heard")] if asked.heard else silent
 
 
-def check_autopilot(rover: Rover) -> list[Finding]:
+def check_autopilot(rover: CheckedRover) -> list[CheckFinding]:
     """Check the autopilot's parameters that would make a hold unsafe or useless."""
     if rover.leaves_link:
         state = (rover.running or {}).get("state", "unknown")
@@ -45,7 +45,7 @@ def check_autopilot(rover: Rover) -> list[Finding]:
     return [finding for finding in rover.asked.findings if finding.check != LINK]
 
 
-def check_forwarding(rover: Rover) -> list[Finding]:
+def check_forwarding(rover: CheckedRover) -> list[CheckFinding]:
     """Check that a ground station is heard through the link, and may answer calls."""
     if rover.leaves_link:
         tested = rover.told("test_call")
@@ -70,7 +70,7 @@ def check_forwarding(rover: Rover) -> list[Finding]:
     return [warned(FORWARDING, f"{what} (docs/autopilots.md)")]
 
 
-def check_signing(rover: Rover) -> list[Finding]:
+def check_signing(rover: CheckedRover) -> list[CheckFinding]:
     """Check that frames are signed, and that the key can be read and fits."""
     key = rover.config.link.signing_key
     if key is None:
@@ -100,7 +100,7 @@ def _days_ahead(folder: Path) -> float:
         return 0.0
 
 
-def _signing_of_running(rover: Rover, key: str) -> Finding:
+def _signing_of_running(rover: CheckedRover, key: str) -> CheckFinding:
     rejected = rover.told("link").get("rejected")
     counts = rejected if isinstance(rejected, dict) else {}
     refused = {why: counts[why] for why in ("unsigned", "signature", "replay", "ahead") if counts.get(why)}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from companion.desk.check.page import served
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, Verdict, passed, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, Verdict, passed, warned
 from companion.observers.live.live import missing
 
 LIVE = "live view"
 
 
-def check_live(rover: Rover) -> list[Finding]:
+def check_live(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the live view can be served, and say who may see it."""
     settings = rover.config.live
     if settings.address is None:

@@ -8,14 +8,14 @@ from collections.abc import Iterator
 
 from companion.config import ConfigError, load_config, state_folder
 from companion.desk.check.here import status
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, Verdict, failed
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, Verdict, failed
 from companion.desk.check.table import WIDTH, findings
 
 
 def check(file: str, *, link: str | None = None, as_json: bool = False) -> int:
     """Print the table. Returns 0 when nothing failed, else 1. link: URL of another way to the autopilot."""
-    found: list[Finding] = []
+    found: list[CheckFinding] = []
     for finding in _findings(file, link):
         found.append(finding)
         print(finding.line(WIDTH), flush=True)
@@ -26,7 +26,7 @@ def check(file: str, *, link: str | None = None, as_json: bool = False) -> int:
     return 1 if bad else 0
 
 
-def _summary(found: list[Finding]) -> str:
+def _summary(found: list[CheckFinding]) -> str:
     counts = Counter(finding.verdict for finding in found)
     parts = (
         (Verdict.FAIL, "to mend, the uppermost first"),
@@ -37,11 +37,11 @@ def _summary(found: list[Finding]) -> str:
     return "; ".join(told) or "all is well"
 
 
-def _findings(file: str, link: str | None) -> Iterator[Finding]:
+def _findings(file: str, link: str | None) -> Iterator[CheckFinding]:
     try:
         config = load_config(file)
     except ConfigError as error:
         yield from (failed("config", str(problem)) for problem in error.problems)
         return
     folder = state_folder(config)
-    yield from findings(Rover(config, file, folder, status(folder), link))
+    yield from findings(CheckedRover(config, file, folder, status(folder), link))

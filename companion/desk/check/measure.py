@@ -81,7 +81,7 @@ class _Speed(NamedTuple):
 
 
 @dataclass
-class Recorder:
+class StopRecorder:
     """Measures stops from an autopilot's messages. Pure: time is an input.
 
     hold: HEARTBEAT.custom_mode of HOLD. stops: those measured so far.
@@ -200,7 +200,7 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
     if link is None and status(state_folder(config)) is not None:
         print("the companion runs and owns the link: stop it, or give the check a way of its own with --link")
         return 1
-    recorder = Recorder(hold=-1)
+    recorder = StopRecorder(hold=-1)
     line = ""
 
     def listen(message: Any, now: float) -> None:

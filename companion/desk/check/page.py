@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, passed, skipped, warned
 from companion.observers.page.page import missing
 from companion.pages.listen import read_listen
 
 PAGE = "page"
 
 
-def check_page(rover: Rover) -> list[Finding]:
+def check_page(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the page can be shown, and say who may see it."""
     if rover.config.web.address is None:
         return [passed(PAGE, 'off: [web] listen is ""')]
@@ -27,7 +27,9 @@ def check_page(rover: Rover) -> list[Finding]:
     return [served(rover, PAGE, rover.config.web.listen, rover.told("web"), f"to {whose}", "[web] listen")]
 
 
-def served(rover: Rover, name: str, where: str, told: Mapping[str, Any], whose: str, setting: str) -> Finding:
+def served(
+    rover: CheckedRover, name: str, where: str, told: Mapping[str, Any], whose: str, setting: str
+) -> CheckFinding:
     """Check what is served at "address:port": by the companion that runs, or that the port is free for it.
 
     told: what the companion that runs says of it. whose: to whom it is shown. setting: where to mend it.

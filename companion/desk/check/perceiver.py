@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from anytraverse.pace import Pace
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.vision.warm_up import too_slow
 
 CHECK = "perceiver"
 _UNMEASURED = "; how often a foreign place matches one of many remembered ones is not measured for it"
 
 
-def check_perceiver(rover: Rover) -> list[Finding]:
+def check_perceiver(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the perceiver loads, and is fast enough for the freshness limit T."""
     if rover.running is not None:
         told = rover.told(CHECK)

@@ -7,7 +7,7 @@ from companion.desk.check.rules import (
     HOME,
     WARN,
     Bad,
-    Rule,
+    ParameterRule,
     Table,
     above,
     below,
@@ -41,7 +41,7 @@ def _unguarded(bad: Bad) -> Bad:
 
 RULES = (
     *(
-        Rule(
+        ParameterRule(
             f"MAV_{number}_FORWARD",
             _not_forwarding(f"MAV_{number}_CONFIG"),
             WARN,
@@ -49,41 +49,45 @@ RULES = (
         )
         for number in range(INSTANCES)
     ),
-    Rule(
+    ParameterRule(
         "COM_OBL_RC_ACT",
         _holding(other_than(5, 6, 7), offboard=True),
         FAIL,
         "a vehicle held by OFFBOARD may drive on when the companion dies: set 5 (hold)",
     ),
-    Rule(
+    ParameterRule(
         "COM_OBL_RC_ACT",
         _holding(one_of(3), offboard=False),
         WARN,
         f"the loss of setpoints {HOME}: set 5 (hold)",
     ),
-    Rule("COM_OF_LOSS_T", above(1), WARN, "lost setpoints are noticed late: set 1 s or less"),
-    Rule("NAV_RCL_ACT", _unguarded(one_of(2)), WARN, f"the loss of the transmitter {HOME}: set 1 (hold)"),
-    Rule("NAV_RCL_ACT", _guarded(other_than(1)), FAIL, f"{_DRIVES_ON}: set 1 (hold)"),
-    Rule(
+    ParameterRule("COM_OF_LOSS_T", above(1), WARN, "lost setpoints are noticed late: set 1 s or less"),
+    ParameterRule(
+        "NAV_RCL_ACT", _unguarded(one_of(2)), WARN, f"the loss of the transmitter {HOME}: set 1 (hold)"
+    ),
+    ParameterRule("NAV_RCL_ACT", _guarded(other_than(1)), FAIL, f"{_DRIVES_ON}: set 1 (hold)"),
+    ParameterRule(
         "COM_RC_IN_MODE",
         _guarded(other_than(1)),
         FAIL,
         f"{_DRIVES_ON}: set 1 (MAVLink only), with which PX4 ignores the transmitter",
     ),
-    Rule(
+    ParameterRule(
         "COM_RC_IN_MODE", _unguarded(one_of(1)), WARN, "PX4 ignores the transmitter: set 0 to stop it by that"
     ),
-    Rule("COM_RC_LOSS_T", _guarded(above(0.5)), FAIL, "a dead companion is noticed late: set 0.5 s"),
-    Rule("COM_RC_LOSS_T", _guarded(below(0.3)), WARN, "two lost messages stop a mission: set 0.5 s"),
-    Rule("COM_FAIL_ACT_T", _guarded(other_than(0)), WARN, "px4_deadman was measured without a delay: set 0"),
-    Rule("COM_RCL_EXCEPT", _guarded(with_bit(_MISSION)), FAIL, f"{_DRIVES_ON}: subtract 1"),
-    Rule(
+    ParameterRule("COM_RC_LOSS_T", _guarded(above(0.5)), FAIL, "a dead companion is noticed late: set 0.5 s"),
+    ParameterRule("COM_RC_LOSS_T", _guarded(below(0.3)), WARN, "two lost messages stop a mission: set 0.5 s"),
+    ParameterRule(
+        "COM_FAIL_ACT_T", _guarded(other_than(0)), WARN, "px4_deadman was measured without a delay: set 0"
+    ),
+    ParameterRule("COM_RCL_EXCEPT", _guarded(with_bit(_MISSION)), FAIL, f"{_DRIVES_ON}: subtract 1"),
+    ParameterRule(
         "COM_RCL_EXCEPT",
         _guarded(with_bit(_AUTO)),
         WARN,
         "after LOITER or RTL by hand a mission is held once more when it is set: subtract 2",
     ),
-    Rule("NAV_DLL_ACT", one_of(2), WARN, f"the loss of the ground station {HOME}: set 1 (hold)"),
+    ParameterRule("NAV_DLL_ACT", one_of(2), WARN, f"the loss of the ground station {HOME}: set 1 (hold)"),
 )
 TABLE = Table(
     RULES,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shutil
 
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, passed, skipped, warned
 from companion.observers.recording.recorder import missing
 from companion.observers.recording.ring import FOLDER
 from companion.system.computer import existing
@@ -14,7 +14,7 @@ RECORDING = "recording"
 OFF = "[recording] size = 0 ends it"
 
 
-def check_recording(rover: Rover) -> list[Finding]:
+def check_recording(rover: CheckedRover) -> list[CheckFinding]:
     """Check that recordings can be written, and say how many there are."""
     size, folder = rover.config.recording.size, rover.folder / FOLDER
     if not size:

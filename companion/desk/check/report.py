@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import Config
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, Verdict
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, Verdict
 from companion.desk.check.table import findings
 
 log = logging.getLogger(__name__)
@@ -26,7 +26,7 @@ class CheckReport:
         self._config = config
         self._folder: Path = config.journal.path
         self._clock = clock
-        self._found: tuple[float, Sequence[Finding]] | None = None
+        self._found: tuple[float, Sequence[CheckFinding]] | None = None
         self._wrong: Set[str] = frozenset()
         self._logged: set[str] = set()
 
@@ -35,7 +35,7 @@ class CheckReport:
 
         figures: as in the status file. What a check finds twice in a row is logged, once a check.
         """
-        found = list(findings(Rover(self._config, "", self._folder, figures, inside=True)))
+        found = list(findings(CheckedRover(self._config, "", self._folder, figures, inside=True)))
         self._found = self._clock(), found
         wrong = {finding.check: finding for finding in found if finding.verdict >= Verdict.WARN}
         for name, finding in wrong.items():

@@ -15,8 +15,8 @@ from anytraverse.regular_file import read_regular
 from companion.cameras import CameraError, split_source
 from companion.config.link_settings import LinkSettingError
 from companion.config.reading import SERVICE
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.system.computer import is_folder
 from companion.vision.network_limit import OF_PATHS, is_limited, needs_of
 
@@ -43,7 +43,7 @@ _HOMES = ("/home/", "/root/", "/run/user/")
 """What ProtectHome=yes of the unit hides."""
 
 
-def check_rights(rover: Rover) -> list[Finding]:
+def check_rights(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the user that runs the companion may use its files and devices, as far as they exist."""
     try:
         user = _user_of(rover.folder)
@@ -66,7 +66,7 @@ def check_rights(rover: Rover) -> list[Finding]:
     ]
 
 
-def check_reach(rover: Rover) -> list[Finding]:
+def check_reach(rover: CheckedRover) -> list[CheckFinding]:
     """Check how much of the network whoever breaks into the vision process by a picture would reach."""
     if not _is_service(rover):
         return [skipped(REACH, "not limited: it is no service")]
@@ -86,7 +86,7 @@ def check_reach(rover: Rover) -> list[Finding]:
     return [passed(REACH, f"of the network systemd lets the vision process reach {reached}")]
 
 
-def _is_service(rover: Rover) -> bool:
+def _is_service(rover: CheckedRover) -> bool:
     """Whether systemd starts the companion's processes, each as a user of its own."""
     return rover.folder == SERVICE or bool((rover.running or {}).get("service"))
 
@@ -98,7 +98,7 @@ def _is_absent(path: Path) -> bool:
         return False
 
 
-def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
+def _used(rover: CheckedRover) -> Iterator[tuple[Path, int]]:
     """Yield what the companion opens, and how."""
     config = rover.config
     if rover.file:
@@ -114,7 +114,7 @@ def _used(rover: Rover) -> Iterator[tuple[Path, int]]:
         return
 
 
-def _used_by_vision(rover: Rover) -> Iterator[tuple[Path, int]]:
+def _used_by_vision(rover: CheckedRover) -> Iterator[tuple[Path, int]]:
     """Yield what the vision process opens, and how."""
     config = rover.config
     bundle = Path(config.perceiver.name.partition(":")[2])
@@ -129,7 +129,7 @@ def _used_by_vision(rover: Rover) -> Iterator[tuple[Path, int]]:
         yield place, _READ | (_ENTER if is_folder(place) else 0)
 
 
-def _bundle_files(rover: Rover) -> Iterator[Path]:
+def _bundle_files(rover: CheckedRover) -> Iterator[Path]:
     """Yield the files of the perceiver's bundle, as far as its manifest can be read.
 
     `anytraverse.bundle` would import OpenCV, which the daemon, where these checks run, too, must not.
@@ -185,7 +185,7 @@ def _has(user: _User, path: Path, rights: int) -> bool:
     return granted & rights == rights
 
 
-def _refused(user: _User, path: Path, rights: int) -> Finding:
+def _refused(user: _User, path: Path, rights: int) -> CheckFinding:
     verb = "read and write" if rights & _WRITE else "read"
     text = f"user {user.name} may not {verb} {path}"
     if user.id < 0:

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
 from companion.config import Config
-from companion.desk.check.autopilot import Asked, ask_first
-from companion.desk.check.watching import Seen, watch
+from companion.desk.check.autopilot import AutopilotReadings, ask_first
+from companion.desk.check.watching import CameraDelivery, watch
 from companion.system.computer import Computer
 
 _SAMPLE = 0.3
@@ -49,7 +49,7 @@ def load_perceiver(config: Config) -> Perceives:
 
 
 @dataclass
-class Rover:
+class CheckedRover:
     """Gives each check what it needs, and measures that when it is first asked for.
 
     file: the configuration's, "" where it is not known. folder: the state folder. running: what a companion
@@ -81,7 +81,7 @@ class Rover:
         return found if isinstance(found, Mapping) else {}
 
     @cached_property
-    def seen(self) -> Seen:
+    def seen(self) -> CameraDelivery:
         """Open the camera and watch it for some seconds."""
         return watch(self.config)
 
@@ -91,7 +91,7 @@ class Rover:
         return load_perceiver(self.config)
 
     @cached_property
-    def asked(self) -> Asked:
+    def asked(self) -> AutopilotReadings:
         """Ask the autopilot. Takes up to 40 s for each connection."""
         urls = [one.url for one in self.config.link.settings().connections().values()]
         return ask_first(self.config, [self.link] if self.link else urls)

@@ -19,7 +19,7 @@ class Verdict(IntEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckFinding:
     """Holds one row of the table. text: what was found and, unless all is well, what to do."""
 
     check: str
@@ -35,24 +35,24 @@ class Finding:
         return {"check": self.check, "verdict": self.verdict.name.lower(), "text": self.text}
 
 
-def passed(check: str, text: str) -> Finding:
+def passed(check: str, text: str) -> CheckFinding:
     """Make a finding that all is well."""
-    return Finding(check, Verdict.PASS, text)
+    return CheckFinding(check, Verdict.PASS, text)
 
 
-def skipped(check: str, text: str) -> Finding:
+def skipped(check: str, text: str) -> CheckFinding:
     """Make a finding of a check that was not possible now. The text says why, and how it is."""
-    return Finding(check, Verdict.SKIP, text)
+    return CheckFinding(check, Verdict.SKIP, text)
 
 
-def warned(check: str, text: str) -> Finding:
+def warned(check: str, text: str) -> CheckFinding:
     """Make a finding that a person should know of."""
-    return Finding(check, Verdict.WARN, text)
+    return CheckFinding(check, Verdict.WARN, text)
 
 
-def failed(check: str, text: str) -> Finding:
+def failed(check: str, text: str) -> CheckFinding:
     """Make a finding with which the vehicle must not drive."""
-    return Finding(check, Verdict.FAIL, text)
+    return CheckFinding(check, Verdict.FAIL, text)
 
 
 FAIL, WARN = Verdict.FAIL, Verdict.WARN
@@ -78,7 +78,7 @@ class Facts:
 Bad = Callable[[float, Facts], bool]
 
 
-class Rule(NamedTuple):
+class ParameterRule(NamedTuple):
     """Names a parameter, the test for a bad value, how bad that is, and what to do."""
 
     name: str
@@ -103,7 +103,7 @@ class Table(NamedTuple):
     also: parameters on which rules depend. for_deadman: as always, needed only for `Facts.deadman`.
     """
 
-    rules: tuple[Rule, ...]
+    rules: tuple[ParameterRule, ...]
     needed: tuple[Needed, ...]
     always: tuple[tuple[str, ...], ...]
     speeds: tuple[str, ...]

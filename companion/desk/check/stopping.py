@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from companion.config.stopping import describe_tile, judge_stopping, with_settings
 from companion.daemon.policy.hold_gate import unchecked
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, skipped, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 
 CHECK = "stopping"
 TILE = "tile"
 
 
-def check_stopping(rover: Rover) -> list[Finding]:
+def check_stopping(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the vehicle can stop before an obstacle that the camera shows."""
     worst = failed if rover.holds else warned
     if rover.leaves_link:
@@ -39,7 +39,7 @@ def check_stopping(rover: Rover) -> list[Finding]:
     return [worst(CHECK, f"{refusal}{by}{judged.describe()}")]
 
 
-def check_tile(rover: Rover) -> list[Finding]:
+def check_tile(rover: CheckedRover) -> list[CheckFinding]:
     """Tell how large a tile is, and check that a rock fills it while the vehicle can still stop.
 
     The check fails where the vehicle does not fit into the region of interest.

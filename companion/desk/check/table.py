@@ -23,8 +23,8 @@ from companion.desk.check.page import check_page
 from companion.desk.check.perceiver import check_perceiver
 from companion.desk.check.recording import check_recording
 from companion.desk.check.rights import check_reach, check_rights
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed
 from companion.desk.check.stopping import check_stopping, check_tile
 from companion.desk.check.video import check_video
 
@@ -33,11 +33,11 @@ class Check(NamedTuple):
     """One row of the table. look: checks, and returns one finding or more. what: what it checks."""
 
     name: str
-    look: Callable[[Rover], Iterable[Finding]]
+    look: Callable[[CheckedRover], Iterable[CheckFinding]]
     what: str
 
 
-def _config(rover: Rover) -> list[Finding]:
+def _config(rover: CheckedRover) -> list[CheckFinding]:
     where = f"{rover.file}, " if rover.file else ""
     return [passed("config", f"{where}policy {rover.config.call.policy}")]
 
@@ -77,13 +77,13 @@ CHECKS = (
 WIDTH = 24
 
 
-def findings(rover: Rover) -> Iterator[Finding]:
+def findings(rover: CheckedRover) -> Iterator[CheckFinding]:
     """Run all checks in order. A check that fails in an unforeseen way is a finding, too."""
     for check in CHECKS:
         yield from _survived(check, rover)
 
 
-def _survived(check: Check, rover: Rover) -> Iterator[Finding]:
+def _survived(check: Check, rover: CheckedRover) -> Iterator[CheckFinding]:
     try:
         yield from check.look(rover)
     except Exception as error:  # the other checks still count

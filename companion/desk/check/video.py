@@ -5,8 +5,8 @@ from __future__ import annotations
 import subprocess
 
 from companion.desk.check.page import served
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, passed, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, passed, warned
 from companion.observers.video.rtsp_server import BINDINGS, elements
 from companion.observers.video.video import PACKAGES
 
@@ -22,7 +22,7 @@ print(" ".join(name for name in sys.argv[2:] if Gst.ElementFactory.find(name) is
 """
 
 
-def check_video(rover: Rover) -> list[Finding]:
+def check_video(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the video can be served, and say where."""
     settings = rover.config.video
     if settings.address is None:

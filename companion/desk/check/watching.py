@@ -33,7 +33,7 @@ _WHITE = 250
 
 
 @dataclass(frozen=True)
-class Seen:
+class CameraDelivery:
     """Holds what the camera delivered.
 
     trouble: why no picture came; then nothing else counts. width, height: pixels. rate: pictures a second,
@@ -115,19 +115,19 @@ def newest_capture(source: str, options: CameraOptions, settles: float) -> Captu
     return watched.newest
 
 
-def watch(config: Config) -> Seen:
+def watch(config: Config) -> CameraDelivery:
     """Open the camera, wait up to 5 s for a first picture, and watch it for 2 to 8 s."""
     seconds = min(LONGEST, max(WATCHED, 4.0 / config.camera.rate))
     try:
         watched = _read_for(config.camera.source, config.camera_options, seconds)
     except CameraError as error:
-        return Seen(str(error))
+        return CameraDelivery(str(error))
     if watched.newest is None:
-        return Seen(watched.why)
+        return CameraDelivery(watched.why)
     silence = 0.0 if watched.ended else time.monotonic() - watched.arrived[-1]
     image, roi = watched.newest.image, config.roi
     grey = image.mean(axis=2)
-    return Seen(
+    return CameraDelivery(
         width=int(image.shape[1]),
         height=int(image.shape[0]),
         rate=_rate(watched.arrived, silence),

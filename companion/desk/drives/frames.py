@@ -20,7 +20,7 @@ from companion.cameras.folder import pictures
 from companion.cameras.shown import shown
 from companion.cameras.video import open_video, own_rate
 from companion.desk.drives.drive import Drive, DriveError, DriveFrame, printable
-from companion.desk.drives.recorded import Recording
+from companion.desk.drives.recorded import RecordedDrive
 
 
 def open_drive(where: str, rate: float) -> Drive:
@@ -33,7 +33,7 @@ def open_drive(where: str, rate: float) -> Drive:
     """
     kind, path = located(where)
     if is_recording(path):
-        return Recording(path)
+        return RecordedDrive(path)
     try:
         if kind == "folder":
             return _Folder(path, rate)

@@ -25,7 +25,7 @@ FIGURES = ("traversability", "uncertainty", "drivable_share", "worst_tile")
 """Figures of the region of interest that a row has."""
 
 
-class Row(NamedTuple):
+class JudgementRow(NamedTuple):
     """How a frame was judged. reasons: by name. opened: the id of the call that it opened, 0 for none."""
 
     name: str
@@ -124,10 +124,12 @@ class DriveJudge:
         return call is not None and call.id == number and not call.answered
 
 
-def row(name: str, seen: Assessment, reasons: Iterable[Reason], opened: int = 0) -> Row:
+def row(name: str, seen: Assessment, reasons: Iterable[Reason], opened: int = 0) -> JudgementRow:
     """Make the row of a judged frame. It has only those reasons that are in `reasons`."""
     roi, counts = seen.roi, frozenset(reasons)
     figures: dict[str, float | None] = dict.fromkeys(FIGURES)
     if roi is not None:
         figures = {one: getattr(roi, one) for one in FIGURES} | {"worst_tile": roi.worst_tile.uncertainty}
-    return Row(name, figures, tuple(sorted(one.value for one in seen.reasons if one in counts)), opened)
+    return JudgementRow(
+        name, figures, tuple(sorted(one.value for one in seen.reasons if one in counts)), opened
+    )

@@ -89,7 +89,7 @@ class _DriveClock:
         return self.at
 
 
-class Recording:
+class RecordedDrive:
     """Recordings of one drive, in their order: a file, or all of a folder.
 
     model: the perceiver's id. config: the rover's configuration, TOML of `format_config`.

@@ -16,8 +16,8 @@ from anytraverse.judging import Settings
 from anytraverse.preferences import Preferences
 from anytraverse.regular_file import read_regular
 from companion.desk.drives.drive import Drive, DriveError
-from companion.desk.drives.judge import FIGURES, DriveJudge, Row, row
-from companion.desk.drives.recorded import RecordedFrame, Recording, settings_of
+from companion.desk.drives.judge import FIGURES, DriveJudge, JudgementRow, row
+from companion.desk.drives.recorded import RecordedDrive, RecordedFrame, settings_of
 from companion.wire.answers import Answer
 from companion.wire.ids import Motion
 
@@ -34,7 +34,7 @@ _LARGEST_FILE = 64 << 20
 
 
 @dataclass
-class Comparison:
+class ReplayComparison:
     """What differs between two judgements of the same frames.
 
     tolerance: by figure. apart: by figure, the differences of all frames. far: frames that differ by more,
@@ -57,7 +57,7 @@ class Comparison:
         """Whether something was compared, and nothing differs."""
         return self.frames > 0 and not (self.far or self.reasons or self.calls or self.gone)
 
-    def add(self, found: Row, expected: Row) -> None:
+    def add(self, found: JudgementRow, expected: JudgementRow) -> None:
         """Compare a frame."""
         self.frames += 1
         for name in FIGURES:
@@ -113,7 +113,7 @@ class Comparison:
         }
 
 
-def recorded_row(recorded: RecordedFrame) -> Row:
+def recorded_row(recorded: RecordedFrame) -> JudgementRow:
     """Make the row of how the rover judged a frame."""
     seen, roi = recorded.seen, recorded.seen.get("roi")
     tile = roi.get("worst_tile") if isinstance(roi, dict) else None
@@ -122,10 +122,10 @@ def recorded_row(recorded: RecordedFrame) -> Row:
     counts = {one.value for one in OF_THE_FRAME}
     told = seen.get("reasons")
     reasons = [str(one) for one in told if one in counts] if isinstance(told, list) else []
-    return Row(recorded.frame.name, figures, tuple(sorted(reasons)))
+    return JudgementRow(recorded.frame.name, figures, tuple(sorted(reasons)))
 
 
-def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -> Row | str:
+def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -> JudgementRow | str:
     """Judge a recorded frame with the words and settings of then; why it cannot be, for one that cannot.
 
     The memory of then is not recorded, so that whether the scene was known is not judged.
@@ -152,13 +152,13 @@ def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -
 
 
 def replay_recording(
-    engine: AnyTraverse, recording: Recording, expected: Sequence[Row] | None
-) -> tuple[list[Row], Comparison]:
+    engine: AnyTraverse, recording: RecordedDrive, expected: Sequence[JudgementRow] | None
+) -> tuple[list[JudgementRow], ReplayComparison]:
     """Judge all frames of a recording again, and compare them.
 
     expected: references; None: with how the rover judged them.
     """
-    rows, found = list[Row](), Comparison(OF_A_RECORDING)
+    rows, found = list[JudgementRow](), ReplayComparison(OF_A_RECORDING)
     base = engine.settings
     for recorded in recording.recorded():
         name = recorded.frame.name
@@ -176,7 +176,7 @@ def replay_recording(
     return rows, found if expected is None else compared(rows, expected, found.left_out)
 
 
-def replay_drive(judge: DriveJudge, drive: Drive) -> Iterator[Row]:
+def replay_drive(judge: DriveJudge, drive: Drive) -> Iterator[JudgementRow]:
     """Judge all frames of a drive by the rules of calls, too. Each call gets a go at once."""
     for frame in drive.frames():
         judged = judge.judge(frame)
@@ -189,11 +189,13 @@ def replay_drive(judge: DriveJudge, drive: Drive) -> Iterator[Row]:
 
 
 def compared(
-    found: Iterable[Row], expected: Iterable[Row], left_out: Mapping[str, list[str]] | None = None
-) -> Comparison:
+    found: Iterable[JudgementRow],
+    expected: Iterable[JudgementRow],
+    left_out: Mapping[str, list[str]] | None = None,
+) -> ReplayComparison:
     """Compare two judgements of a drive by the names of its frames. left_out: why -> frames not judged."""
     before = {one.name: one for one in expected}
-    result = Comparison(OF_REFERENCES, left_out=dict(left_out or {}))
+    result = ReplayComparison(OF_REFERENCES, left_out=dict(left_out or {}))
     for one in found:
         if (was := before.pop(one.name, None)) is None:
             result.leave_out(one.name, "not among the references")
@@ -203,7 +205,7 @@ def compared(
     return result
 
 
-def write_rows(path: Path, rows: Iterable[Row]) -> int:
+def write_rows(path: Path, rows: Iterable[JudgementRow]) -> int:
     """Write references, one JSON object a line. Returns how many. Raises OSError."""
     lines = [
         json.dumps(
@@ -220,7 +222,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> int:
     return len(lines)
 
 
-def read_rows(path: Path) -> list[Row]:
+def read_rows(path: Path) -> list[JudgementRow]:
     """Read references. Raises DriveError for a file that holds others, and OSError."""
     number, content = 0, read_regular(path, _LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
@@ -231,7 +233,9 @@ def read_rows(path: Path) -> list[Row]:
             number += 1
             told = json.loads(line)
             figures = {name: _number(told[name]) for name in FIGURES}
-            found.append(Row(str(told["frame"]), figures, tuple(told["reasons"]), int(told["opened"])))
+            found.append(
+                JudgementRow(str(told["frame"]), figures, tuple(told["reasons"]), int(told["opened"]))
+            )
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise DriveError(f"{path}, line {number} is no reference: --update-refs writes all anew") from error
     return found

@@ -11,10 +11,10 @@ from anytraverse.perception import NAMED
 from companion.config import Config, ConfigError, load_config, recorded_config
 from companion.desk.drives.drive import DriveError, printable
 from companion.desk.drives.frames import is_recording, located, open_drive
-from companion.desk.drives.judge import DriveJudge, Row
-from companion.desk.drives.recorded import Recording
+from companion.desk.drives.judge import DriveJudge, JudgementRow
+from companion.desk.drives.recorded import RecordedDrive
 from companion.desk.drives.replay import (
-    Comparison,
+    ReplayComparison,
     compared,
     read_rows,
     replay_drive,
@@ -40,7 +40,7 @@ def run(where: str, *, file: str | None, refs: str | None = None, update: bool =
     known = None if update or not references.exists() else read_rows(references)
     against = f"by {references}" if known is not None else "as the rover judged them"
     if is_recording(path):
-        rows, found = _recording(Recording(path), file, known)
+        rows, found = _recording(RecordedDrive(path), file, known)
     else:
         config = load_config(file or "companion.toml")
         drive = open_drive(where, config.camera.rate)
@@ -62,8 +62,8 @@ def run(where: str, *, file: str | None, refs: str | None = None, update: bool =
 
 
 def _recording(
-    recording: Recording, file: str | None, known: Sequence[Row] | None
-) -> tuple[list[Row], Comparison]:
+    recording: RecordedDrive, file: str | None, known: Sequence[JudgementRow] | None
+) -> tuple[list[JudgementRow], ReplayComparison]:
     config = load_config(file) if file else config_of(recording)
     engine, _ = load_engine(config, None, misfit_allowed=True)
     if recording.model != engine.perceiver.model_id:
@@ -71,7 +71,7 @@ def _recording(
     return replay_recording(engine, recording, known)
 
 
-def config_of(recording: Recording) -> Config:
+def config_of(recording: RecordedDrive) -> Config:
     """Load the configuration that was recorded. Raises DriveError where it cannot be used here.
 
     A perceiver that lies in a file or folder of the rover is not looked for: another one may lie there.

@@ -23,7 +23,7 @@ from anytraverse.synonyms import Meaning, meaning_of, opposed
 from companion.config import Config, load_config, state_folder
 from companion.desk.memory import listing
 from companion.desk.memory.pictures import delete_unused, picture_of, read_picture, store_picture
-from companion.desk.memory.scene_file import Expected, Scene, SceneFileError, read_scenes, write_scenes
+from companion.desk.memory.scene_file import ExpectedModel, Scene, SceneFileError, read_scenes, write_scenes
 from companion.storage.batch import Batch
 from companion.storage.database import JournalError
 from companion.storage.journal import Journal
@@ -252,7 +252,7 @@ def read_checked(config: Config, source: Path) -> tuple[Perceiver, list[Scene]]:
         raise MemoryCommandError(f"the perceiver does not run: {error}") from error
     around = surroundings_of(perceiver, seen.features)
     lengths = len(seen.embedding), len(example.vector), 0 if around is None else len(around)
-    scenes = read_scenes(source, Expected(perceiver, *lengths))
+    scenes = read_scenes(source, ExpectedModel(perceiver, *lengths))
     taps = {id(tap): tap for scene in scenes for kept in scene.entry.examples.values() for tap in kept}
     for tap in taps.values():
         try:

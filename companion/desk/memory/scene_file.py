@@ -60,7 +60,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedModel:
     """Says which scenes fit this rover's model: its id, and the lengths of its vectors; 0: it has none."""
 
     perceiver: Perceiver
@@ -94,7 +94,7 @@ def write_scenes(path: Path, model_id: str, scenes: list[Scene]) -> int:
     return left_out
 
 
-def read_scenes(path: Path, expected: Expected) -> list[Scene]:
+def read_scenes(path: Path, expected: ExpectedModel) -> list[Scene]:
     """Read and check a file. Raises OSError, and SceneFileError for anything that this rover cannot use."""
     with os.fdopen(open_regular(path), "rb") as file:
         if os.fstat(file.fileno()).st_size > MAX_FILE:
@@ -128,7 +128,7 @@ def _record(entry: Entry, model_id: str, vectors: dict[bytes, int], picture: byt
     }
 
 
-def _read(file: BinaryIO, expected: Expected) -> list[Scene]:
+def _read(file: BinaryIO, expected: ExpectedModel) -> list[Scene]:
     header = _table(_next(file, 1), "the header")
     if header.get("format") != FORMAT:
         raise ValueError("is no file of `companion memory export`")
@@ -155,7 +155,7 @@ def _read(file: BinaryIO, expected: Expected) -> list[Scene]:
 
 
 def _scenes(
-    file: BinaryIO, count: int, first_line: int, examples: list[Example], expected: Expected
+    file: BinaryIO, count: int, first_line: int, examples: list[Example], expected: ExpectedModel
 ) -> Iterator[Scene]:
     for number in range(count):
         line = first_line + number
@@ -166,7 +166,7 @@ def _scenes(
             raise ValueError(f"line {line}: {error}") from error
 
 
-def _scene(row: Mapping[str, Any], examples: list[Example], expected: Expected) -> Scene:
+def _scene(row: Mapping[str, Any], examples: list[Example], expected: ExpectedModel) -> Scene:
     embedding = _vector(row.get("embedding"), expected.embedding)
     if not is_embedding(embedding):
         raise ValueError("an embedding is zero")

@@ -12,7 +12,7 @@ from anytraverse.frame import Image
 from companion.desk.drives.desk import AnswerFile
 from companion.desk.drives.drive import Drive, DriveError, DriveFrame, printable
 from companion.desk.drives.frames import open_drive
-from companion.desk.drives.recorded import Recording
+from companion.desk.drives.recorded import RecordedDrive
 from companion.desk.tuning.operators import Given, GivenAnswers, LabelOperator, Operator, go
 from companion.wire.typed_answers import read_typed
 
@@ -54,7 +54,7 @@ def given_answers(drive: Drive, answers: str | None) -> tuple[Given, ...]:
                 f"{answers} has no answer to a frame of this drive: give the one of its rehearsal"
             )
         return tuple(found)
-    if isinstance(drive, Recording):
+    if isinstance(drive, RecordedDrive):
         return tuple((at, read_typed(line)) for at, line in drive.answers())
     return ()
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from anytraverse.assessment import Reason
 from anytraverse.evaluation.datasets import Dataset
-from anytraverse.evaluation.labels import Classes, Labels, fold
+from anytraverse.evaluation.labels import LabelClasses, Labels, fold
 from anytraverse.operations import Operation, SetWord, Tap
 from anytraverse.regions import Region
 from anytraverse.synonyms import meaning_of
@@ -46,7 +46,9 @@ class LabelOperator:
     -1. A thing whose class the perceiver does not know is tapped, each time that a call asks about it.
     """
 
-    def __init__(self, classes: Classes, labels_of: Callable[[str], Labels], drivable: Sequence[str]) -> None:
+    def __init__(
+        self, classes: LabelClasses, labels_of: Callable[[str], Labels], drivable: Sequence[str]
+    ) -> None:
         """labels_of: returns the labels of the frame of a name, or raises DatasetError. drivable: classes."""
         self._classes = classes
         self._labels_of = labels_of

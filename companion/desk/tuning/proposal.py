@@ -17,7 +17,7 @@ from companion.desk.drives.drive import DriveError
 from companion.desk.tuning.grid import Grid
 from companion.desk.tuning.operators import NEAR_S, Given
 from companion.desk.tuning.report import combination
-from companion.desk.tuning.trial import Combination, Outcome
+from companion.desk.tuning.trial import Combination, TrialOutcome
 
 _SHARES = (0.05, 0.02, 0.005)
 """Of the frames that are beyond a threshold of the grid. Where more are, calls are no exception any more."""
@@ -59,7 +59,7 @@ def named_times(answers: Sequence[Given]) -> list[float]:
     return sorted({at for at, answer in answers if answer.operations})
 
 
-def weighed(outcome: Outcome, named: Sequence[float], seconds: float) -> Candidate:
+def weighed(outcome: TrialOutcome, named: Sequence[float], seconds: float) -> Candidate:
     """Weigh a combination. named: as `named_times` returns them. seconds: of the drive."""
     at = [call.at for call in outcome.calls]
     kept = sum(any(abs(one - call) <= NEAR_S for call in at) for one in named)

@@ -10,7 +10,7 @@ from typing import Any
 from anytraverse.assessment import Reason
 from anytraverse.html_page import document
 from anytraverse.line_plot import STYLE, Series, line_plot
-from companion.desk.tuning.trial import Combination, Outcome
+from companion.desk.tuning.trial import Combination, TrialOutcome
 
 MOST_PLOTS = 36
 _COLUMNS = (
@@ -45,7 +45,7 @@ _LINES = (
 )
 
 
-def counted(outcome: Outcome, frames: int) -> dict[str, Any]:
+def counted(outcome: TrialOutcome, frames: int) -> dict[str, Any]:
     """Return the figures of a combination as JSON values. A call counts for each of its reasons."""
     one = outcome.combination
     reasons = Counter(reason for call in outcome.calls for reason in call.reasons)

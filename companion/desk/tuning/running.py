@@ -22,7 +22,7 @@ from companion.desk.drives.drive import DriveError
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.episode import Episode
 from companion.desk.tuning.grid import GridError
-from companion.desk.tuning.trial import Combination, Outcome, Trial, TrialEngine, run_trials
+from companion.desk.tuning.trial import Combination, Trial, TrialEngine, TrialOutcome, run_trials
 from companion.vision.warm_up import load_engine
 
 _MANY = 40
@@ -64,7 +64,7 @@ class _Part:
 class Judged:
     """Holds what became of an episode. Seconds as they passed."""
 
-    outcomes: list[Outcome]
+    outcomes: list[TrialOutcome]
     frames: int
     perceiving_s: float
     judging_s: float
@@ -99,7 +99,7 @@ def perceive(config: Config, episode: Episode, where: Where) -> int:
 
 def judge(
     config: Config, episode: Episode, combinations: Sequence[Combination], where: Where
-) -> list[Outcome]:
+) -> list[TrialOutcome]:
     """Judge an episode by all combinations, as `run_episode` does, without seeing all frames first."""
     parts = max(1, where.processes)
     config = _of_a_process(config, where)
@@ -124,7 +124,7 @@ def _of_a_process(config: Config, where: Where) -> Config:
     return replace(config, perceiver=replace(config.perceiver, threads=1))
 
 
-class Figures(NamedTuple):
+class _Figures(NamedTuple):
     """Holds figures of a drive's frames by the settings in force, one of each frame that has it."""
 
     seconds: float
@@ -133,11 +133,11 @@ class Figures(NamedTuple):
     tiles: list[float]
 
 
-def figures_of(config: Config, episode: Episode, where: Where) -> Figures:
+def figures_of(config: Config, episode: Episode, where: Where) -> _Figures:
     """Judge a drive by the settings in force. Raises DriveError, AnyTraverseError, OSError."""
     part = _Part(config, episode, where, 0, 1)
     engine, (drive, operator) = _engine(part), episode.opened()
-    found = Figures(0.0, [], [], [])
+    found = _Figures(0.0, [], [], [])
     judge = DriveJudge(config, engine)
     trial = Trial(Combination.of(engine.settings), judge, operator)
     seconds = 0.0
@@ -194,7 +194,7 @@ def _perceive(part: _Part) -> int:
     return seen
 
 
-def _judge(part: _Part) -> list[Outcome]:
+def _judge(part: _Part) -> list[TrialOutcome]:
     engine, (drive, operator) = _engine(part), part.episode.opened()
     trials = []
     for one in part.combinations:

@@ -55,7 +55,7 @@ class MadeCall(NamedTuple):
 
 
 @dataclass
-class Outcome:
+class TrialOutcome:
     """Holds what a drive led to by one combination.
 
     matches: places in the drive at which a remembered scene was known again. refused: answers that changed
@@ -77,7 +77,7 @@ class Trial:
     """
 
     def __init__(self, combination: Combination, judge: DriveJudge, operator: Operator) -> None:
-        self.outcome = Outcome(combination)
+        self.outcome = TrialOutcome(combination)
         self._judge = judge
         self._operator = operator
 
@@ -147,7 +147,7 @@ class TrialEngine(AnyTraverse):
         return found
 
 
-def run_trials(trials: Sequence[Trial], frames: Iterable[DriveFrame]) -> list[Outcome]:
+def run_trials(trials: Sequence[Trial], frames: Iterable[DriveFrame]) -> list[TrialOutcome]:
     """Judge a drive by all trials, frame after frame."""
     for number, frame in enumerate(frames):
         for trial in trials:

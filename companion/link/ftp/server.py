@@ -8,7 +8,7 @@ from typing import Any
 
 from companion.link import encode
 from companion.link.access_control import AccessControl
-from companion.link.ftp.sessions import Burst, Lists, Session, Sessions
+from companion.link.ftp.sessions import Burst, FtpSession, Lists, Sessions
 from companion.link.outbox import Outbox
 from companion.storage.served_tree import FileError, LaterError, MissingError, Opened, Tree
 from companion.wire.ftp import MAX_DATA, SMALL_DATA, WRITES, FtpError, FtpPayload, Opcode
@@ -159,7 +159,7 @@ class FtpServer:
                 self._queue_burst_frame(session, now)
         return None
 
-    def _queue_burst_frame(self, session: Session, now: float) -> None:
+    def _queue_burst_frame(self, session: FtpSession, now: float) -> None:
         burst = session.burst
         assert burst is not None
         burst.left -= 1

@@ -6,7 +6,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from companion.storage.served_tree import Entry, Opened, Tree
+from companion.storage.served_tree import ListingEntry, Opened, Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import SenderId
 
@@ -18,7 +18,7 @@ class Lists:
 
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
-        self._newest_lists: OrderedDict[SenderId, tuple[str, tuple[Entry, ...]]] = OrderedDict()
+        self._newest_lists: OrderedDict[SenderId, tuple[str, tuple[ListingEntry, ...]]] = OrderedDict()
 
     def page(self, sender: SenderId, request: FtpPayload, room: int) -> bytes:
         """Whole entries of the requested folder from number `request.offset` on: one, and up to `room` bytes.
@@ -33,7 +33,7 @@ class Lists:
             data += line
         return data
 
-    def _entries(self, sender: SenderId, request: FtpPayload) -> tuple[Entry, ...]:
+    def _entries(self, sender: SenderId, request: FtpPayload) -> tuple[ListingEntry, ...]:
         path = request.path()
         listed_path, entries = self._newest_lists.get(sender, ("", ()))
         if request.offset == 0 or listed_path != path:
@@ -45,7 +45,7 @@ class Lists:
         return entries
 
 
-def _line(entry: Entry) -> bytes:
+def _line(entry: ListingEntry) -> bytes:
     """Encode type, name and size, and a NUL behind them: one client overwrites the last byte of a page."""
     text = f"D{entry.name}" if entry.size is None else f"F{entry.name}\t{entry.size}"
     return text.encode() + b"\0"
@@ -75,7 +75,7 @@ class Burst:
 
 
 @dataclass
-class Session:
+class FtpSession:
     """One open file. opening: the request that opened it. sequence: of its newest request."""
 
     sender: SenderId
@@ -108,20 +108,20 @@ class Sessions:
     """Stores at most four sessions, two of one sender, and closes each after 30 s without a request."""
 
     def __init__(self) -> None:
-        self._open: dict[tuple[SenderId, int], Session] = {}
+        self._open: dict[tuple[SenderId, int], FtpSession] = {}
         self._closed: deque[tuple[SenderId, FtpPayload]] = deque(maxlen=MAX_PAST)
 
     def __len__(self) -> int:
         return len(self._open)
 
-    def __iter__(self) -> Iterator[Session]:
+    def __iter__(self) -> Iterator[FtpSession]:
         return iter(self._open.values())
 
-    def get(self, sender: SenderId, number: int) -> Session | None:
+    def get(self, sender: SenderId, number: int) -> FtpSession | None:
         """The sender's session with this number; None when there is none."""
         return self._open.get((sender, number))
 
-    def repeated(self, sender: SenderId, request: FtpPayload, now: float) -> Session | None:
+    def repeated(self, sender: SenderId, request: FtpPayload, now: float) -> FtpSession | None:
         """The session that the same request opened within the last 3 s: its reply was lost."""
         session = self.get(sender, request.session)
         if session is None or session.opening != request or now - session.used_at > REPEAT_WITHIN:
@@ -146,13 +146,13 @@ class Sessions:
             self.close(idle.sender, idle.number)
         return idle is not None
 
-    def open(self, sender: SenderId, request: FtpPayload, opened: Opened, now: float) -> Session:
+    def open(self, sender: SenderId, request: FtpPayload, opened: Opened, now: float) -> FtpSession:
         """Open a session; close the sender's one of that number, and its longest idle one above a limit."""
         self.close(sender, request.session)
         own = sorted((one for one in self if one.sender == sender), key=lambda one: one.used_at)
         if own and (len(own) >= SESSIONS_PER_SENDER or len(self._open) >= MAX_SESSIONS):
             self.close(sender, own[0].number)
-        session = Session(sender, request, opened, now, request.sequence)
+        session = FtpSession(sender, request, opened, now, request.sequence)
         self._open[sender, request.session] = session
         return session
 
@@ -174,11 +174,11 @@ class Sessions:
         for session in [one for one in self if now - one.used_at > IDLE]:
             self.close(session.sender, session.number)
 
-    def bursting(self) -> list[Session]:
+    def bursting(self) -> list[FtpSession]:
         """The sessions with a burst in progress, in the order of their turns."""
         return [session for session in self if session.burst is not None]
 
-    def had_turn(self, session: Session) -> None:
+    def had_turn(self, session: FtpSession) -> None:
         """Move `session` behind all others."""
         key = (session.sender, session.number)
         self._open[key] = self._open.pop(key)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from companion.config import Config
-from companion.observers.live.messages import LONGEST_REPORT, Report
+from companion.observers.live.messages import LONGEST_REPORT, LiveReport
 from companion.observers.recording.feed import BUFFER, FedService
 from companion.pages.listen import Listen
 from companion.system.side_process import SideChild, missing_packages
@@ -67,7 +67,7 @@ class Live(FedService[LiveChild]):
 
     def _take(self, said: bytes, _now: float) -> bool:
         try:
-            told = Report.decoded(said)
+            told = LiveReport.decoded(said)
         except ValueError:
             return False
         if self._listen is None or self._listen.port not in (0, told.port):

@@ -9,7 +9,7 @@ _REPORT = struct.Struct("<HH")
 LONGEST_REPORT = _REPORT.size
 
 
-class Report(NamedTuple):
+class LiveReport(NamedTuple):
     """Tells how the live view goes. port: where it listens. clients: viewers that see at least one topic."""
 
     port: int
@@ -20,7 +20,7 @@ class Report(NamedTuple):
         return _REPORT.pack(self.port, min(self.clients, 0xFFFF))
 
     @classmethod
-    def decoded(cls, packed: bytes) -> Report:
+    def decoded(cls, packed: bytes) -> LiveReport:
         """Decode it. Raises ValueError for any other bytes."""
         if len(packed) != _REPORT.size or packed[:2] == b"\0\0":
             raise ValueError("no report")

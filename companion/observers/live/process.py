@@ -14,8 +14,8 @@ import foxglove
 from foxglove.websocket import ChannelView, Client, WebSocketServer
 
 from anytraverse.release import own_version
-from companion.observers.live.messages import Report
-from companion.observers.recording.messages import Message
+from companion.observers.live.messages import LiveReport
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.taking import take_messages
 from companion.observers.recording.topics import TOPICS, Topic
 from companion.system.log_lines import end_process, log_to_stderr
@@ -41,7 +41,7 @@ class Viewers:
         """Listen. port 0: any free one. Raises RuntimeError when it cannot."""
         self._host = host
         self._checked_at = time.monotonic()
-        self._holds: dict[Topic, Message] = {}
+        self._holds: dict[Topic, RecordedMessage] = {}
         self._seen_by: dict[int, set[int]] = {}
         """Viewer -> the channels that it wants."""
         self._channels = {
@@ -61,14 +61,14 @@ class Viewers:
             message_backlog_size=_MOST_WAITING,
         )
 
-    def report(self, now: float) -> Report:
+    def report(self, now: float) -> LiveReport:
         """Say how it goes. now: monotonic seconds. Raises OSError when it does not listen any more."""
         if now - self._checked_at >= _CHECKED_EVERY:
             self._checked_at = now
             socket.create_connection((self._host, self._server.port), _ANSWERS_WITHIN).close()
-        return Report(self._server.port, len(self._seen_by))
+        return LiveReport(self._server.port, len(self._seen_by))
 
-    def show(self, message: Message) -> None:
+    def show(self, message: RecordedMessage) -> None:
         """Show a message to whoever wants its topic."""
         if TOPICS[message.topic].standing:
             self._holds[message.topic] = message

@@ -19,7 +19,7 @@ LARGEST = 192 << 10
 """Bytes of a message: as much as the kernel's default buffers take. A picture of 480 pixels needs a third."""
 
 
-class Kind(Enum):
+class PageMessageKind(Enum):
     """What is told to the web process."""
 
     SETUP = b"c"
@@ -54,10 +54,10 @@ def decode_answer(said: bytes) -> tuple[bytes, float] | None:
     return said[start:], float(_AT.unpack_from(said, len(ANSWER))[0])
 
 
-class Message(NamedTuple):
+class PageMessage(NamedTuple):
     """A message to the web process. picture: JPEG, b"" for the other kinds."""
 
-    kind: Kind
+    kind: PageMessageKind
     content: Mapping[str, Any]
     picture: bytes = b""
 
@@ -72,7 +72,7 @@ class Message(NamedTuple):
         return packed
 
 
-def decode(packed: bytes) -> Message:
+def decode(packed: bytes) -> PageMessage:
     """Decode a message. Raises ValueError for any other bytes."""
     text, _, picture = packed[1:].partition(b"\n")
     try:
@@ -81,4 +81,4 @@ def decode(packed: bytes) -> Message:
         raise ValueError("nested too deeply") from error
     if not isinstance(content, dict):
         raise ValueError("no JSON object")
-    return Message(Kind(packed[:1]), content, picture)
+    return PageMessage(PageMessageKind(packed[:1]), content, picture)

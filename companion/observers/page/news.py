@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from companion.observers.page.messages import Kind, Message
+from companion.observers.page.messages import PageMessage, PageMessageKind
 
 FRESH = 3.0
 """Seconds after which what was told counts as outdated. It comes once a second."""
@@ -22,7 +22,7 @@ WELL = frozenset({"ok", "calling", "holding", "blocked", "off"})
 """States in which the companion does its work. Any other one, or none, is not known to be well."""
 
 
-class Picture(NamedTuple):
+class _Picture(NamedTuple):
     """A drawn frame. captured_at: monotonic seconds. jpeg: its bytes."""
 
     frame: int
@@ -45,20 +45,20 @@ class News:
         """Whether the present state began while this process ran, so that its beginning is known."""
         self.told: Mapping[str, Any] = {}
         self.told_at = float("-inf")
-        self.picture: Picture | None = None
+        self.picture: _Picture | None = None
         self.points: deque[tuple[float, Any, Any]] = deque(maxlen=POINTS)
         """When the region of interest was how drivable and how uncertain: what is plotted."""
 
-    def take(self, message: Message) -> None:
+    def take(self, message: PageMessage) -> None:
         """Take what the supervisor tells. Raises ValueError for what it never tells."""
-        if message.kind not in (Kind.NEWS, Kind.PICTURE):
+        if message.kind not in (PageMessageKind.NEWS, PageMessageKind.PICTURE):
             raise ValueError("a second setup, or an acknowledgement of nothing")
         content = dict(message.content)
         at = content.pop("at", None)
         if not isinstance(at, float | int):
             raise ValueError("news or a picture without time")
         at = min(at, self._clock())
-        if message.kind is Kind.NEWS:
+        if message.kind is PageMessageKind.NEWS:
             before = self.state
             self.told, self.told_at = content, at
             ahead = content.get("ahead")
@@ -70,7 +70,7 @@ class News:
             frame = content.get("frame")
             if not isinstance(frame, int):
                 raise ValueError("a picture without frame")
-            self.picture = Picture(frame, at, message.picture)
+            self.picture = _Picture(frame, at, message.picture)
         self.wake()
 
     def wake(self) -> None:
@@ -96,7 +96,7 @@ class News:
             return SILENT
         return "" if self.state in WELL else self.state or "no state"
 
-    def shown_picture(self) -> Picture | None:
+    def shown_picture(self) -> _Picture | None:
         """Return the newest picture, None without one that is fresh: an old one must not look live."""
         return self.picture if self.picture_age() <= PICTURE_FRESH else None
 

@@ -19,8 +19,8 @@ from companion.observers.page.messages import (
     LARGEST,
     LONGEST_SAID,
     WANTED,
-    Kind,
-    Message,
+    PageMessage,
+    PageMessageKind,
     decode_answer,
 )
 from companion.pages.listen import hashed
@@ -74,8 +74,8 @@ class Page(SideService[WebChild]):
         self._listen = listen = config.web.address
         off = "switched off by [web] listen" if listen is None else missing()
         super().__init__("page", restarts, off)
-        self._setup = Message(
-            Kind.SETUP,
+        self._setup = PageMessage(
+            PageMessageKind.SETUP,
             {
                 "folder": os.path.abspath(config.journal.path),
                 "token_hash": hashed(config.web.token),
@@ -100,7 +100,7 @@ class Page(SideService[WebChild]):
     def tell(self, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
         """Keep the process running, take what it says, and tell it the news once a second.
 
-        now: monotonic seconds, here and below. news: makes the content of a `Kind.NEWS`.
+        now: monotonic seconds, here and below. news: makes the content of a `PageMessageKind.NEWS`.
         """
         self.poll(now)
         if self.child is None:
@@ -109,7 +109,7 @@ class Page(SideService[WebChild]):
         if self.child is not None and now - self._told_at >= every:
             self._told_at, self._acknowledged = now, False
             with self._guard.survived("the page", now):
-                self.send(Message(Kind.NEWS, {**news(), "at": now}).encoded())
+                self.send(PageMessage(PageMessageKind.NEWS, {**news(), "at": now}).encoded())
 
     def wanted(self) -> bool:
         """Whether somebody watches, so that a picture should be drawn; True once a second at most."""
@@ -119,7 +119,9 @@ class Page(SideService[WebChild]):
     def show(self, frame: int, captured_at: float, picture: bytes) -> None:
         """Show a drawn frame. captured_at: monotonic seconds. picture: JPEG."""
         try:
-            self.send(Message(Kind.PICTURE, {"frame": frame, "at": captured_at}, picture).encoded())
+            self.send(
+                PageMessage(PageMessageKind.PICTURE, {"frame": frame, "at": captured_at}, picture).encoded()
+            )
         except ValueError as error:
             level = logging.DEBUG if self._too_large else logging.WARNING
             self._too_large = True
@@ -128,7 +130,7 @@ class Page(SideService[WebChild]):
     def acknowledge(self, acknowledgement: Acknowledgement) -> None:
         """Tell the page what became of an answer. The page asks again when it does not hear of it."""
         content = {"payload": acknowledgement.pack().hex()}
-        self.send(Message(Kind.ACKNOWLEDGEMENT, content).encoded())
+        self.send(PageMessage(PageMessageKind.ACKNOWLEDGEMENT, content).encoded())
         self._acknowledged = True
 
     def figures(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from starlette.routing import Route
 from companion.observers.page.answering import Answering
 from companion.observers.page.calls import shown_calls
 from companion.observers.page.files import StateFolder
-from companion.observers.page.messages import ALIVE, LARGEST, WANTED, Kind, decode, encode_answer
+from companion.observers.page.messages import ALIVE, LARGEST, WANTED, PageMessageKind, decode, encode_answer
 from companion.observers.page.metrics import Metrics
 from companion.observers.page.news import SILENT, News
 from companion.pages.access import Gate, WrongTokens
@@ -56,7 +56,7 @@ _SCENE = re.compile(r"([0-9a-f]{16})\.jpg", re.ASCII)
 _T = TypeVar("_T")
 
 
-class Site:
+class PageSite:
     """Answers requests from the news and the state folder."""
 
     def __init__(self, news: News, folder: StateFolder, answering: Answering | None = None) -> None:
@@ -246,14 +246,14 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     if not select.select([channel], [], [], _SETUP_WITHIN)[0]:
         raise TimeoutError("the supervisor says nothing")
     kind, setup, _ = decode(channel.recv(LARGEST))
-    if kind is not Kind.SETUP:
+    if kind is not PageMessageKind.SETUP:
         raise ValueError("the first message is no setup")
     channel.settimeout(0)
     news = News()
     answering = None
     if setup["token_hash"]:
         answering = Answering(news, lambda payload, now: _send(channel, encode_answer(payload, now)))
-    site = Site(news, StateFolder(setup["folder"]), answering)
+    site = PageSite(news, StateFolder(setup["folder"]), answering)
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
     most_posted = MOST_POSTED if answering is not None else 0
     gate = Gate(
@@ -281,7 +281,7 @@ def _listen(channel: socket.socket, news: News, answering: Answering | None) -> 
         os._exit(0)
     try:
         message = decode(packed)
-        if message.kind is Kind.ACKNOWLEDGEMENT and answering is not None:
+        if message.kind is PageMessageKind.ACKNOWLEDGEMENT and answering is not None:
             answering.acknowledge(bytes.fromhex(str(message.content.get("payload"))))
         else:
             news.take(message)
@@ -295,7 +295,7 @@ def _send(channel: socket.socket, said: bytes) -> None:
         channel.send(said)
 
 
-async def _beat(channel: socket.socket, server: Server, site: Site, answering: Answering | None) -> None:
+async def _beat(channel: socket.socket, server: Server, site: PageSite, answering: Answering | None) -> None:
     """Tell the supervisor once a second that this process lives, whether somebody watches, what is due."""
     while True:
         if server.started:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import TypeVar
 
-from companion.observers.recording.messages import LARGEST_PART, Message, datagrams, ends_message
+from companion.observers.recording.messages import LARGEST_PART, RecordedMessage, datagrams, ends_message
 from companion.observers.recording.topics import TOPICS
 from companion.system.side_process import SideChild, SideService
 from companion.system.watchdog import Restarts
@@ -50,7 +50,7 @@ class FedService(SideService[_Child]):
         with self._guard.survived(f"the {self._name}", now):
             self.flush()
 
-    def feed(self, messages: Iterable[Message], now: float) -> None:
+    def feed(self, messages: Iterable[RecordedMessage], now: float) -> None:
         """Send the process messages."""
         if self._off:
             return
@@ -64,7 +64,7 @@ class FedService(SideService[_Child]):
         while self._waiting and self.send(self._waiting[0]):
             self._bytes -= len(self._waiting.popleft())
 
-    def _queue(self, message: Message) -> None:
+    def _queue(self, message: RecordedMessage) -> None:
         try:
             parts = datagrams(message)
         except ValueError as error:

@@ -18,7 +18,7 @@ from anytraverse.regular_file import open_regular
 from anytraverse.release import own_version
 from companion.observers.recording.contents import read_json
 from companion.observers.recording.foxglove import NS
-from companion.observers.recording.ring import FOLDER, Recording, recordings
+from companion.observers.recording.ring import FOLDER, RecordingFile, recordings
 from companion.observers.recording.shortened import FRAME_WIDTH, FRAMES, Shortened, Window
 from companion.observers.recording.topics import TOPICS, Topic
 from companion.storage.log_file import FOLDER as LOGS
@@ -223,7 +223,7 @@ def _merged(found: Sequence[Window]) -> list[Window]:
 
 def _paths(folder: Path, *, event: bool = False) -> list[Path]:
     """List the recordings, oldest first. event: only those with an event."""
-    found: list[Recording] = recordings(folder / FOLDER)
+    found: list[RecordingFile] = recordings(folder / FOLDER)
     return [folder / FOLDER / one.name for one in found if one.event or not event]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from anytraverse.release import own_version
-from companion.observers.recording.messages import Message
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.reading import lock
 from companion.observers.recording.topics import TOPICS, Topic
 
@@ -56,11 +56,11 @@ class McapFile:
         # What cannot be compressed grows by less than a hundredth.
         return self._file.tell() + self._waiting + self._waiting // 100 + ending
 
-    def fits(self, message: Message) -> bool:
+    def fits(self, message: RecordedMessage) -> bool:
         """Whether the file may hold this message, too."""
         return self.size + bytes_of(message) <= self._most
 
-    def add(self, message: Message) -> None:
+    def add(self, message: RecordedMessage) -> None:
         """Add a message. Raises OSError."""
         if message.topic not in self._channels:
             self._channels[message.topic] = self._register(message.topic)
@@ -110,6 +110,6 @@ class McapFile:
         return channel
 
 
-def bytes_of(message: Message) -> int:
+def bytes_of(message: RecordedMessage) -> int:
     """Return the bytes of a file that a message takes, at most."""
     return len(message.data) + _OF_A_MESSAGE

@@ -16,7 +16,7 @@ _HEADER = struct.Struct("<BBIQ")
 _MORE, _LAST = b"+", b"."
 
 
-class Message(NamedTuple):
+class RecordedMessage(NamedTuple):
     """One message of an MCAP file.
 
     at: when it was so, in ns since 1970. data: encoded as `TOPICS` says. sequence: id of the frame that it
@@ -31,7 +31,7 @@ class Message(NamedTuple):
     event: bool = False
 
 
-def datagrams(message: Message) -> list[bytes]:
+def datagrams(message: RecordedMessage) -> list[bytes]:
     """Encode a message for the recording process. Raises ValueError for one that is too long."""
     if len(message.data) > LARGEST:
         raise ValueError(f"{len(message.data)} bytes, at most {LARGEST} are recorded")
@@ -57,7 +57,7 @@ class Joiner:
     def __init__(self) -> None:
         self._waiting = bytearray()
 
-    def feed(self, part: bytes) -> Message | None:
+    def feed(self, part: bytes) -> RecordedMessage | None:
         """Take a datagram, and return the message that it completes. Raises ValueError for other bytes."""
         mark = part[:1]
         if mark not in (_MORE, _LAST) or len(self._waiting) + len(part) > LARGEST + LARGEST_PART:
@@ -70,14 +70,14 @@ class Joiner:
         if len(packed) < _HEADER.size:
             raise ValueError("a message without a header")
         topic, event, sequence, at = _HEADER.unpack_from(packed)
-        return Message(Topic(topic), at, packed[_HEADER.size :], sequence, bool(event))
+        return RecordedMessage(Topic(topic), at, packed[_HEADER.size :], sequence, bool(event))
 
 
 _REPORT = struct.Struct("<IQQQ")
 LONGEST_REPORT = _REPORT.size + 256
 
 
-class Report(NamedTuple):
+class RecordingReport(NamedTuple):
     """Tells how the recording goes: all there is in the folder, and what this process did since its start.
 
     files, size: recordings on disk, and their bytes. written, lost: messages. trouble: what is wrong with the
@@ -96,7 +96,7 @@ class Report(NamedTuple):
         return numbers + self.trouble.encode()[: LONGEST_REPORT - _REPORT.size]
 
     @classmethod
-    def decoded(cls, packed: bytes) -> Report:
+    def decoded(cls, packed: bytes) -> RecordingReport:
         """Decode it. Raises ValueError for any other bytes."""
         if not _REPORT.size <= len(packed) <= LONGEST_REPORT:
             raise ValueError("no report")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import Config, format_config
-from companion.observers.recording.packing import CANCELLED, LONGEST, Asked, kept
+from companion.observers.recording.packing import CANCELLED, LONGEST, PackingRequest, kept
 from companion.observers.recording.recorder import SWITCHED_OFF, missing
 from companion.system.error_guard import ErrorGuard
 from companion.system.side_process import SideChild
@@ -142,7 +142,7 @@ class IncidentPacker:
 
     def _start(self, call: int, now: float) -> tuple[Result, str]:
         try:
-            asked = Asked(str(self._folder), self._config, call, self._not_recorded).encoded()
+            asked = PackingRequest(str(self._folder), self._config, call, self._not_recorded).encoded()
             child = self._launch()
             if not child.send(asked):
                 child.close()

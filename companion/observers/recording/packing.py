@@ -37,7 +37,7 @@ class PackingError(Exception):
     """An incident cannot be packed. The text says why."""
 
 
-class Asked(NamedTuple):
+class PackingRequest(NamedTuple):
     """What is to be packed. folder: the companion's state. config: as `format_config` makes it.
 
     call: id of the call or hold, 0: the last minute. not_recorded: why nothing is recorded, "" where it is.
@@ -71,7 +71,7 @@ def kept(folder: Path) -> list[Packed]:
     return sorted(both, reverse=True)
 
 
-def pack(asked: Asked, written: Callable[[], object] = lambda: None) -> Packed:
+def pack(asked: PackingRequest, written: Callable[[], object] = lambda: None) -> Packed:
     """Pack an incident: the whole file and the short one. Deletes the oldest once they are there.
 
     written: called once both are; an interruption before that leaves nothing behind.
@@ -147,7 +147,7 @@ def _told(asked: bytes) -> bytes:
     told: Mapping[str, Any]
     try:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-        told = pack(Asked(**json.loads(asked)), _not_interrupted).document()
+        told = pack(PackingRequest(**json.loads(asked)), _not_interrupted).document()
     except KeyboardInterrupt:
         told = {"why": CANCELLED}
     except PackingError as error:

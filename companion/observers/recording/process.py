@@ -12,7 +12,7 @@ from collections import deque
 from pathlib import Path
 from typing import NoReturn
 
-from companion.observers.recording.messages import Message, Report
+from companion.observers.recording.messages import RecordedMessage, RecordingReport
 from companion.observers.recording.ring_writer import RingWriter
 from companion.observers.recording.taking import BEAT, take_messages
 from companion.system.log_lines import end_process, log_to_stderr
@@ -36,14 +36,14 @@ class Writing(threading.Thread):
     def __init__(self, ring: RingWriter) -> None:
         super().__init__(name="disk", daemon=True)
         self._ring = ring
-        self._waiting: deque[Message] = deque()
+        self._waiting: deque[RecordedMessage] = deque()
         self._bytes = 0
         self._changed = threading.Condition()
         self._ending = False
         self._at_disk_since: float | None = None
         self._lost = 0
 
-    def put(self, message: Message) -> None:
+    def put(self, message: RecordedMessage) -> None:
         """Queue a message, or lose it where too much waits."""
         with self._changed:
             size = len(message.data) + _OF_A_MESSAGE
@@ -54,7 +54,7 @@ class Writing(threading.Thread):
             self._waiting.append(message)
             self._changed.notify()
 
-    def report(self, now: float) -> Report:
+    def report(self, now: float) -> RecordingReport:
         """Say how it goes. Waits for no disk."""
         found, since = self._ring.report, self._at_disk_since
         hangs = since is not None and now - since > HANGS_AFTER
@@ -83,7 +83,7 @@ class Writing(threading.Thread):
             log.critical("the recorder failed", exc_info=True)
             end_process(1)  # the supervisor starts another one
 
-    def _next(self) -> Message | None:
+    def _next(self) -> RecordedMessage | None:
         """Wait for a message, half a second at most."""
         with self._changed:
             self._at_disk_since = None

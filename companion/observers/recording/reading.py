@@ -204,7 +204,7 @@ def _chunks(
         yield from (one for one in itertools.islice(_records(file, magic=False), 1) if isinstance(one, Chunk))
 
 
-class Summary(NamedTuple):
+class _Summary(NamedTuple):
     """What a recording holds. begin, end: ns since 1970, 0 without a message. counts: topic -> messages."""
 
     begin: int
@@ -213,7 +213,7 @@ class Summary(NamedTuple):
     finished: bool
 
 
-def summary(path: Path) -> Summary:
+def summary(path: Path) -> _Summary:
     """Summarize a recording, of a finished one by its index. Raises OSError."""
     if finished := whole(path):
         with _opened(path) as file:
@@ -221,14 +221,14 @@ def summary(path: Path) -> Summary:
         if index is not None and (told := index.statistics) is not None:
             names = {number: channel.topic for number, channel in index.channels.items()}
             counts = {names.get(number, "?"): count for number, count in told.channel_message_counts.items()}
-            return Summary(told.message_start_time, told.message_end_time, counts, finished)
+            return _Summary(told.message_start_time, told.message_end_time, counts, finished)
     counted = Counter[str]()
     times = [0]
     for one in messages(path):
         counted[one.channel.topic] += 1
         at = one.message.log_time
         times = [at, at] if times == [0] else [min(times[0], at), max(times[1], at)]
-    return Summary(times[0], times[-1], counted, finished)
+    return _Summary(times[0], times[-1], counted, finished)
 
 
 class Copy:

@@ -15,7 +15,7 @@ from typing import Any
 
 from companion.config import Config
 from companion.observers.recording.feed import BUFFER, FedService
-from companion.observers.recording.messages import LONGEST_REPORT, Report
+from companion.observers.recording.messages import LONGEST_REPORT, RecordingReport
 from companion.observers.recording.ring import FOLDER
 from companion.system.side_process import SideChild, missing_packages
 from companion.system.watchdog import Restarts
@@ -65,7 +65,7 @@ class Recorder(FedService[RecorderChild]):
         off = missing() if self._most else SWITCHED_OFF
         super().__init__("recorder", restarts, off)
         self._launch = launch
-        self._told, self._before = Report(), Report()
+        self._told, self._before = RecordingReport(), RecordingReport()
         """What the process reported last, and what those before it had done."""
         if off and self._most:
             log.warning("nothing is recorded: %s", off)
@@ -92,7 +92,7 @@ class Recorder(FedService[RecorderChild]):
 
     def _take(self, said: bytes, _now: float) -> bool:
         try:
-            told = Report.decoded(said)
+            told = RecordingReport.decoded(said)
         except ValueError:
             return False
         if not self.running:
@@ -106,6 +106,6 @@ class Recorder(FedService[RecorderChild]):
     def _start_fed(self) -> RecorderChild:
         """Start the process. Raises OSError."""
         told, before = self._told, self._before
-        self._before = Report(0, 0, before.written + told.written, before.lost + told.lost)
-        self._told = Report(told.files, told.size)
+        self._before = RecordingReport(0, 0, before.written + told.written, before.lost + told.lost)
+        self._told = RecordingReport(told.files, told.size)
         return self._launch(self._folder, self._most)

@@ -16,7 +16,7 @@ PARTIAL = re.compile(rf"\.{_NAME.pattern}\.part", re.ASCII)
 _LAST = 999_999_999
 
 
-class Recording(NamedTuple):
+class RecordingFile(NamedTuple):
     """One file. number: rises by one from file to file. event: whether a call, hold or fault is in it."""
 
     number: int
@@ -42,7 +42,7 @@ def free_number(folder: Path, first: int) -> int:
     raise OSError(f"{name_of(_LAST, event=False)} has the last number: move it to another folder")
 
 
-def recordings(folder: Path) -> list[Recording]:
+def recordings(folder: Path) -> list[RecordingFile]:
     """List the recordings of a folder, oldest first; none where there is no folder. Raises OSError.
 
     What is no regular file is none of ours, whatever its name: opening it might never end.
@@ -54,11 +54,11 @@ def recordings(folder: Path) -> list[Recording]:
             if named and entry.is_file(follow_symlinks=False):
                 with contextlib.suppress(FileNotFoundError):
                     size = entry.stat(follow_symlinks=False).st_size
-                    found.append(Recording(int(named[1]), named[2] is not None, size))
+                    found.append(RecordingFile(int(named[1]), named[2] is not None, size))
     return sorted(found)
 
 
-def surplus(found: Iterable[Recording], most: int) -> list[Recording]:
+def surplus(found: Iterable[RecordingFile], most: int) -> list[RecordingFile]:
     """Return the recordings to delete, so that the rest has at most `most` bytes.
 
     First go, oldest first, those without an event. A recording beside one with an event counts as one with an
@@ -68,7 +68,7 @@ def surplus(found: Iterable[Recording], most: int) -> list[Recording]:
     numbers = {one.number for one in found if one.event}
     newest = found[-1].number if found else 0
 
-    def kept(one: Recording) -> bool:
+    def kept(one: RecordingFile) -> bool:
         return one.number == newest or bool(numbers & {one.number - 1, one.number, one.number + 1})
 
     left, deleted = sum(one.size for one in found), []

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from companion.observers.recording.mcap_file import SMALLEST, McapFile, bytes_of
-from companion.observers.recording.messages import Message, Report
+from companion.observers.recording.messages import RecordedMessage, RecordingReport
 from companion.observers.recording.reading import repair, whole
 from companion.observers.recording.ring import PARTIAL, free_number, make_room, name_of, recordings
 from companion.observers.recording.topics import TOPICS, Topic
@@ -46,13 +46,13 @@ class RingWriter:
         self._event = False
         self._began = self._flushed = self._synced = 0.0
         self._newest = 0
-        self._standing: dict[Topic, Message] = {}
+        self._standing: dict[Topic, RecordedMessage] = {}
         self._retry_at = float("-inf")
         self._written = self._lost = 0
         self._files = self._size = 0
         """Of the finished recordings."""
         self._trouble = ""
-        self.report = Report()
+        self.report = RecordingReport()
 
     def begin(self, now: float) -> None:
         """Make the folder, and repair what a process that was killed has left. now: monotonic seconds."""
@@ -76,7 +76,7 @@ class RingWriter:
                 make_room(self._folder, self._most - self._longest)
                 repair(path)
 
-    def write(self, message: Message, now: float) -> None:
+    def write(self, message: RecordedMessage, now: float) -> None:
         """Write a message, or lose it where the disk takes none."""
         before = self._written
         if now >= self._retry_at:
@@ -87,7 +87,7 @@ class RingWriter:
         if TOPICS[message.topic].standing:
             self._standing[message.topic] = message
 
-    def _try(self, message: Message, now: float) -> None:
+    def _try(self, message: RecordedMessage, now: float) -> None:
         with self._survived(now):
             file = self._file_for(message, now)
             if file.fits(message):
@@ -117,7 +117,7 @@ class RingWriter:
         with self._survived(now):
             self._finish()
 
-    def _file_for(self, message: Message, now: float) -> McapFile:
+    def _file_for(self, message: RecordedMessage, now: float) -> McapFile:
         """Return the recording for a message: a new one after a minute, or where the message does not fit."""
         jumped = abs(message.at - self._newest) > _JUMP
         self._newest = message.at
@@ -178,4 +178,4 @@ class RingWriter:
     def _tell(self) -> None:
         file = self._file
         files, size = (self._files, self._size) if file is None else (self._files + 1, self._size + file.size)
-        self.report = Report(files, size, self._written, self._lost, self._trouble)
+        self.report = RecordingReport(files, size, self._written, self._lost, self._trouble)

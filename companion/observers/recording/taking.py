@@ -8,13 +8,15 @@ import socket
 import time
 from collections.abc import Callable
 
-from companion.observers.recording.messages import LARGEST_PART, Joiner, Message
+from companion.observers.recording.messages import LARGEST_PART, Joiner, RecordedMessage
 
 BEAT = 0.5
 """Seconds between two reports."""
 
 
-def take_messages(descriptor: int, take: Callable[[Message], None], report: Callable[[], bytes]) -> None:
+def take_messages(
+    descriptor: int, take: Callable[[RecordedMessage], None], report: Callable[[], bytes]
+) -> None:
     """Take messages until the supervisor has closed the channel, or is gone.
 
     descriptor: of the channel. report: what is told twice a second. Neither may wait. Raises ValueError for

@@ -35,7 +35,7 @@ class Topic(IntEnum):
     LOG = 15
 
 
-class Row(NamedTuple):
+class _Row(NamedTuple):
     """One row of the table.
 
     fields: the properties of its JSON schema, name -> JSON type; empty for Foxglove's own. standing: it holds
@@ -90,66 +90,70 @@ _VEHICLE = {
     **dict.fromkeys(("speed", "heard_at", "position_at", "clock"), "number"),
     **dict.fromkeys(("position", "attitude"), "array"),
 }
-TOPICS: Mapping[Topic, Row] = MappingProxyType(
+TOPICS: Mapping[Topic, _Row] = MappingProxyType(
     {
-        Topic.CAMERA: Row("/camera", "foxglove.CompressedImage", "a judged frame, JPEG as captured"),
-        Topic.ANNOTATIONS: Row(
+        Topic.CAMERA: _Row("/camera", "foxglove.CompressedImage", "a judged frame, JPEG as captured"),
+        Topic.ANNOTATIONS: _Row(
             "/camera/annotations", "foxglove.ImageAnnotations", "region of interest, place meant, state"
         ),
-        Topic.TRAVERSABILITY: Row(
+        Topic.TRAVERSABILITY: _Row(
             "/maps/traversability", "foxglove.CompressedImage", "the signed map, grey PNG: 0 is -1, 255 is 1"
         ),
-        Topic.UNCERTAINTY: Row("/maps/uncertainty", "foxglove.CompressedImage", "grey PNG: 0 is 0, 255 is 1"),
-        Topic.ASSESSMENT: Row(
+        Topic.UNCERTAINTY: _Row(
+            "/maps/uncertainty", "foxglove.CompressedImage", "grey PNG: 0 is 0, 255 is 1"
+        ),
+        Topic.ASSESSMENT: _Row(
             "/assessment", "anytraverse.Assessment", "what each frame was judged as", _JUDGED
         ),
-        Topic.WORDS: Row(
+        Topic.WORDS: _Row(
             "/words",
             "anytraverse.Words",
             "words in use, and how many taps each has",
             {"words": "object", "taps": "object"},
             standing=True,
         ),
-        Topic.SETTINGS: Row(
+        Topic.SETTINGS: _Row(
             "/settings",
             "anytraverse.Settings",
             "parameters in force, and by what frames are judged",
             {"parameters": "object", "judging": "object"},
             standing=True,
         ),
-        Topic.SETUP: Row(
+        Topic.SETUP: _Row(
             "/setup",
             "anytraverse.Setup",
             "versions, model and configuration, without secrets",
             dict.fromkeys(("version", "python", "computer", "model", "config"), "string"),
             standing=True,
         ),
-        Topic.STATE: Row(
+        Topic.STATE: _Row(
             "/state", "anytraverse.State", "the companion's state, when it changes", _STATE, standing=True
         ),
-        Topic.DECISIONS: Row(
+        Topic.DECISIONS: _Row(
             "/decisions",
             "anytraverse.Decision",
             "calls and holds: opened, closed, started, ended",
             {"decision": "string", "id": "integer", "reasons": "array"},
         ),
-        Topic.REQUESTS: Row(
+        Topic.REQUESTS: _Row(
             "/requests",
             "anytraverse.Request",
             "answers, parameters and policies, as received",
             {"request": "string"},
         ),
-        Topic.ACKNOWLEDGEMENTS: Row(
+        Topic.ACKNOWLEDGEMENTS: _Row(
             "/acknowledgements",
             "anytraverse.Acknowledgement",
             "what answers led to, when it is acknowledged",
             {"target": "integer", "result": "string", "text": "string"},
         ),
-        Topic.VEHICLE: Row(
+        Topic.VEHICLE: _Row(
             "/vehicle", "anytraverse.Vehicle", "what the autopilot reports, 5 a second at most", _VEHICLE
         ),
-        Topic.LOCATION: Row("/location", "foxglove.LocationFix", "where the vehicle is"),
-        Topic.STATUS: Row("/status", "anytraverse.Status", "status.json, once a second", {"state": "string"}),
-        Topic.LOG: Row("/log", "foxglove.Log", "the lines of the log"),
+        Topic.LOCATION: _Row("/location", "foxglove.LocationFix", "where the vehicle is"),
+        Topic.STATUS: _Row(
+            "/status", "anytraverse.Status", "status.json, once a second", {"state": "string"}
+        ),
+        Topic.LOG: _Row("/log", "foxglove.Log", "the lines of the log"),
     }
 )

@@ -61,7 +61,7 @@ def elements(encoder: str) -> list[str]:
     return [part for part in parts if "/" not in part]
 
 
-class Stream:
+class _Stream:
     """One stream for all viewers."""
 
     def __init__(self, channel: socket.socket, setup: dict[str, Any]) -> None:
@@ -236,7 +236,7 @@ def main(descriptor: int, parent: int) -> NoReturn:
         _give_up(channel, NO_GSTREAMER)
     channel.settimeout(0)
     try:
-        stream = Stream(channel, setup)
+        stream = _Stream(channel, setup)
     except OSError:
         _give_up(channel, PORT_TAKEN)
     GLib.io_add_watch(

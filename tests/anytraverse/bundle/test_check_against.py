@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from anytraverse.bundle.against import SizeComparison
-from anytraverse.bundle.comparing import Seen
+from anytraverse.bundle.comparing import TimedOutputs
 from anytraverse.cli import main
 from anytraverse.errors import PerceiverError
 
@@ -23,11 +23,11 @@ Out = pytest.CaptureFixture[str]
 SCENE = np.array([1.0, 0.0], dtype=np.float32)
 
 
-def block(side: int, share: float) -> Seen:
+def block(side: int, share: float) -> TimedOutputs:
     """A map of side x side, sure in this share of its columns, from the left."""
     maps = np.full((1, side, side), 0.2, dtype=np.float32)
     maps[:, :, : round(side * share)] = 0.8
-    return Seen(maps, SCENE, 1.0)
+    return TimedOutputs(maps, SCENE, 1.0)
 
 
 def hashes(folder: Path) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from anytraverse.bundle.comparing import FEWEST_MASKS, Array, Comparison, Seen
+from anytraverse.bundle.comparing import FEWEST_MASKS, Array, BundleComparison, TimedOutputs
 
 SIDE = 100
 SCENE = np.array([1.0, 0.0], dtype=np.float32)
@@ -18,14 +18,14 @@ def block(width: int, height: int = SIDE, left: int = 0) -> Array:
     return grid
 
 
-def seen(*maps: Array, embedding: Array = SCENE) -> Seen:
+def seen(*maps: Array, embedding: Array = SCENE) -> TimedOutputs:
     """What a perceiver sees in a frame."""
-    return Seen(np.stack(maps), embedding, 1.0)
+    return TimedOutputs(np.stack(maps), embedding, 1.0)
 
 
-def compared(fp32: Seen, int8: Seen, *, frames: int = FEWEST_MASKS) -> Comparison:
+def compared(fp32: TimedOutputs, int8: TimedOutputs, *, frames: int = FEWEST_MASKS) -> BundleComparison:
     """Both saw the same in every frame."""
-    comparison = Comparison(["grass", "rock"][: len(fp32.maps)])
+    comparison = BundleComparison(["grass", "rock"][: len(fp32.maps)])
     for _ in range(frames):
         comparison.add(fp32, int8)
     return comparison
@@ -115,5 +115,5 @@ def test_numbers_that_are_not_finite_fail(value: float) -> None:
 
 
 def test_outputs_of_another_size_fail() -> None:
-    small = Seen(np.zeros((1, 8, 8), dtype=np.float32), SCENE, 1.0)
+    small = TimedOutputs(np.zeros((1, 8, 8), dtype=np.float32), SCENE, 1.0)
     assert compared(seen(block(50)), small).verdict(2.0) == (False, "its outputs are of another size")

@@ -15,12 +15,12 @@ from anytraverse.perception.classes.details import (
     DTYPES,
     LAYOUTS,
     ORDERS,
-    Details,
+    ClassesDetails,
     InputForm,
     as_json,
     read_details,
 )
-from anytraverse.perception.classes.words import NamedClass, Words
+from anytraverse.perception.classes.words import ClassWords, NamedClass
 
 NUMBERS = st.floats(0.001, 300.0)
 TRIPLES = st.tuples(NUMBERS, NUMBERS, NUMBERS)
@@ -38,7 +38,7 @@ PICTURE = np.arange(2 * 4 * 3, dtype=np.uint8).reshape(2, 4, 3)
 
 def values() -> dict[str, Any]:
     classes = [NamedClass("grass", ("lawn",)), NamedClass("void", (), is_word=False)]
-    return as_json(Details(Words(classes), "softmax", InputForm(), "scores"))
+    return as_json(ClassesDetails(ClassWords(classes), "softmax", InputForm(), "scores"))
 
 
 @settings(max_examples=40)
@@ -49,7 +49,7 @@ def test_what_is_written_is_read_again(form: InputForm, activation: str) -> None
         NamedClass("ödland"),
         NamedClass("void", (), is_word=False),
     ]
-    details = Details(Words(classes), activation, form, "scores")
+    details = ClassesDetails(ClassWords(classes), activation, form, "scores")
     again = read_details(json.loads(json.dumps(as_json(details))), "details")
     assert again.words.classes == details.words.classes
     assert (again.activation, again.form, again.output) == (activation, form, "scores")
@@ -88,7 +88,7 @@ def test_details_that_are_unfit_are_refused(path: tuple[Any, ...], value: object
 
 def test_one_class_cannot_have_a_softmax() -> None:
     with pytest.raises(BundleError, match="sigmoid or none"):
-        Details(Words([NamedClass("grass")]), "softmax", InputForm(), "scores")
+        ClassesDetails(ClassWords([NamedClass("grass")]), "softmax", InputForm(), "scores")
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from anytraverse.bundle.class_names import read_class_names
 from anytraverse.bundle.from_network import add_arguments
-from anytraverse.perception.classes.details import ACTIVATIONS, Details, InputForm, as_json
-from anytraverse.perception.classes.words import NamedClass, Words
+from anytraverse.perception.classes.details import ACTIVATIONS, ClassesDetails, InputForm, as_json
+from anytraverse.perception.classes.words import ClassWords, NamedClass
 
 TEXT = (Path(__file__).resolve().parents[3] / "docs/classes.md").read_text(encoding="utf-8")
 
@@ -33,6 +33,6 @@ def test_every_option_that_the_page_names_is_one() -> None:
 
 
 def test_every_activation_and_field_is_explained() -> None:
-    details = Details(Words([NamedClass("a"), NamedClass("b")]), "softmax", InputForm(), "scores")
+    details = ClassesDetails(ClassWords([NamedClass("a"), NamedClass("b")]), "softmax", InputForm(), "scores")
     for name in (*ACTIVATIONS, *(f"details.{field}" for field in as_json(details))):
         assert f"`{name}`" in TEXT

@@ -14,7 +14,7 @@ from anytraverse.export import export_bundle
 from anytraverse.export.dense_making import ABSENT, TEMPLATES
 from anytraverse.frame import Image
 from anytraverse.perception import Prompt
-from anytraverse.perception.dense.details import GROUP, Calibration
+from anytraverse.perception.dense.details import GROUP, ScoreCalibration
 from anytraverse.perception.dense.perceiver import Dense
 from anytraverse.perception.tokenizer import Tokenizer
 from tests.anytraverse.clipseg.pictures import picture
@@ -80,7 +80,7 @@ class DenseParity:
         """Our attention and theirs, (words, h, w), calibrated alike."""
         patches, _ = self.seen(frame)
         scores = (self.embeddings(words) - self.embeddings(FEW_ABSENT).mean(axis=0)) @ patches.T
-        level = Calibration(float(np.median(scores)), float(scores.std()) / 2, 1, 0.05)
+        level = ScoreCalibration(float(np.median(scores)), float(scores.std()) / 2, 1, 0.05)
         self.ours.calibration = level
         theirs = 1 / (1 + np.exp(-(scores - level.threshold) / level.temperature))
         ours = self.ours.attend(self.ours.encode(frame), [Prompt(word) for word in words])

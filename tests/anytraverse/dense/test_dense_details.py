@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from anytraverse.errors import BundleError
 from anytraverse.perception.dense.details import (
     GROUP,
-    Calibration,
-    Details,
+    DenseDetails,
+    ScoreCalibration,
     as_json,
     check_templates,
     filled,
@@ -22,7 +22,7 @@ from anytraverse.perception.dense.details import (
 
 LINES = st.text(st.characters(categories=["L", "N", "P", "Zs"], exclude_characters="{}\u00a0"), max_size=40)
 CALIBRATIONS = st.builds(
-    Calibration,
+    ScoreCalibration,
     threshold=st.floats(-2, 2),
     temperature=st.floats(1e-6, 2),
     frames=st.integers(1, 1 << 20),
@@ -33,7 +33,7 @@ TEMPLATES = st.lists(
     st.tuples(LINES, LINES).map("{}".join).filter(str.isprintable), min_size=1, max_size=16, unique=True
 )
 DETAILS = st.builds(
-    Details,
+    DenseDetails,
     family=st.sampled_from(["siglip", "tipsv2"]),
     grid=st.integers(2, 1024),
     width=st.integers(1, 1 << 14),
@@ -50,12 +50,14 @@ RUBBISH = st.recursive(
 
 
 @given(DETAILS)
-def test_what_is_written_is_read_again(details: Details) -> None:
+def test_what_is_written_is_read_again(details: DenseDetails) -> None:
     assert read_details(json.loads(json.dumps(as_json(details))), "bundle") == details
 
 
 @given(DETAILS, st.data())
-def test_a_field_of_rubbish_is_refused_or_means_the_same_kind_of_thing(details: Details, data: Any) -> None:
+def test_a_field_of_rubbish_is_refused_or_means_the_same_kind_of_thing(
+    details: DenseDetails, data: Any
+) -> None:
     values = as_json(details)
     values[data.draw(st.sampled_from(sorted(values)))] = data.draw(RUBBISH)
     try:

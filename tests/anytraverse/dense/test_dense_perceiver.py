@@ -17,7 +17,7 @@ from anytraverse.frame import Frame
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.perception import Example, Prompt, make_perceiver
-from anytraverse.perception.dense.details import Calibration
+from anytraverse.perception.dense.details import ScoreCalibration
 from anytraverse.perception.dense.perceiver import Dense, Patches
 from anytraverse.perception.runtime import Runtime
 from anytraverse.perception.text_tower import TextTower
@@ -52,12 +52,12 @@ def test_a_frame_is_one_run_and_a_word_heard_before_is_none(eyes: Dense, runs: l
 
 
 def test_attention_is_one_half_at_the_threshold_and_rises_with_the_score(eyes: Dense) -> None:
-    eyes.calibration = Calibration(0.1, 0.02, 20, 0.05)
+    eyes.calibration = ScoreCalibration(0.1, 0.02, 20, 0.05)
     seen = eyes.encode(picture(96, 72, 1))
     scores = eyes.scores(seen, ["grass"])
     (attention,) = eyes.attend(seen, [Prompt("grass")])
     np.testing.assert_allclose(attention, 1 / (1 + np.exp(-(scores[0] - 0.1) / 0.02)), rtol=1e-4, atol=1e-6)
-    eyes.calibration = Calibration(float(scores[0, 2, 3]), 1e-6, 20, 0.05)
+    eyes.calibration = ScoreCalibration(float(scores[0, 2, 3]), 1e-6, 20, 0.05)
     attention = eyes.attend(seen, [Prompt("grass")])[0]
     assert attention[2, 3] == pytest.approx(0.5, abs=0.01)
     assert np.isfinite(attention).all()  # also at a temperature that would overflow an exponential
@@ -83,7 +83,7 @@ def test_a_tapped_thing_is_found_where_it_was_tapped(eyes: Dense) -> None:
     tapped = eyes.example(seen, Box(0.25, 0.625, 0.75, 1.0))
     (attention,) = eyes.attend(seen, [Prompt("drum", (tapped,))])
     assert (attention[5:, 2:6] > 0.99).all()
-    eyes.calibration = Calibration(1.9, 0.01, 20, 0.05)  # no word reaches this
+    eyes.calibration = ScoreCalibration(1.9, 0.01, 20, 0.05)  # no word reaches this
     (attention,) = eyes.attend(seen, [Prompt("drum", (tapped,))])
     assert attention[:5].max() < 0.01
     with pytest.raises(ExampleError, match="too small"):

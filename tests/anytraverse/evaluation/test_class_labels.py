@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from anytraverse.errors import PreferencesError, UnknownWordError
-from anytraverse.evaluation.labels import Classes, DatasetError, fold, read_classes
+from anytraverse.evaluation.labels import DatasetError, LabelClasses, fold, read_classes
 from anytraverse.evaluation.matching import match_words, parse_matches, refuse_asked
 
-CLASSES = Classes(("void", "Dirt_Path", "grass", "water", "rock-bed"), ignore=0)
+CLASSES = LabelClasses(("void", "Dirt_Path", "grass", "water", "rock-bed"), ignore=0)
 
 
 def meaning(word: str) -> str:
@@ -24,7 +24,7 @@ def meaning(word: str) -> str:
 
 def test_classes_are_read_as_the_data_sets_write_them(tmp_path: Path) -> None:
     (tmp_path / "classes.json").write_text('{\n "ignore": 254,\n "classes": ["grass", "sky"]\n}')
-    assert read_classes(tmp_path) == Classes(("grass", "sky"), 254)
+    assert read_classes(tmp_path) == LabelClasses(("grass", "sky"), 254)
     (tmp_path / "classes.json").write_text('{"classes": ["grass"]}')
     assert read_classes(tmp_path).ignore == 255
 
@@ -83,7 +83,7 @@ def test_pixels_of_classes_are_found_and_what_is_ignored_is_not() -> None:
 
 
 def test_classes_of_one_name_count_as_one() -> None:
-    classes = Classes(("unused", "grass", "unused", "Grass"))
+    classes = LabelClasses(("unused", "grass", "unused", "Grass"))
     assert classes.choose(["grass"]) == ("grass",)
     assert classes.mask(np.array([[0, 1, 2, 3]], dtype=np.uint8), ["grass"]).tolist() == [
         [False, True, False, True]
@@ -101,7 +101,7 @@ def test_words_find_the_classes_of_their_name_and_of_their_meaning() -> None:
 
 
 def test_a_word_without_a_class_has_those_of_its_kind_that_no_other_word_has() -> None:
-    classes = Classes(("smooth_trail", "Rough-Trail", "dirt path", "dry grass", "sky"))
+    classes = LabelClasses(("smooth_trail", "Rough-Trail", "dirt path", "dry grass", "sky"))
     matches = match_words(["trail", "grass", "dry grass", "sky"], classes, meaning, {})
     assert matches == {
         "trail": ("smooth_trail", "Rough-Trail"),

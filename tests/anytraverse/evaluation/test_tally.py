@@ -9,29 +9,29 @@ from hypothesis import strategies as st
 
 from anytraverse.assessment import Maps
 from anytraverse.evaluation.datasets import LabelledFrame
-from anytraverse.evaluation.labels import Classes, DatasetError
+from anytraverse.evaluation.labels import DatasetError, LabelClasses
 from anytraverse.evaluation.scores import COARSE, FINE, Bins, Ranking, area
-from anytraverse.evaluation.seeing import Seen
-from anytraverse.evaluation.summary import Summary
+from anytraverse.evaluation.seeing import TimedMaps
+from anytraverse.evaluation.summary import TallySummary
 from anytraverse.evaluation.tally import THRESHOLDS, DamagedTallyError, Rows, Tally
 
-CLASSES = Classes(("void", "grass", "", "bush", "Grass", "drum"), ignore=0)
+CLASSES = LabelClasses(("void", "grass", "", "bush", "Grass", "drum"), ignore=0)
 ROWS = Rows(CLASSES)
 IDS = (0, 1, 3, 4, 5)
 
 
-def a_frame(seed: int, ids: tuple[int, ...] = IDS) -> tuple[LabelledFrame, Seen]:
+def a_frame(seed: int, ids: tuple[int, ...] = IDS) -> tuple[LabelledFrame, TimedMaps]:
     chance = np.random.default_rng(seed)
     shape = 6, 7
     values = (chance.integers(0, 41, (2, *shape)) / 40).astype(np.float32)
     labels = chance.choice(ids, shape).astype(np.uint8)
     drivable, named = values[0] > 0.7, np.zeros(1, dtype=np.bool_)
     maps = Maps(values[None, 0], values[0], values[1], values[1], drivable, named, values[1] <= 0.5)
-    return LabelledFrame(seed, f"{seed}.jpg", np.zeros((*shape, 3), np.uint8), labels), Seen(maps, 1.5)
+    return LabelledFrame(seed, f"{seed}.jpg", np.zeros((*shape, 3), np.uint8), labels), TimedMaps(maps, 1.5)
 
 
-def summed(frames: list[tuple[LabelledFrame, Seen]]) -> Summary:
-    summary = Summary(ROWS, ["grass"], ["drum"])
+def summed(frames: list[tuple[LabelledFrame, TimedMaps]]) -> TallySummary:
+    summary = TallySummary(ROWS, ["grass"], ["drum"])
     for frame, seen in frames:
         tally = Tally.of(seen, frame, ROWS)
         again = Tally.unpacked(tally.packed(), ROWS.count)
@@ -94,7 +94,7 @@ def test_a_frame_with_nothing_drivable_has_no_iou_and_the_others_count() -> None
 
 
 def test_a_summary_without_unknown_classes_has_no_auroc() -> None:
-    summary = Summary(ROWS, ["grass"], [])
+    summary = TallySummary(ROWS, ["grass"], [])
     frame, seen = a_frame(3)
     summary.add(0, "a", Tally.of(seen, frame, ROWS))
     figures = summary.figures(1)

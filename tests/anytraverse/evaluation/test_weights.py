@@ -22,7 +22,7 @@ from anytraverse import release
 from anytraverse.cli import main
 from anytraverse.errors import AnyTraverseError, PerceiverError
 from anytraverse.evaluation import evaluating, seeing
-from anytraverse.evaluation.evaluating import Share, judged_share
+from anytraverse.evaluation.evaluating import WorkShare, judged_share
 from anytraverse.evaluation.seeing import maps_identity
 from anytraverse.evaluation.spreading import SpreadError, spread
 from anytraverse.evaluation.weights import read_weights, small_shape
@@ -210,7 +210,7 @@ def test_each_thread_of_a_worker_has_one_perceiver(
     monkeypatch.setattr(evaluating, "make_perceiver", make)
     together = Barrier(threads)
 
-    def work(one: Share) -> Any:
+    def work(one: WorkShare) -> Any:
         together.wait(10.0)
         return judged_share(one)
 
@@ -225,8 +225,8 @@ def test_a_worker_with_another_model_is_refused(drive: Path) -> None:
         judged_share(share_of(drive, "another-model"))
 
 
-def share_of(drive: Path, model: str) -> Share:
-    return Share(f"folder:{drive}", "all", "grey", model, 1, ("dirt: 1",), (2,))
+def share_of(drive: Path, model: str) -> WorkShare:
+    return WorkShare(f"folder:{drive}", "all", "grey", model, 1, ("dirt: 1",), (2,))
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificate")

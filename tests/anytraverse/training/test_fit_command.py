@@ -49,9 +49,9 @@ def by_false_alarms(start: Path, *_: object, **__: object) -> Any:
 def test_few_frames_refit_the_shipped_network_and_a_worse_fit_does_not_replace_it(
     tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Out
 ) -> None:
-    from anytraverse.training.fitting import Options
+    from anytraverse.training.fitting import FitOptions
 
-    monkeypatch.setattr("anytraverse.training.running.REFIT", Options(steps=40, batch=4, rate=2e-4))
+    monkeypatch.setattr("anytraverse.training.running.REFIT", FitOptions(steps=40, batch=4, rate=2e-4))
     out = tmp_path / "mine.onnx"
     words = ["fit", str(tiny_folder), "--out", str(out), "--validation", "1", "2", "--test", "3"]
     assert main(words) == 0

@@ -11,16 +11,16 @@ import pytest
 
 from anytraverse.training.calibration import plain
 from anytraverse.training.folders import read_folder
-from anytraverse.training.held_out import FORGETS, LOSES, Comparison, Drive, compare
+from anytraverse.training.held_out import FORGETS, LOSES, DriveScores, HeldOutComparison, compare
 from anytraverse.training.scores import Score
 from tests.anytraverse.training.made_outputs import by_colour, sky_everywhere
 
 
 def comparison(
     new: float, old: float, again: float | None, things: float = 0.9, noticed: float = 0.8
-) -> Comparison:
-    drive = Drive(None, 10, Score(new, new, 0.01), Score(old, old, 0.02))
-    return Comparison((replace(drive, block=2),), drive, again, things, 0.9, 400, noticed, 0.8, 0.8)
+) -> HeldOutComparison:
+    drive = DriveScores(None, 10, Score(new, new, 0.01), Score(old, old, 0.02))
+    return HeldOutComparison((replace(drive, block=2),), drive, again, things, 0.9, 400, noticed, 0.8, 0.8)
 
 
 def test_a_fit_must_be_as_good_as_the_old_network_with_the_same_advantage() -> None:

@@ -15,7 +15,7 @@ from anytraverse.training.calibration import plain
 from anytraverse.training.classes import CLASSES, DRIVABLE
 from anytraverse.training.folders import Folder, Labelled, read_folder
 from anytraverse.training.joint import recalibrated
-from anytraverse.training.things import ENOUGH, LEAST, Seen, noticed, pasted, recall, seen
+from anytraverse.training.things import ENOUGH, LEAST, ThingOutputs, noticed, pasted, recall, seen
 from tests.anytraverse.training.made_outputs import by_colour, made
 
 LARGE = 0.25, 0.65
@@ -62,7 +62,7 @@ def test_where_nothing_is_drivable_nothing_is_pasted() -> None:
     assert np.isnan(recall([], plain()))
 
 
-def scene_with(side: int) -> Seen:
+def scene_with(side: int) -> ThingOutputs:
     """Surely trail, with a square of surely unknown in the middle."""
     logits = np.full((len(CLASSES), 48, 64), -9.0, np.float32)
     logits[0] = 9.0
@@ -70,7 +70,7 @@ def scene_with(side: int) -> Seen:
     where[36 - side : 36, 32 : 32 + side] = True
     logits[:, where] = -9.0
     logits[-1, where] = 9.0
-    return Seen(made(logits), where, 4 / 3)
+    return ThingOutputs(made(logits), where, 4 / 3)
 
 
 @pytest.mark.parametrize(("side", "large", "small"), [(1, False, False), (2, False, True), (8, True, True)])

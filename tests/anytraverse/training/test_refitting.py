@@ -47,10 +47,10 @@ def test_a_refit_repeats_changes_only_the_decoder_and_survives_its_file(
     import torch
 
     from anytraverse.training.export import export, read_back
-    from anytraverse.training.fitting import Material, Options, train
+    from anytraverse.training.fitting import FitOptions, Material, train
 
     material = Material(Folder(read_folder(tiny_folder).frames[:2]))
-    options = Options(steps=2, batch=2, rate=1e-3)
+    options = FitOptions(steps=2, batch=2, rate=1e-3)
     before = read_back(SHIPPED)
     net, again = (train(deepcopy(before), material, options) for _ in range(2))
     pairs = zip(net.state_dict().values(), again.state_dict().values(), strict=True)

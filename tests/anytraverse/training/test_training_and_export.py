@@ -59,10 +59,10 @@ def few(folder: Path) -> Folder:
 
 def trained(folder: Folder, seed: int, steps: int) -> tuple[list[float], dict[str, np.ndarray]]:
     """Losses as they were told and on a batch of their own, and the weights."""
-    from anytraverse.training.fitting import Material, Options, batch, class_weights, loss_of, train
+    from anytraverse.training.fitting import FitOptions, Material, batch, class_weights, loss_of, train
 
     losses: list[float] = []
-    options = Options(seed=seed, steps=steps, batch=4, decay=0.5)
+    options = FitOptions(seed=seed, steps=steps, batch=4, decay=0.5)
     material = Material(folder)
     net = train(untrained(seed), material, options, lambda _d, _n, loss, _s: losses.append(loss))
     frames, labels = batch(material, options, np.random.default_rng(3))
@@ -71,11 +71,11 @@ def trained(folder: Folder, seed: int, steps: int) -> tuple[list[float], dict[st
 
 
 def test_a_few_steps_lower_the_loss(tiny_folder: Path) -> None:
-    from anytraverse.training.fitting import Material, Options, batch, class_weights, loss_of
+    from anytraverse.training.fitting import FitOptions, Material, batch, class_weights, loss_of
 
     folder = read_folder(tiny_folder)
     losses, _ = trained(folder, 1, 12)
-    frames, labels = batch(Material(folder), Options(batch=4), np.random.default_rng(3))
+    frames, labels = batch(Material(folder), FitOptions(batch=4), np.random.default_rng(3))
     before = loss_of(untrained(1)(frames)[0], labels, class_weights(folder), 1.0)
     assert losses[-1] < 0.9 * float(before.detach())
 
@@ -99,12 +99,12 @@ def test_no_steps_change_nothing(tiny_folder: Path) -> None:
 
 
 def test_photographs_of_things_are_among_what_is_trained_on(tiny_folder: Path) -> None:
-    from anytraverse.training.fitting import Material, Options, batch
+    from anytraverse.training.fitting import FitOptions, Material, batch
 
     folder = read_folder(tiny_folder)
     vivid: Cutout = np.full((40, 40, 4), 255, np.uint8)
     views = [
-        batch(Material(folder, cutouts=cutouts), Options(batch=8), np.random.default_rng(1))[0]
+        batch(Material(folder, cutouts=cutouts), FitOptions(batch=8), np.random.default_rng(1))[0]
         for cutouts in ((), (vivid,))
     ]
     assert not bool((views[0] == views[1]).all())

@@ -25,7 +25,7 @@ from companion.cameras import (
     split_source,
 )
 from companion.cameras.folder import pictures
-from companion.cameras.playback import Pace
+from companion.cameras.playback import PlaybackPace
 
 _FAST = CameraOptions(playback=1000.0)
 
@@ -206,7 +206,7 @@ def test_what_is_no_video_says_so(tmp_path: Path) -> None:
 
 
 def test_the_pace_does_not_make_up_for_lost_time() -> None:
-    pace = Pace(50.0)
+    pace = PlaybackPace(50.0)
     pace.wait(1.0)
     time.sleep(0.1)
     late, next_one = pace.wait(1.0), pace.wait(1.0)
@@ -214,7 +214,7 @@ def test_the_pace_does_not_make_up_for_lost_time() -> None:
 
 
 def test_a_pace_slower_than_the_patience_says_not_yet() -> None:
-    pace = Pace(1.0)
+    pace = PlaybackPace(1.0)
     pace.wait(1.0)
     started = time.monotonic()
     with pytest.raises(NoFrameYet):

@@ -133,7 +133,7 @@ def test_what_cannot_be_loaded_is_told_with_what_to_do(
     with ours, theirs, loading() as (vision, child):
         vision.poll(time.monotonic())
         ours.sendall(encode_trusted(Start(config, None, 0, 1)))
-        process._serve(process.Port(theirs))
+        process._serve(process.SupervisorChannel(theirs))
         failed = [decode(packed) for packed in Splitter().feed(ours.recv(1 << 20))][-1]
         assert isinstance(failed, Failed)
         child.report(failed)
@@ -343,7 +343,7 @@ def test_long_work_gives_signs_of_life(monkeypatch: pytest.MonkeyPatch, config: 
     ours, theirs = socket.socketpair()
     with ours, theirs:
         ours.sendall(encode_trusted(Start(config, None, 0, 1)))
-        process._serve(process.Port(theirs))
+        process._serve(process.SupervisorChannel(theirs))
         sent = [decode(packed) for packed in Splitter().feed(ours.recv(1 << 20))]
     assert [type(report) for report in sent] == [Alive, Alive, Alive, Failed]
 

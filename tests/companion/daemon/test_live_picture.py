@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from companion.daemon.live_picture import Shown
+from companion.daemon.live_picture import ShownFrame
 from companion.vision.messages import Draw
 from tests.companion.daemon.rig import MakeRig, Rig
 
@@ -11,7 +11,7 @@ def draws(rig: Rig) -> list[Draw]:
     return [request for request in rig.child.requests if isinstance(request, Draw)]
 
 
-def shown(rig: Rig) -> Shown:
+def shown(rig: Rig) -> ShownFrame:
     picture = rig.daemon.live_picture.take()
     assert picture is not None
     return picture

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.video import CameraSettings
-from companion.daemon.live_picture import LEGEND, Shown
+from companion.daemon.live_picture import LEGEND, ShownFrame
 from companion.vision import pictures
 from companion.vision.messages import Draw
 from companion.wire.ids import Policy
@@ -23,7 +23,7 @@ class Viewer:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self.pictures: list[Shown] = []
+        self.pictures: list[ShownFrame] = []
         self.since = rig.clock.now
         rig.daemon.pointing.shown_for = self.shown_for
         rig.daemon.video_pictures.watched = True

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.storage import Batch, Journal, JournalError, Row
+from companion.storage import Batch, Journal, JournalError, TableRow
 from companion.storage.batch import MAX_ROWS
 from companion.storage.log_file import log_to_file
 from companion.storage.writer import BOUNDS, Writer
@@ -34,7 +34,7 @@ def writer(journal: Journal) -> Writer:
 
 
 def answer(number: int) -> Batch:
-    return Batch(rows=(Row.of_answer(number, {"number": number}, float(number)),))
+    return Batch(rows=(TableRow.of_answer(number, {"number": number}, float(number)),))
 
 
 def test_the_journal_goes_first_then_jobs_in_their_order(writer: Writer) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from companion.observers.recording import contents
-from companion.observers.recording.messages import Message
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.topics import Topic
 from companion.vision import pictures
 from companion.vision.messages import Encode, Encoded
@@ -19,12 +19,12 @@ from tests.companion.daemon.rig import MakeRig, Rig
 NS = 1_000_000_000
 
 
-def recorded(rig: Rig) -> list[Message]:
+def recorded(rig: Rig) -> list[RecordedMessage]:
     """What was recorded since the last call."""
     return rig.daemon.recording.take()
 
 
-def of(messages: list[Message], topic: Topic) -> list[dict[str, Any]]:
+def of(messages: list[RecordedMessage], topic: Topic) -> list[dict[str, Any]]:
     """The contents of a topic."""
     return [json.loads(one.data) for one in messages if one.topic is topic]
 

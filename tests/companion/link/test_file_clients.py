@@ -19,7 +19,7 @@ from companion.config.link_settings import MAIN, LinkSettings
 from companion.link.link import Link
 from companion.link.transport import Udp
 from companion.sim.loopback_link import LoopbackLink
-from companion.storage.served_files import Folder
+from companion.storage.served_files import MatchingFiles
 from companion.storage.served_tree import Document, Tree
 from companion.wire.ids import COMPONENT_ID
 from companion.wire.parameters import build
@@ -39,7 +39,7 @@ def logs(tmp_path: Path) -> Path:
 
 
 def tree(logs: Path) -> Tree:
-    return Tree({"logs": Folder(logs), "state.json": Document(lambda: b"{}")})
+    return Tree({"logs": MatchingFiles(logs), "state.json": Document(lambda: b"{}")})
 
 
 def get(client: Any, path: str, copy: Path) -> int:

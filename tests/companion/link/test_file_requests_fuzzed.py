@@ -13,7 +13,7 @@ from companion.config.link_settings import LinkSettings
 from companion.link.ftp.server import MAX_REPLIES
 from companion.link.ftp.sessions import IDLE, MAX_SESSIONS
 from companion.sim.loopback_link import LoopbackLink
-from companion.storage.served_files import Folder
+from companion.storage.served_files import MatchingFiles
 from companion.storage.served_tree import Document, Tree
 from companion.wire.ftp import FtpPayload, Opcode
 from companion.wire.ids import COMPONENT_ID
@@ -56,7 +56,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Tree:
     def bad() -> bytes:
         raise ZeroDivisionError
 
-    return Tree({"logs": Folder(folder), "state.json": Document(lambda: b"{}"), "bad": Document(bad)})
+    return Tree({"logs": MatchingFiles(folder), "state.json": Document(lambda: b"{}"), "bad": Document(bad)})
 
 
 def descriptors() -> int:

@@ -15,8 +15,8 @@ from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link import encode
 from companion.link.ftp.server import BURST_FRAMES, MAX_LATER
 from companion.sim.loopback_link import FileClient, LoopbackLink
-from companion.storage.file_reader import Reader
-from companion.storage.served_files import Folder
+from companion.storage.file_reader import FileReader
+from companion.storage.served_files import MatchingFiles
 from companion.storage.served_tree import Document, Documents, Tree
 from companion.wire.answers import Answer
 from companion.wire.ftp import FtpError, FtpPayload, Opcode
@@ -293,10 +293,10 @@ def test_frames_cost_at_most_what_the_table_says(client: FileClient) -> None:
     assert 107 in sizes
 
 
-class HangingFolder(Folder):
+class HangingFolder(MatchingFiles):
     """Its disk hangs until it is `released`."""
 
-    def __init__(self, path: Path, reader: Reader) -> None:
+    def __init__(self, path: Path, reader: FileReader) -> None:
         super().__init__(path, "*", reader)
         self.released = threading.Event()
 
@@ -308,7 +308,7 @@ class HangingFolder(Folder):
 @pytest.fixture
 def hanging(tmp_path: Path) -> Iterator[HangingFolder]:
     (tmp_path / "a.log").write_bytes(b"first")
-    with Reader() as reader:
+    with FileReader() as reader:
         folder = HangingFolder(tmp_path, reader)
         yield folder
         folder.released.set()

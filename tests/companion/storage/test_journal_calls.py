@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.storage import Batch, Journal, JournalError, Row
+from companion.storage import Batch, Journal, JournalError, TableRow
 from companion.storage import journal as journal_module
 from companion.storage.batch import as_json
 from companion.wire.call_report import CallReport
@@ -52,7 +52,7 @@ def test_the_frame_of_the_open_call_comes_back_byte_by_byte(journal: Journal, tm
 def test_frame_state_memory_and_rows_are_kept_together_or_not_at_all(tmp_path: Path) -> None:
     Journal(tmp_path).close()
     journal = Journal(tmp_path, largest=(tmp_path / "journal.db").stat().st_size + 40_000)
-    row = Row.of_answer(1, {"motion": "go"}, 5.0)
+    row = TableRow.of_answer(1, {"motion": "go"}, 5.0)
     journal.commit(Batch(state='{"call": 1}', frame=(1, b"one"), rows=(row,)))
     with pytest.raises(JournalError, match="make room"):
         journal.commit(Batch(state='{"call": 2}', frame=(2, bytes(200_000)), rows=(row,)))
@@ -64,9 +64,9 @@ def test_frame_state_memory_and_rows_are_kept_together_or_not_at_all(tmp_path: P
 
 
 def test_closed_calls_are_listed_newest_first_with_their_answers(journal: Journal) -> None:
-    journal.commit(Batch(rows=(Row.of_answer(1, {"motion": "go", "operations": ["drum: -1"]}, 1.8e9),)))
-    journal.commit(Batch(rows=(Row.of_call(_call(1), 1.8e9),)))
-    journal.commit(Batch(rows=(Row.of_call(_call(2, Outcome.PASSED), 1.8e9),)))
+    journal.commit(Batch(rows=(TableRow.of_answer(1, {"motion": "go", "operations": ["drum: -1"]}, 1.8e9),)))
+    journal.commit(Batch(rows=(TableRow.of_call(_call(1), 1.8e9),)))
+    journal.commit(Batch(rows=(TableRow.of_call(_call(2, Outcome.PASSED), 1.8e9),)))
     newest, oldest = journal.calls()
     assert (newest.id, newest.outcome, newest.answers) == (2, Outcome.PASSED, ())
     assert (oldest.id, oldest.outcome) == (1, Outcome.ANSWERED)
@@ -81,6 +81,6 @@ def test_closed_calls_are_listed_newest_first_with_their_answers(journal: Journa
 def test_old_calls_and_answers_go(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal_module, "MAX_CALLS", 3)
     for number in range(1, 7):
-        journal.commit(Batch(rows=(Row.of_call(_call(number), 1.8e9),)))
-        journal.commit(Batch(rows=(Row.of_answer(number, {}, 1.8e9),)))
+        journal.commit(Batch(rows=(TableRow.of_call(_call(number), 1.8e9),)))
+        journal.commit(Batch(rows=(TableRow.of_answer(number, {}, 1.8e9),)))
     assert [call.id for call in journal.calls()] == [6, 5, 4]

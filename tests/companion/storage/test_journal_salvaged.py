@@ -20,7 +20,7 @@ from anytraverse.history import Entry, History, Place
 from anytraverse.memory import Memory, first_memory
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
-from companion.storage import Batch, Journal, Row
+from companion.storage import Batch, Journal, TableRow
 from companion.storage.batch import as_json
 from companion.storage.daily_copy import AGE
 from companion.storage.journal_copy import told_of_damage
@@ -80,8 +80,8 @@ def journal(tmp_path_factory: pytest.TempPathFactory) -> Path:
         written.commit(Batch(memory=memory_of(*range(1, last + 1)), state=as_json(STATE)))
     record = as_json({"text": "x" * 200})
     for number in range(SCENES):
-        answer = Row("answers", "call_id, answered_at, record", (number, 1.0, record))
-        closed = Row("calls", "id, closed_at, outcome, record", (number, 1.0, "answered", record))
+        answer = TableRow("answers", "call_id, answered_at, record", (number, 1.0, record))
+        closed = TableRow("calls", "id, closed_at, outcome, record", (number, 1.0, "answered", record))
         written.commit(Batch(rows=(answer, closed)))
     written.tidy()
     written.close()
@@ -164,8 +164,10 @@ def test_calls_answers_and_the_open_calls_frame_are_recovered(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     written = Journal(tmp_path)
-    row = Row("answers", "call_id, answered_at, record", (7, 1.0, as_json({"motion": "go"})))
-    closed = Row("calls", "id, closed_at, outcome, record", (7, 1.0, "answered", as_json({"frame_id": 3})))
+    row = TableRow("answers", "call_id, answered_at, record", (7, 1.0, as_json({"motion": "go"})))
+    closed = TableRow(
+        "calls", "id, closed_at, outcome, record", (7, 1.0, "answered", as_json({"frame_id": 3}))
+    )
     state = as_json({**STATE, "call": {"frame_id": 3}})
     written.commit(Batch(memory_of(1), state, frame=(3, b"png"), rows=(row, closed)))
     written.close()

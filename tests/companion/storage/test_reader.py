@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from companion.storage.file_reader import MOST, PATIENCE, Reader
-from companion.storage.served_files import Folder
+from companion.storage.file_reader import MOST, PATIENCE, FileReader
+from companion.storage.served_files import MatchingFiles
 from companion.storage.served_tree import FileError, LaterError, MissingError, Tree
 
 REAL = 10.0
@@ -50,14 +50,14 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_without_a_thread_it_is_read_at_once() -> None:
-    assert Reader().read("a", lambda: 1) == 1
+    assert FileReader().read("a", lambda: 1) == 1
     with pytest.raises(MissingError):
-        Tree({"logs": Folder(Path("/nowhere"))}).open("/logs/a")
+        Tree({"logs": MatchingFiles(Path("/nowhere"))}).open("/logs/a")
 
 
 def test_who_asks_a_disk_that_hangs_never_waits_and_is_told_after_two_seconds(now: list[float]) -> None:
     disk = Disk()
-    with Reader() as reader:
+    with FileReader() as reader:
         before = time.perf_counter()
         for now[0] in (1000.0, 1000.0 + PATIENCE - 0.01):
             with pytest.raises(LaterError):
@@ -72,7 +72,7 @@ def test_who_asks_a_disk_that_hangs_never_waits_and_is_told_after_two_seconds(no
 
 def test_no_more_than_a_few_reads_wait_and_those_that_nobody_asks_for_go(now: list[float]) -> None:
     disk = Disk()
-    with Reader() as reader:
+    with FileReader() as reader:
         for number in range(MOST):
             with pytest.raises(LaterError):
                 reader.read(number, disk.read)
@@ -89,8 +89,8 @@ def test_no_more_than_a_few_reads_wait_and_those_that_nobody_asks_for_go(now: li
 
 def test_an_error_of_a_read_is_told_to_who_asked_and_costs_no_other(tmp_path: Path) -> None:
     (tmp_path / "a.log").write_bytes(b"first")
-    with Reader() as reader:
-        tree = Tree({"logs": Folder(tmp_path, "*.log", reader)})
+    with FileReader() as reader:
+        tree = Tree({"logs": MatchingFiles(tmp_path, "*.log", reader)})
         for mistake in (ZeroDivisionError("odd"), MissingError("a")):
 
             def fail(error: Exception = mistake) -> None:

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.storage.served_files import MAX_FILES, Folder
+from companion.storage.served_files import MAX_FILES, MatchingFiles
 from companion.storage.served_tree import (
     MAX_SIZE,
     Document,
     Documents,
-    Entry,
     FileError,
+    ListingEntry,
     MissingError,
     Opened,
     Tree,
@@ -55,19 +55,19 @@ def tree(logs: Path) -> Tree:
         {
             "state.json": Document(lambda: b'{"words": []}'),
             "calls": Documents(lambda: {name: len(data) for name, data in calls.items()}, calls.__getitem__),
-            "logs": Folder(logs, "*.log"),
+            "logs": MatchingFiles(logs, "*.log"),
         }
     )
 
 
 def test_the_root_lists_files_and_folders_by_name(tree: Tree) -> None:
-    expected = (Entry("calls", None), Entry("logs", None), Entry("state.json", 13))
+    expected = (ListingEntry("calls", None), ListingEntry("logs", None), ListingEntry("state.json", 13))
     assert tree.entries("/") == tree.entries("") == expected
 
 
 def test_a_folder_lists_only_visible_regular_files_that_match(tree: Tree) -> None:
-    assert tree.entries("/logs") == (Entry("one.log", 5), Entry("two.log", 6))
-    assert tree.entries("calls/") == (Entry("7.jpg", 7), Entry("7.json", 2))
+    assert tree.entries("/logs") == (ListingEntry("one.log", 5), ListingEntry("two.log", 6))
+    assert tree.entries("calls/") == (ListingEntry("7.jpg", 7), ListingEntry("7.json", 2))
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_only_folders_are_listed(tree: Tree, path: str) -> None:
 
 @given(st.text(max_size=40))
 def test_no_path_leads_out_or_raises_anything_else(path: str) -> None:
-    served = Tree({"logs": Folder(Path("/etc"), "*.nothing"), "a": Document(lambda: b"a")})
+    served = Tree({"logs": MatchingFiles(Path("/etc"), "*.nothing"), "a": Document(lambda: b"a")})
     try:
         assert whole(served.open(path)) == b"a"
     except MissingError:
@@ -133,7 +133,7 @@ def test_no_path_leads_out_or_raises_anything_else(path: str) -> None:
 def test_a_log_stays_as_it_was_when_it_was_opened(logs: Path) -> None:
     path = logs / "large.log"
     path.write_bytes(b"x" * (LARGE + 1))
-    opened = Tree({"logs": Folder(logs)}).open("/logs/large.log")
+    opened = Tree({"logs": MatchingFiles(logs)}).open("/logs/large.log")
     with path.open("ab") as log:
         log.write(b"more")
     assert opened.size == LARGE + 1
@@ -163,7 +163,7 @@ def test_a_document_is_made_once_for_a_reader() -> None:
 def test_what_is_too_large_is_refused_with_the_limit(logs: Path) -> None:
     with (logs / "huge.log").open("wb") as huge:
         huge.truncate(MAX_SIZE + 1)
-    served = Tree({"logs": Folder(logs), "big": Document(lambda: bytes(MAX_SIZE + 1))})
+    served = Tree({"logs": MatchingFiles(logs), "big": Document(lambda: bytes(MAX_SIZE + 1))})
     for path in ("/logs/huge.log", "/big"):
         with pytest.raises(FileError, match=str(MAX_SIZE)):
             served.open(path)
@@ -171,15 +171,15 @@ def test_what_is_too_large_is_refused_with_the_limit(logs: Path) -> None:
 
 def test_a_provider_that_fails_costs_its_own_file_only() -> None:
     served = Tree({"bad": Document(broken), "good": Document(lambda: b"good")})
-    assert served.entries("/") == (Entry("bad", 0), Entry("good", 4))
+    assert served.entries("/") == (ListingEntry("bad", 0), ListingEntry("good", 4))
     with pytest.raises(FileError, match="KeyError"):
         served.open("bad")
     assert whole(served.open("good")) == b"good"
 
 
 def test_a_folder_that_is_not_there_yet_is_no_mistake(tmp_path: Path) -> None:
-    served = Tree({"maps": Folder(tmp_path / "maps")})
-    assert served.entries("/") == (Entry("maps", None),)
+    served = Tree({"maps": MatchingFiles(tmp_path / "maps")})
+    assert served.entries("/") == (ListingEntry("maps", None),)
     with pytest.raises(MissingError):
         served.entries("/maps")
     (tmp_path / "maps").mkdir()
@@ -191,11 +191,11 @@ def test_of_too_many_files_the_newest_are_shown(tmp_path: Path) -> None:
         path = tmp_path / f"{number:04}"
         path.touch()
         os.utime(path, (number, number))
-    shown = Tree({"logs": Folder(tmp_path)}).entries("/logs")
+    shown = Tree({"logs": MatchingFiles(tmp_path)}).entries("/logs")
     assert [entry.name for entry in shown] == [f"{number:04}" for number in range(3, MAX_FILES + 3)]
 
 
-class Vanishing(Folder):
+class Vanishing(MatchingFiles):
     """Loses a file between its name's turn and its size's, as when a log is turned over."""
 
     def _shows(self, name: str) -> bool:
@@ -205,7 +205,7 @@ class Vanishing(Folder):
 
 
 def test_a_file_that_goes_away_meanwhile_costs_no_other_its_place_in_the_list(logs: Path) -> None:
-    assert Tree({"logs": Vanishing(logs, "*.log")}).entries("/logs") == (Entry("two.log", 6),)
+    assert Tree({"logs": Vanishing(logs, "*.log")}).entries("/logs") == (ListingEntry("two.log", 6),)
 
 
 @pytest.mark.parametrize("name", ["", ".hidden", "a/b", "a\tb", "x" * 129, "\ud800"])

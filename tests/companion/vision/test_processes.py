@@ -28,7 +28,7 @@ from companion.config import Config
 from companion.vision.codec import encode_trusted
 from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import Scenes, Start
-from companion.vision.process import Port, _Lines, receive_start
+from companion.vision.process import SupervisorChannel, _Lines, receive_start
 from tests.companion.daemon.rig import picture
 from tests.waiting import fill
 
@@ -133,7 +133,7 @@ def test_a_line_of_the_log_that_cannot_be_made_costs_that_line_only(
 ) -> None:
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        port = Port(ours)
+        port = SupervisorChannel(ours)
         handler = _Lines(port)
         for number in (1, "two", 3):
             handler.handle(logging.LogRecord("x", logging.INFO, "", 0, "%d of %s", (number, "n"), None))
@@ -152,7 +152,7 @@ def test_a_new_vision_process_waits_until_it_has_all_remembered_scenes() -> None
         theirs.sendall(encode_trusted(Start(Config(), first, 7, 1, more)))
         while part := copy.next_scenes():
             theirs.sendall(encode_trusted(Scenes(part)))
-        start = receive_start(Port(ours))
+        start = receive_start(SupervisorChannel(ours))
     assert start.more == 0
     assert start.revision == 7
     assert start.memory is not None

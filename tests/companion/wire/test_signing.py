@@ -20,8 +20,8 @@ from companion.wire.signing import (
     REPLAY,
     SIGNATURE,
     UNSIGNED,
+    SignedStream,
     SigningKey,
-    Stream,
     Timestamps,
     refusal,
     ticks,
@@ -31,7 +31,7 @@ from companion.wire.signing_key import SigningKeyError, read_key
 SECRET = bytes(range(32))
 KEY = SigningKey(SECRET)
 NOW = ticks(1_790_000_000)
-GROUND = Stream(255, 190, 0)
+GROUND = SignedStream(255, 190, 0)
 
 
 def heartbeat(state: int = 0, *, system: int = 255, component: int = 190) -> tuple[bytes, int]:
@@ -144,12 +144,12 @@ def test_a_new_stream_may_be_a_minute_behind_and_no_more() -> None:
 def test_a_verified_time_ahead_of_ours_moves_ours_but_not_by_over_a_year() -> None:
     timestamps = Timestamps()
     assert timestamps.check(GROUND, NOW + FARTHEST_AHEAD, NOW) == ""
-    assert timestamps.next(Stream(1, 191, 0), NOW) == NOW + FARTHEST_AHEAD + 1
+    assert timestamps.next(SignedStream(1, 191, 0), NOW) == NOW + FARTHEST_AHEAD + 1
     assert Timestamps().check(GROUND, NOW + FARTHEST_AHEAD + 1, NOW) == AHEAD
 
 
 def test_one_sender_whose_clock_is_ahead_does_not_make_others_old_where_the_network_set_our_clock() -> None:
-    timestamps, other = Timestamps(), Stream(254, 190, 0)
+    timestamps, other = Timestamps(), SignedStream(254, 190, 0)
     assert timestamps.check(GROUND, NOW + 365 * DAY, NOW) == "", "the network had not set our clock yet"
     assert timestamps.check(other, NOW, NOW) == REPLAY
     assert timestamps.check(other, NOW - MINUTE - 1, NOW, synchronised=True) == REPLAY
@@ -171,13 +171,15 @@ def test_a_sender_that_is_ahead_is_not_forgotten_for_others_so_that_its_frames_c
     timestamps, ahead = Timestamps(), NOW + DAY // 2
     assert timestamps.check(GROUND, ahead, NOW, synchronised=True) == ""
     for count in range(2 * MAX_STREAMS):
-        assert timestamps.check(Stream(1, 1 + count, 0), NOW + count, NOW, synchronised=True) == ""
+        assert timestamps.check(SignedStream(1, 1 + count, 0), NOW + count, NOW, synchronised=True) == ""
     assert timestamps.check(GROUND, ahead, NOW + count, synchronised=True) == REPLAY
     assert timestamps.check(GROUND, ahead + 1, NOW + count, synchronised=True) == ""
 
 
 def test_a_sender_is_heard_though_all_that_are_remembered_are_ahead_where_the_network_set_our_clock() -> None:
-    timestamps = Timestamps(streams={Stream(1, 1 + count, 0): NOW + DAY for count in range(MAX_STREAMS)})
+    timestamps = Timestamps(
+        streams={SignedStream(1, 1 + count, 0): NOW + DAY for count in range(MAX_STREAMS)}
+    )
     for count in range(3):
         assert timestamps.check(GROUND, NOW + count, NOW, synchronised=True) == ""
         assert timestamps.check(GROUND, NOW + count, NOW, synchronised=True) == REPLAY
@@ -185,7 +187,7 @@ def test_a_sender_is_heard_though_all_that_are_remembered_are_ahead_where_the_ne
 
 
 def test_our_timestamps_rise_though_the_clock_goes_back_and_our_own_frames_do_not_come_back_in() -> None:
-    timestamps, own = Timestamps(), Stream(1, 191, 0)
+    timestamps, own = Timestamps(), SignedStream(1, 191, 0)
     sent = [timestamps.next(own, clock) for clock in (NOW, NOW, NOW - 9_000, NOW + 5)]
     assert sent == [NOW, NOW + 1, NOW + 2, NOW + 5]
     assert {timestamps.check(own, timestamp, NOW) for timestamp in sent} == {REPLAY}
@@ -194,7 +196,7 @@ def test_our_timestamps_rise_though_the_clock_goes_back_and_our_own_frames_do_no
 
 def test_the_table_of_streams_is_bounded_and_forgets_none_that_could_be_replayed() -> None:
     timestamps = Timestamps()
-    heard = [(Stream(1 + count // 200, 1 + count % 200, 0), NOW + count) for count in range(300)]
+    heard = [(SignedStream(1 + count // 200, 1 + count % 200, 0), NOW + count) for count in range(300)]
     assert all(timestamps.check(stream, at, NOW) == "" for stream, at in heard)
     assert len(timestamps.streams) == MAX_STREAMS
     assert {timestamps.check(stream, at, NOW) for stream, at in heard} == {REPLAY}

@@ -16,17 +16,17 @@ import pytest
 
 from companion.link.signing import SigningClock
 from companion.vehicle.state import SOFTWARE_MADE
-from companion.wire.signing import DAY, EPOCH, MAX_STREAMS, REPLAY, TICKS, Stream, ticks
+from companion.wire.signing import DAY, EPOCH, MAX_STREAMS, REPLAY, TICKS, SignedStream, ticks
 from companion.wire.signing_store import HANGS_AFTER, NAME, OWN_RESERVE, RESERVE, SYNC_EVERY, TimestampFile
 from tests.waiting import wait_for
 
 BOOT, NEXT_BOOT = bytes([1] * 16), bytes([2] * 16)
 WALL = 1_790_000_000.0
 NOW = ticks(WALL)
-GROUND, OWN = Stream(255, 190, 0), Stream(1, 191, 0)
+GROUND, OWN = SignedStream(255, 190, 0), SignedStream(1, 191, 0)
 
 
-def hear(file: TimestampFile, stream: Stream, timestamp: int, clock: int | None = NOW) -> str:
+def hear(file: TimestampFile, stream: SignedStream, timestamp: int, clock: int | None = NOW) -> str:
     return file.timestamps.check(stream, timestamp, clock)
 
 
@@ -38,7 +38,7 @@ def written(file: TimestampFile, now: float = 0.0) -> None:
 
 def test_after_a_kill_everything_heard_is_old_and_the_very_next_frame_is_new(tmp_path: Path) -> None:
     before = TimestampFile(tmp_path, BOOT)
-    streams = [Stream(1, 1, 0), GROUND, Stream(255, 230, 1)]
+    streams = [SignedStream(1, 1, 0), GROUND, SignedStream(255, 230, 1)]
     heard = [(streams[count % 3], NOW + count) for count in range(1_000)]
     assert all(hear(before, *one) == "" for one in heard)
     written(before)
@@ -51,12 +51,12 @@ def test_after_a_kill_everything_heard_is_old_and_the_very_next_frame_is_new(tmp
 _CHILD = """
 import sys
 from pathlib import Path
-from companion.wire.signing import Stream
+from companion.wire.signing import SignedStream
 from companion.wire.signing_store import TimestampFile
 file = TimestampFile(Path(sys.argv[1]))
 for at in range(int(sys.argv[2]), 1 << 47):
-    file.timestamps.check(Stream(255, 190, 0), at, None)
-    own = file.timestamps.next(Stream(1, 191, 0), 0)
+    file.timestamps.check(SignedStream(255, 190, 0), at, None)
+    own = file.timestamps.next(SignedStream(1, 191, 0), 0)
     file.tick(at / 1000)
     with file._changed:
         file._changed.wait_for(lambda: file._waits_since is None)
@@ -122,7 +122,9 @@ def test_a_restart_after_a_kill_drives_the_time_ahead_by_a_second_at_most(tmp_pa
 
 def test_more_streams_than_the_file_holds_are_forgotten_and_not_let_in_again(tmp_path: Path) -> None:
     before = TimestampFile(tmp_path, BOOT)
-    heard = [(Stream(1 + count // 200, 1 + count % 200, 3), NOW + count) for count in range(3 * MAX_STREAMS)]
+    heard = [
+        (SignedStream(1 + count // 200, 1 + count % 200, 3), NOW + count) for count in range(3 * MAX_STREAMS)
+    ]
     assert all(hear(before, *one) == "" for one in heard)
     written(before)
     size = (tmp_path / NAME).stat().st_size
@@ -148,7 +150,7 @@ def test_a_damaged_file_is_said_and_lets_in_only_what_is_newer_than_now(tmp_path
         after = TimestampFile(tmp_path, BOOT, clock=last + 7)
         assert "damaged" in after.notice
         assert hear(after, GROUND, last) == REPLAY
-        assert hear(after, Stream(9, 9, 9), last + 7) == REPLAY
+        assert hear(after, SignedStream(9, 9, 9), last + 7) == REPLAY
         assert hear(after, GROUND, after.timestamps.last + 1) == ""
         assert TimestampFile(tmp_path, BOOT).notice == ""
 

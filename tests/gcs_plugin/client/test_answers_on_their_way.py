@@ -11,7 +11,7 @@ import pytest
 from anytraverse.operations import SetWord
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement, CancelIncident, PackIncident
-from companion.wire.delivery import Status
+from companion.wire.delivery import DeliveryStatus
 from companion.wire.packing import PayloadError
 from gcs_plugin.client import events as ev
 
@@ -26,7 +26,7 @@ def test_an_answer_is_applied_acknowledged_and_closes_the_call(sky: Sky) -> None
     sky.run(2.0)
     pending = sky.answer(BUSH)
     sky.run(1.0)
-    assert pending.status is Status.ACKNOWLEDGED
+    assert pending.status is DeliveryStatus.ACKNOWLEDGED
     assert sky.rover.applied == [(7, ids.Motion.GO, (BUSH,))]
     assert [event.call.outcome for event in sky.of(ev.CallEnded)] == [ids.Outcome.ANSWERED]
     sky.run(70.0)
@@ -39,7 +39,7 @@ def test_an_answer_survives_the_loss_of_every_nth_message_both_ways(sky: Sky, n:
     sky.run(5.0)
     pending = sky.answer(BUSH)
     sky.run(60.0)
-    assert pending.status in (Status.ACKNOWLEDGED, Status.CLOSED)
+    assert pending.status in (DeliveryStatus.ACKNOWLEDGED, DeliveryStatus.CLOSED)
     assert sky.rover.applied == [(7, ids.Motion.GO, (BUSH,))]
     assert len(sky.of(ev.CallEnded)) == 1
     lost = sky.client.rovers[1].counters
@@ -53,8 +53,8 @@ def test_it_is_sent_again_with_back_off_and_given_up_after_a_minute(sky: Sky) ->
     start = sky.now
     sky.run(70.0)
     assert [round(at - start) for at in sky.sent] == [0, 1, *range(3, 60, 4)]
-    assert pending.status is Status.EXPIRED
-    assert sky.of(ev.AnswerStatusChanged)[-1].status is Status.EXPIRED
+    assert pending.status is DeliveryStatus.EXPIRED
+    assert sky.of(ev.AnswerStatusChanged)[-1].status is DeliveryStatus.EXPIRED
 
 
 def test_a_lost_acknowledgement_is_fetched_by_sending_again_and_applied_once(sky: Sky) -> None:
@@ -64,7 +64,7 @@ def test_a_lost_acknowledgement_is_fetched_by_sending_again_and_applied_once(sky
     sky.lose_up = lambda _: sky.now < lost_until
     pending = sky.answer(BUSH)
     sky.run(10.0)
-    assert pending.status is Status.ACKNOWLEDGED
+    assert pending.status is DeliveryStatus.ACKNOWLEDGED
     assert len(sky.rover.applied) == 1
     assert len(sky.sent) == 3
 
@@ -79,7 +79,7 @@ def test_a_call_that_is_closed_by_something_else_ends_the_sending(sky: Sky) -> N
     assert [event.call.outcome for event in sky.of(ev.CallEnded)] == [ids.Outcome.PASSED]
     sent = len(sky.sent)
     sky.run(10.0)
-    assert pending.status is Status.CLOSED
+    assert pending.status is DeliveryStatus.CLOSED
     assert len(sky.sent) == sent
 
 
@@ -114,7 +114,7 @@ def test_a_busy_rover_is_asked_again(sky: Sky) -> None:
     sky.rover.result, sky.rover.stage_after = ids.Result.APPLIED, ids.Stage.CLOSED
     sky.rover._acknowledgements.clear()
     sky.run(8.0)
-    assert pending.status is Status.ACKNOWLEDGED
+    assert pending.status is DeliveryStatus.ACKNOWLEDGED
 
 
 def test_a_stay_waits_for_no_go_and_no_go_is_sent_after_it(sky: Sky) -> None:
@@ -127,10 +127,10 @@ def test_a_stay_waits_for_no_go_and_no_go_is_sent_after_it(sky: Sky) -> None:
     sky.rover.applied.clear()
     stay = sky.answer(motion=ids.Motion.STAY)
     sky.run(0.2)
-    assert stay.status is Status.ACKNOWLEDGED
+    assert stay.status is DeliveryStatus.ACKNOWLEDGED
     sky.run(20.0)
     assert sky.rover.applied == [(7, ids.Motion.STAY, ())]
-    assert go.status is Status.CLOSED
+    assert go.status is DeliveryStatus.CLOSED
 
 
 def test_what_is_cancelled_is_not_asked_for_any_more(sky: Sky) -> None:
@@ -140,7 +140,7 @@ def test_what_is_cancelled_is_not_asked_for_any_more(sky: Sky) -> None:
     sky.run(1.0)
     sky.answer(CancelIncident(7), motion=ids.Motion.NONE, target=0)
     sky.run(20.0)
-    assert cancelled.status is Status.CLOSED
+    assert cancelled.status is DeliveryStatus.CLOSED
     assert not other.settled
 
 
@@ -150,7 +150,7 @@ def test_a_rover_that_is_busy_too_late_is_not_said_to_be_asked_again(sky: Sky) -
     sky.lose_up = lambda _: bool(sky.sent)
     pending = sky.answer(BUSH)
     sky.run(61.0)
-    assert pending.status is Status.EXPIRED
+    assert pending.status is DeliveryStatus.EXPIRED
     late = Acknowledgement(
         pending.answer.transaction, 7, ids.Result.BUSY, ids.Stage.OPEN, ids.Outcome.NONE,
         None, None, ids.Reasons.NONE, 99, "vision is busy",
@@ -167,11 +167,11 @@ def test_nothing_is_sent_to_a_rover_that_is_silent_for_three_seconds(sky: Sky) -
     assert sky.of(ev.LinkChanged)[-1] == ev.LinkChanged(1, up=False)
     pending = sky.answer(BUSH)
     sky.run(10.0)
-    assert (pending.status, sky.sent) == (Status.WAITING, [])
-    assert sky.of(ev.AnswerStatusChanged)[-1].status is Status.WAITING
+    assert (pending.status, sky.sent) == (DeliveryStatus.WAITING, [])
+    assert sky.of(ev.AnswerStatusChanged)[-1].status is DeliveryStatus.WAITING
     sky.rover_speaks = True
     sky.run(2.0)
-    assert pending.status is Status.ACKNOWLEDGED
+    assert pending.status is DeliveryStatus.ACKNOWLEDGED
 
 
 def test_nothing_is_sent_to_a_rover_that_was_never_heard(sky: Sky) -> None:
@@ -180,7 +180,7 @@ def test_nothing_is_sent_to_a_rover_that_was_never_heard(sky: Sky) -> None:
     sky.client.request_parameters(1)
     sky.run(61.0)
     assert sky.sent == []
-    assert sky.of(ev.AnswerStatusChanged)[-1].status is Status.EXPIRED
+    assert sky.of(ev.AnswerStatusChanged)[-1].status is DeliveryStatus.EXPIRED
 
 
 def test_a_long_answer_goes_in_parts_at_a_pace_that_radios_bear(sky: Sky) -> None:
@@ -188,7 +188,7 @@ def test_a_long_answer_goes_in_parts_at_a_pace_that_radios_bear(sky: Sky) -> Non
     sky.run(2.0)
     pending = sky.answer(*words)
     sky.run(2.0)
-    assert pending.status is Status.ACKNOWLEDGED
+    assert pending.status is DeliveryStatus.ACKNOWLEDGED
     assert sky.rover.applied == [(7, ids.Motion.GO, words)]
     assert len(sky.sent) == 4
     assert min(b - a for a, b in zip(sky.sent, sky.sent[1:], strict=False)) >= 0.05 - 1e-9
@@ -220,7 +220,7 @@ def test_an_answer_that_is_never_acknowledged_keeps_the_next_one_back_for_eight_
     sky.run(7.0)
     assert second.first_sent is None
     sky.run(2.0)
-    assert second.status is Status.ACKNOWLEDGED
+    assert second.status is DeliveryStatus.ACKNOWLEDGED
 
 
 def test_what_cannot_be_told_on_the_wire_is_refused_at_once(sky: Sky) -> None:

@@ -15,7 +15,7 @@ from anytraverse.operations import SetWord
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement
 from companion.wire.call_report import CallReport
-from companion.wire.delivery import Status
+from companion.wire.delivery import DeliveryStatus
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import MAX_ROVERS, OperatorClient
 
@@ -86,7 +86,7 @@ def test_only_component_191_of_that_rover_is_believed(
     )  # fmt: skip
     sky.hear(speaker(system, component).tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, forged.pack()))
     sky.run(0.2)
-    assert pending.status is Status.SENT
+    assert pending.status is DeliveryStatus.SENT
     assert sky.of(ev.CallEnded) == []
     assert sky.client.rovers[1].open_calls()
 
@@ -150,7 +150,7 @@ def test_an_acknowledgement_without_an_outcome_closes_the_call_only_when_it_is_s
     )  # fmt: skip
     sky.hear(sky.rover.companion.tunnel(ids.TUNNEL_ACKNOWLEDGEMENT, ack.pack()))
     sky.run(0.2)
-    assert pending.status is Status.ACKNOWLEDGED
+    assert pending.status is DeliveryStatus.ACKNOWLEDGED
     assert len(sky.of(ev.CallEnded)) == closes
     sky.run(1.0)
     assert len(sky.client.rovers[1].open_calls()) == 1

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from companion.wire import ids
 from companion.wire.answers import Acknowledgement
 from companion.wire.call_report import CallReport
-from companion.wire.delivery import Status
+from companion.wire.delivery import DeliveryStatus
 from companion.wire.packing import where
 from companion.wire.payloads import Summary
 from gcs_plugin.client import events as ev
@@ -50,7 +50,7 @@ def all_events(thing_call: CallReport, quiet_summary: Summary) -> list[ev.Event]
         ev.TextReceived(1, 3, "C7 unknown thing\x1b[2J ahead"),
         ev.VehicleTextReceived(1, 2, "HOLD: companion silent"),
         ev.ParameterReceived(1, "AT_W_BUSH", -1.0),
-        *(ev.AnswerStatusChanged(1, 7, 5, status) for status in Status),
+        *(ev.AnswerStatusChanged(1, 7, 5, status) for status in DeliveryStatus),
         ev.Acknowledged(1, ACK),
         *(ev.PolicyStatusChanged(1, ids.Policy.HOLD, status) for status in PolicyStatus),
         ev.NotUnderstood(1, "payload version 2"),

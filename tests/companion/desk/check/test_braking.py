@@ -7,13 +7,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from companion.config.schema import StoppingSection
-from companion.vehicle.brakes import ARDUPILOT, CAUTIOUS, MOST, SPREAD, Brakes, Fit, Measured, fit
+from companion.vehicle.brakes import ARDUPILOT, CAUTIOUS, MOST, SPREAD, BrakeFit, Brakes, Measured, fit
 
 TOLERANCE = 0.11
 """The most that the fit to ArduPilot's stops promises above one of them, its share."""
 
 
-def brakes(found: Fit) -> Brakes:
+def brakes(found: BrakeFit) -> Brakes:
     return Brakes.of(found.braking, found.time_constant)
 
 

@@ -12,19 +12,21 @@ from companion.cameras import BadFrame, CameraError, Capture, NoFrameYet
 from companion.config import load_config
 from companion.desk.check import watching
 from companion.desk.check.camera import check_camera, check_exposure, check_frames, check_infrared
-from companion.desk.check.rover import Perceives, Rover
-from companion.desk.check.rules import Finding, Verdict
+from companion.desk.check.rover import CheckedRover, Perceives
+from companion.desk.check.rules import CheckFinding, Verdict
 
 cv2 = pytest.importorskip("cv2")
 
 
-def rover(folder: Path, more: str = "", camera: str = "", running: dict[str, Any] | None = None) -> Rover:
+def rover(
+    folder: Path, more: str = "", camera: str = "", running: dict[str, Any] | None = None
+) -> CheckedRover:
     path = folder / "companion.toml"
     path.write_text(
         '[web]\nlisten = ""\n[vehicle]\nfile = ""\n'
         f'[camera]\nsource = "folder:{folder}/pictures"\n{camera}\n{more}'
     )
-    return Rover(load_config(str(path)), str(path), folder, running)
+    return CheckedRover(load_config(str(path)), str(path), folder, running)
 
 
 def pictures(folder: Path, *images: Any) -> None:
@@ -39,7 +41,7 @@ def painted(level: int, noise: int = 60) -> Any:
     return np.clip(drawn + level, 0, 255).astype(np.uint8)
 
 
-def only(findings: list[Finding]) -> tuple[Verdict, str]:
+def only(findings: list[CheckFinding]) -> tuple[Verdict, str]:
     (finding,) = findings
     return finding.verdict, finding.text
 

@@ -26,19 +26,21 @@ from companion.desk.check.computer import (
 )
 from companion.desk.check.here import check_journal
 from companion.desk.check.rights import check_reach, check_rights
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, Verdict
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, Verdict
 from companion.storage import Journal
 from tests.anytraverse.bundle.conftest import write_bundle
 
 
-def rover(folder: Path, running: Mapping[str, Any] | None = None, more: str = "", **options: Any) -> Rover:
+def rover(
+    folder: Path, running: Mapping[str, Any] | None = None, more: str = "", **options: Any
+) -> CheckedRover:
     path = folder / "companion.toml"
     path.write_text(f'[web]\nlisten = ""\n[vehicle]\nfile = ""\n[journal]\nfolder = "state"\n{more}')
-    return Rover(load_config(str(path)), str(path), folder / "state", running, **options)
+    return CheckedRover(load_config(str(path)), str(path), folder / "state", running, **options)
 
 
-def only(findings: list[Finding]) -> tuple[str, str]:
+def only(findings: list[CheckFinding]) -> tuple[str, str]:
     (finding,) = findings
     return finding.verdict.name.lower(), finding.text
 

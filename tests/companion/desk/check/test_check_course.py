@@ -9,10 +9,10 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import load_config
-from companion.desk.check.autopilot import Asked
+from companion.desk.check.autopilot import AutopilotReadings
 from companion.desk.check.course import check_course
 from companion.desk.check.course_listener import CourseListener
-from companion.desk.check.rover import Rover
+from companion.desk.check.rover import CheckedRover
 from companion.link.parser import Parser
 
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3)
@@ -39,11 +39,11 @@ def test_what_is_missing_is_found_in_what_the_autopilot_sends() -> None:
 
 
 def verdict(
-    folder: Path, asked: Asked | None = None, running: dict[str, Any] | None = None
+    folder: Path, asked: AutopilotReadings | None = None, running: dict[str, Any] | None = None
 ) -> tuple[str, str]:
     path = folder / "companion.toml"
     path.write_text('[vehicle]\nfile = ""\n[mount]\nheading = 90\n')
-    rover = Rover(load_config(str(path)), str(path), folder, running)
+    rover = CheckedRover(load_config(str(path)), str(path), folder, running)
     if asked is not None:
         rover.__dict__["asked"] = asked  # as if it had been asked
     (found,) = check_course(rover)
@@ -61,9 +61,12 @@ def verdict(
 def test_what_was_asked_and_what_a_running_companion_says_are_told_alike(
     tmp_path: Path, course: str, level: str, told: str
 ) -> None:
-    for found in (verdict(tmp_path, Asked(course=course)), verdict(tmp_path, running={"course": course})):
+    for found in (
+        verdict(tmp_path, AutopilotReadings(course=course)),
+        verdict(tmp_path, running={"course": course}),
+    ):
         assert (found[0], told in found[1]) == (level, True), found
 
 
 def test_without_an_autopilot_or_from_an_older_companion_it_is_skipped(tmp_path: Path) -> None:
-    assert verdict(tmp_path, Asked(heard=False))[0] == verdict(tmp_path, running={})[0] == "skip"
+    assert verdict(tmp_path, AutopilotReadings(heard=False))[0] == verdict(tmp_path, running={})[0] == "skip"

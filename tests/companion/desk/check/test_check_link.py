@@ -9,37 +9,37 @@ from typing import Any
 import pytest
 
 from companion.config import load_config
-from companion.desk.check.autopilot import CHECK, LINK, Asked
+from companion.desk.check.autopilot import CHECK, LINK, AutopilotReadings
 from companion.desk.check.link import check_autopilot, check_forwarding, check_link, check_signing
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, warned
-from companion.wire.signing import DAY, Stream, ticks
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, warned
+from companion.wire.signing import DAY, SignedStream, ticks
 from companion.wire.signing_store import TimestampFile
 
 URL = "udpin:0.0.0.0:14550"
 
 
 def rover(
-    folder: Path, asked: Asked | None = None, running: dict[str, Any] | None = None, key: str = ""
-) -> Rover:
+    folder: Path, asked: AutopilotReadings | None = None, running: dict[str, Any] | None = None, key: str = ""
+) -> CheckedRover:
     path = folder / "companion.toml"
     signing = f'[link]\nsigning_key = "{key}"\n' if key else ""
     path.write_text(f'[web]\nlisten = ""\n[vehicle]\nfile = ""\n{signing}')
-    one = Rover(load_config(str(path)), str(path), folder, running)
+    one = CheckedRover(load_config(str(path)), str(path), folder, running)
     if asked is not None:
         one.__dict__["asked"] = asked  # as if it had been asked
     return one
 
 
-def only(findings: list[Finding]) -> tuple[str, str]:
+def only(findings: list[CheckFinding]) -> tuple[str, str]:
     (finding,) = findings
     return finding.verdict.name.lower(), finding.text
 
 
-HEARD = Asked(
+HEARD = AutopilotReadings(
     [warned(LINK, "not here: other"), passed(CHECK, "well"), warned("FS_ACTION 0", "set 2")], url=URL
 )
-SILENT = Asked([failed(LINK, "nothing heard")], heard=False)
+SILENT = AutopilotReadings([failed(LINK, "nothing heard")], heard=False)
 
 
 def test_an_autopilot_that_is_heard_is_told_with_its_connection_and_then_its_parameters(
@@ -71,7 +71,7 @@ def test_where_none_is_heard_the_link_fails_and_what_depends_on_it_is_skipped(tm
 def test_ground_stations_are_told_and_whether_they_may_answer(
     tmp_path: Path, grounds: tuple[tuple[int, int], ...], verdict: str, told: str
 ) -> None:
-    found = only(check_forwarding(rover(tmp_path, Asked([], url=URL, grounds=grounds))))
+    found = only(check_forwarding(rover(tmp_path, AutopilotReadings([], url=URL, grounds=grounds))))
     assert (found[0], told in found[1]) == (verdict, True), found
 
 
@@ -118,11 +118,11 @@ def test_a_frame_that_was_signed_far_ahead_of_the_clock_is_told_with_what_to_do(
     (tmp_path / "key").chmod(0o600)
     store = TimestampFile(tmp_path)
     now = ticks(time.time())
-    store.timestamps.check(Stream(255, 190, 0), now + DAY // 2, now)
+    store.timestamps.check(SignedStream(255, 190, 0), now + DAY // 2, now)
     store.close()
     assert only(check_signing(one))[0] == "pass"
     store = TimestampFile(tmp_path)
-    store.timestamps.check(Stream(254, 190, 0), now + 365 * DAY, now)
+    store.timestamps.check(SignedStream(254, 190, 0), now + 365 * DAY, now)
     store.close()
     verdict, text = only(check_signing(one))
     assert verdict == "warn"

@@ -14,7 +14,7 @@ from companion.config import Config
 from companion.config.web import WebSection
 from companion.desk.check import page
 from companion.desk.check.page import check_page
-from companion.desk.check.rover import Rover
+from companion.desk.check.rover import CheckedRover
 from companion.system.side_process import missing_packages
 
 
@@ -24,7 +24,7 @@ def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def found(listen: str, running: Mapping[str, Any] | None = None, token: str = "") -> tuple[str, str]:
-    rover = Rover(replace(Config(), web=WebSection(listen, token)), "", Path(), running)
+    rover = CheckedRover(replace(Config(), web=WebSection(listen, token)), "", Path(), running)
     (finding,) = check_page(rover)
     return finding.verdict.name, finding.text
 

@@ -10,7 +10,7 @@ import pytest
 from anytraverse.perception import DefaultThresholds
 from companion.config import Config
 from companion.desk.check.perceiver import check_perceiver
-from companion.desk.check.rover import Rover
+from companion.desk.check.rover import CheckedRover
 from companion.vision.warm_up import judging_settings
 from tests.anytraverse.conftest import Painted
 
@@ -23,7 +23,7 @@ TABLE = ((1, 0.9), (256, 0.97))
 )
 def test_a_running_companion_tells_it(tmp_path: Path, told: dict[str, object], said: bool) -> None:
     running = {"perceiver": {"model": "m", "step_ms": 20.0, **told}, "latency_ms": 30.0}
-    (finding,) = check_perceiver(Rover(Config(), "", tmp_path, running))
+    (finding,) = check_perceiver(CheckedRover(Config(), "", tmp_path, running))
     assert (UNMEASURED in finding.text) == said
 
 

@@ -16,7 +16,7 @@ from companion.config.schema import JournalSection, RecordingSection
 from companion.desk.check import live, recording
 from companion.desk.check.live import check_live
 from companion.desk.check.recording import check_recording
-from companion.desk.check.rover import Rover
+from companion.desk.check.rover import CheckedRover
 from companion.system.side_process import missing_packages
 
 
@@ -28,14 +28,14 @@ def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def rover(
     folder: Path, *, size: int = 1, listen: str = "", running: Mapping[str, Any] | None = None
-) -> Rover:
+) -> CheckedRover:
     config = replace(
         Config(),
         journal=JournalSection(folder=str(folder)),
         recording=RecordingSection(size),
         live=LiveSection(listen),
     )
-    return Rover(config, "", folder, running)
+    return CheckedRover(config, "", folder, running)
 
 
 def of_recordings(folder: Path, size: int, told: Mapping[str, Any] | None = None) -> tuple[str, str]:

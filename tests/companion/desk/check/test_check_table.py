@@ -17,17 +17,17 @@ from companion.config import load_config
 from companion.desk.check import report, table
 from companion.desk.check.main import check
 from companion.desk.check.report import CheckReport
-from companion.desk.check.rover import Rover
-from companion.desk.check.rules import Finding, failed, passed, warned
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, failed, passed, warned
 from companion.desk.check.table import CHECKS, Check, findings
 
 ROOT = Path(__file__).parents[4]
 
 
-def rover(folder: Path, running: Any) -> Rover:
+def rover(folder: Path, running: Any) -> CheckedRover:
     path = folder / "companion.toml"
     path.write_text('[web]\nlisten = ""\n[vehicle]\nfile = ""\n[journal]\nfolder = "state"\n')
-    return Rover(load_config(str(path)), "", folder / "state", running, inside=True)
+    return CheckedRover(load_config(str(path)), "", folder / "state", running, inside=True)
 
 
 def test_the_page_has_a_row_for_each_check_in_this_order() -> None:
@@ -63,7 +63,7 @@ def test_beside_a_companion_each_check_has_a_row_whatever_its_status_says(
 def test_a_check_that_fails_itself_is_a_row_and_the_others_follow(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def broken(_: Rover) -> Iterable[Finding]:
+    def broken(_: CheckedRover) -> Iterable[CheckFinding]:
         yield passed("second", "this came before")
         raise ZeroDivisionError("by zero")
 
@@ -93,7 +93,7 @@ def made(
     now = [100.0]
     one = CheckReport(rover(tmp_path, {}).config, lambda: now[0])
 
-    def finds(*found: Finding) -> None:
+    def finds(*found: CheckFinding) -> None:
         monkeypatch.setattr(report, "findings", lambda _: iter(found))
 
     return one, finds, now

@@ -12,12 +12,12 @@ import pytest
 from companion.config import Config
 from companion.config.video import VideoSection
 from companion.desk.check import video
-from companion.desk.check.rover import Rover
+from companion.desk.check.rover import CheckedRover
 from companion.desk.check.video import check_video
 
 
 def found(settings: VideoSection, running: Mapping[str, Any] | None = None) -> tuple[str, str]:
-    rover = Rover(replace(Config(), video=settings), "", Path(), running)
+    rover = CheckedRover(replace(Config(), video=settings), "", Path(), running)
     (finding,) = check_video(rover)
     return finding.verdict.name, finding.text
 

@@ -18,7 +18,7 @@ from companion.config.schema import CallSection
 from companion.desk.check import interview
 from companion.desk.check.autopilot import judged
 from companion.desk.check.interview import COMPONENT_ID, Interview, value_of
-from companion.desk.check.rules import Finding, Verdict
+from companion.desk.check.rules import CheckFinding, Verdict
 from companion.link.connection import Connection
 from companion.sim.field.autopilot import Autopilot
 from companion.sim.field.router import Parser, Port
@@ -80,7 +80,7 @@ def answering(values: dict[str, float], kind: int = ARDUPILOT) -> Answer:
     return answer
 
 
-def found(talk: Talk, config: Config = HOLDS) -> list[Finding]:
+def found(talk: Talk, config: Config = HOLDS) -> list[CheckFinding]:
     """What is told of it."""
     return judged(config, "serial:/dev/ttyS0:57600", talk.interview).findings
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.stopping.ground import Ground
-from companion.desk.check.measure import ENOUGH, Recorder, too_seldom
+from companion.desk.check.measure import ENOUGH, StopRecorder, too_seldom
 from companion.sim.demo.child import Child
 from companion.sim.field.control import FieldControl
 from companion.sim.field.modes import Mode
@@ -37,7 +37,7 @@ class Drives:
     def __init__(self, late: float = 0.0, period: float = PERIOD) -> None:
         """late: s by which heartbeats tell a mode later than it is taken. period: s between two speeds."""
         self.rover = Rover(WORLD.trail, cruise_speed=1.0)
-        self.recorder = Recorder(hold=int(Mode.HOLD))
+        self.recorder = StopRecorder(hold=int(Mode.HOLD))
         self.lines: list[str] = []
         self.mode = self.told = Mode.AUTO
         self.armed = True
@@ -214,7 +214,7 @@ MESSAGES = st.one_of(
 @given(st.lists(st.tuples(MESSAGES, st.floats(0, 5)), max_size=60))
 @settings(max_examples=100)
 def test_whatever_an_autopilot_says_a_stop_has_a_speed_and_a_way(said: list[tuple[Any, float]]) -> None:
-    recorder, now = Recorder(hold=int(Mode.HOLD)), 0.0
+    recorder, now = StopRecorder(hold=int(Mode.HOLD)), 0.0
     for message, pause in said:
         now += pause
         recorder.hear(message, now)

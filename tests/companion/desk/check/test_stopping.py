@@ -15,8 +15,8 @@ from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import CameraSection, MountSection, RoiSection, StoppingSection
 from companion.config.stopping import FARTHEST, OVERSHOOT, Outlook, Stopping, judge_stopping, tile_width
-from companion.desk.check.autopilot import Asked
-from companion.desk.check.rover import Perceives, Rover
+from companion.desk.check.autopilot import AutopilotReadings
+from companion.desk.check.rover import CheckedRover, Perceives
 from companion.desk.check.rules import Verdict
 from companion.desk.check.stopping import check_stopping, check_tile
 from companion.vehicle.brakes import ARDUPILOT, Brakes, fit
@@ -221,12 +221,12 @@ def test_what_cannot_be_judged_says_what_is_missing(config: Config, missing: str
     assert missing in told
 
 
-def rover_with(folder: Path, config: Config, judging: Settings | None) -> Rover:
+def rover_with(folder: Path, config: Config, judging: Settings | None) -> CheckedRover:
     """A rover whose perceiver is loaded, and whose autopilot has said nothing."""
-    rover = Rover(config, "", folder)
+    rover = CheckedRover(config, "", folder)
     trouble = "" if judging is not None else "no such model"
     rover.__dict__["perceives"] = Perceives(trouble, "painted-1", 0.05, judging)
-    rover.__dict__["asked"] = Asked()
+    rover.__dict__["asked"] = AutopilotReadings()
     return rover
 
 
@@ -250,7 +250,7 @@ def test_the_row_of_the_tile_tells_how_large_it_is_and_whether_a_rock_fills_it_i
 
 def test_a_tile_is_not_told_without_a_perceiver_or_beside_a_companion_that_runs(tmp_path: Path) -> None:
     unloaded = rover_with(tmp_path, CONFIG, None)
-    beside = Rover(CONFIG, "", tmp_path, running={})
+    beside = CheckedRover(CONFIG, "", tmp_path, running={})
     for rover in (unloaded, beside):
         (found,) = check_tile(rover)
         assert (found.check, found.verdict) == ("tile", Verdict.SKIP)

@@ -31,7 +31,7 @@ from companion.desk.drives import recorded
 from companion.desk.drives.desk import AnswerFile
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
-from companion.desk.drives.recorded import Recording
+from companion.desk.drives.recorded import RecordedDrive
 from companion.desk.drives.replay import read_rows
 from companion.desk.drives.replaying import config_of
 from companion.observers.recording.contents import as_json, image
@@ -58,8 +58,8 @@ def not_for_ever() -> Iterator[None]:
 
 
 OPENED: dict[str, tuple[str, Callable[[Path], Any]]] = {
-    "a recording": ("000001.mcap", Recording),
-    "a recording in a folder": ("000001.mcap", lambda path: Recording(path.parent)),
+    "a recording": ("000001.mcap", RecordedDrive),
+    "a recording in a folder": ("000001.mcap", lambda path: RecordedDrive(path.parent)),
     "a recording to summarize": ("000001.mcap", summary),
     "a recording to repair": ("000001.mcap", repair),
     "whether a recording is whole": ("000001.mcap", whole),
@@ -115,7 +115,7 @@ def test_replay_says_which_file_is_none(tmp_path: Path, capsys: pytest.CaptureFi
 def test_no_path_in_a_recorded_configuration_is_followed(tmp_path: Path, hostile: str) -> None:
     secret = tmp_path / "secret.toml"
     secret.write_text('words = { "a secret" = 1.0 }\n')
-    recording = Recording(DRIVE)
+    recording = RecordedDrive(DRIVE)
     recording.config = hostile.format(secret=secret)
     config = str(config_of(recording))
     assert "a secret" not in config
@@ -124,14 +124,14 @@ def test_no_path_in_a_recorded_configuration_is_followed(tmp_path: Path, hostile
 
 @pytest.mark.parametrize("name", ["clipseg:/opt/bundle", "builtin:/tmp/net.onnx", "dense", "classes:../b"])
 def test_a_perceiver_that_lies_on_the_rover_is_named_and_not_looked_for(name: str) -> None:
-    recording = Recording(DRIVE)
+    recording = RecordedDrive(DRIVE)
     recording.config = f'[perceiver]\nname = "{name}"\n'
     with pytest.raises(DriveError, match=f"judged by {name} of its rover: name one with it by --config"):
         config_of(recording)
 
 
 def test_what_frames_were_judged_by_is_taken_from_the_recorded_configuration() -> None:
-    recording = Recording(DRIVE)
+    recording = RecordedDrive(DRIVE)
     config = config_of(recording)
     assert (config.camera.view, config.roi.left, config.mount.height) == (75.0, 0.35, 1.0)
     assert dict(config.words) == {"grass": 1.0, "dirt path": 1.0, "bush": -1.0, "tree": -1.0, "sky": -1.0}
@@ -186,7 +186,7 @@ def bomb(path: Path, topic: Topic, messages_of_it: int, size: int) -> Path:
 def read_of(path: Path) -> str:
     """Return how many frames and answers are read, or why not."""
     try:
-        recording = Recording(path)
+        recording = RecordedDrive(path)
         frames = sum(one.image is not None for one in recording.frames())
         return f"{frames} frames, {len(recording.answers())} answers"
     except DriveError as error:
@@ -240,7 +240,7 @@ def test_a_picture_that_states_a_huge_size_is_a_torn_frame(tmp_path: Path, kind:
         channel = writer.register_channel(TOPICS[Topic.CAMERA].name, "protobuf", 0)
         writer.add_message(channel, 1, image(bytes(content), kind[1:], 1), 1, 1)
         writer.finish()
-    (frame,) = Recording(path).frames()
+    (frame,) = RecordedDrive(path).frames()
     assert frame.image is None
 
 
@@ -258,6 +258,6 @@ def test_frames_come_in_the_order_of_their_times_and_few_are_held(
             writer.add_message(channel, at, image(PICTURE, "jpeg", at), at, at)
         writer.finish()
     monkeypatch.setattr(recorded, "_HELD", 3)
-    found = list(Recording(path).recorded())
+    found = list(RecordedDrive(path).recorded())
     assert [one.frame.name for one in found] == [f"frame {at}" for at in sorted(times)]
     assert [json.loads(json.dumps(one.seen)) for one in found] == [{"frame": at} for at in sorted(times)]

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
-from companion.desk.drives.recorded import Recording
+from companion.desk.drives.recorded import RecordedDrive
 from companion.observers.recording.reading import messages
 from companion.wire.typed_answers import read_typed
 from tests.companion.desk.drives.record_drive import DRIVE
@@ -57,20 +57,20 @@ def recorded(path: Path, told: Sequence[tuple[int, Mapping[str, Any]]], frames: 
 def test_words_and_taps_are_told_at_the_time_of_their_call(tmp_path: Path) -> None:
     tap = {"frame_id": 7, "box": [0.4, 0.5, 0.6, 0.8], "word": "rock", "weight": -1.0}
     told = [(5 * S, OPENED), (9 * S, answer({"word": "gravel", "weight": 1}, tap, {"word": "bush"}))]
-    drive = Recording(recorded(tmp_path / "a.mcap", told, [0, 4 * S, 8 * S]))
+    drive = RecordedDrive(recorded(tmp_path / "a.mcap", told, [0, 4 * S, 8 * S]))
     line = "gravel: 1; tap rock: -1 0.4000 0.5000 0.6000 0.8000; forget bush, go"
     assert drive.answers() == [([frame.at for frame in drive.frames()][1], line)]
 
 
 def test_decisions_of_one_instant_are_read(tmp_path: Path) -> None:
     told = [(S, OPENED), (S, {"decision": "would hold", "count": 1}), (2 * S, answer())]
-    assert [line for _, line in Recording(recorded(tmp_path / "a.mcap", told)).answers()] == ["go"]
+    assert [line for _, line in RecordedDrive(recorded(tmp_path / "a.mcap", told)).answers()] == ["go"]
 
 
 def test_a_call_may_be_answered_in_the_next_file(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", [(S, OPENED)])
     recorded(tmp_path / "b.mcap", [(4 * S, answer()), (5 * S, answer(target=3))], [3 * S])
-    assert [line for _, line in Recording(tmp_path).answers()] == ["go", "go"]
+    assert [line for _, line in RecordedDrive(tmp_path).answers()] == ["go", "go"]
 
 
 @given(operations=ANY, motion=ANY, number=ANY)
@@ -82,5 +82,5 @@ def test_whatever_is_recorded_gives_answers_that_can_be_read(
     listed = answer(operations if isinstance(operations, dict) else {"word": operations})
     told = [(S, {**OPENED, "id": number}), (2 * S, odd), (3 * S, listed)]
     path = recorded(tmp_path_factory.mktemp("odd") / "a.mcap", told)
-    for _, line in Recording(path).answers():
+    for _, line in RecordedDrive(path).answers():
         read_typed(line)

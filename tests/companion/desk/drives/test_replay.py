@@ -17,16 +17,16 @@ from companion.cli import main
 from companion.config import format_config, load_config
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
-from companion.desk.drives.judge import FIGURES, Row
-from companion.desk.drives.recorded import Recording, settings_of
-from companion.desk.drives.replay import OF_REFERENCES, Comparison, compared, read_rows, write_rows
+from companion.desk.drives.judge import FIGURES, JudgementRow
+from companion.desk.drives.recorded import RecordedDrive, settings_of
+from companion.desk.drives.replay import OF_REFERENCES, ReplayComparison, compared, read_rows, write_rows
 from companion.desk.drives.replaying import config_of
 from companion.observers.recording.foxglove import encode, jpeg_of
 from companion.observers.recording.reading import Copy, messages
 from tests.companion.desk.drives.record_drive import DRIVE
 
 REFERENCES = Path(f"{DRIVE}.refs.jsonl")
-ROW = Row("frame 1", dict.fromkeys(FIGURES, 0.5), ("blocked",), 0)
+ROW = JudgementRow("frame 1", dict.fromkeys(FIGURES, 0.5), ("blocked",), 0)
 
 
 def replayed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any], str]:
@@ -114,7 +114,7 @@ def test_frames_of_two_starts_of_the_companion_are_told_apart(
             again_at(copy, since)
             copy.finish()
     for path, starts in ((both, 2), (folder, 3)):
-        frames = list(Recording(path).recorded())
+        frames = list(RecordedDrive(path).recorded())
         names = [one.frame.name for one in frames]
         assert len(set(names)) == len(names) == starts * 17
         assert names[17] == f"{names[0]} (2)"
@@ -127,7 +127,7 @@ def test_frames_of_two_starts_of_the_companion_are_told_apart(
 
 
 def test_a_recorded_configuration_that_cannot_be_used_here_is_named() -> None:
-    recording = Recording(DRIVE)
+    recording = RecordedDrive(DRIVE)
     recording.config = '[vehicle]\nfile = ""\n[perceiver]\nname = "newer"\n'
     with pytest.raises(DriveError, match=r"its companion\.toml:4: .*: name one with --config"):
         config_of(recording)
@@ -183,7 +183,7 @@ def test_the_configuration_of_a_rover_whose_secrets_were_left_out_can_be_used(tm
         '[link.more.second]\nurl = "udpin:127.0.0.1:14551"\n'
     )
     rover.chmod(0o600)
-    recording = Recording(DRIVE)
+    recording = RecordedDrive(DRIVE)
     recording.config = format_config(load_config(rover))
     assert "0123456789abcdef" not in recording.config
     assert config_of(recording).roi.left == 0.4
@@ -192,7 +192,7 @@ def test_the_configuration_of_a_rover_whose_secrets_were_left_out_can_be_used(tm
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"rubbish")
     with pytest.raises(DriveError, match="holds no frames of a recording"):
-        Recording(tmp_path / "a.mcap")
+        RecordedDrive(tmp_path / "a.mcap")
 
 
 def test_what_differs_is_named_and_nothing_compared_is_not_the_same() -> None:
@@ -210,7 +210,7 @@ def test_what_differs_is_named_and_nothing_compared_is_not_the_same() -> None:
     assert "not judged any more: 1 frames: frame 2" in list(gone.lines())
     no_number = ROW._replace(figures={**ROW.figures, "uncertainty": float("nan")})
     assert not compared([no_number], [ROW]).same
-    assert not Comparison(OF_REFERENCES).same
+    assert not ReplayComparison(OF_REFERENCES).same
 
 
 NUMBERS = st.none() | st.floats(0, 1).map(lambda value: round(value, 5))
@@ -219,7 +219,7 @@ NUMBERS = st.none() | st.floats(0, 1).map(lambda value: round(value, 5))
 @given(
     st.lists(
         st.builds(
-            Row,
+            JudgementRow,
             st.text(max_size=20),
             st.fixed_dictionaries(dict.fromkeys(FIGURES, NUMBERS)),
             st.lists(st.sampled_from(["blocked", "unknown_object"])).map(tuple),
@@ -229,7 +229,7 @@ NUMBERS = st.none() | st.floats(0, 1).map(lambda value: round(value, 5))
     )
 )
 def test_references_are_read_as_they_were_written(
-    tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
+    tmp_path_factory: pytest.TempPathFactory, rows: list[JudgementRow]
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "rows.jsonl"
     assert write_rows(path, rows) == len(rows)

@@ -19,13 +19,13 @@ from anytraverse.history import Entry, Place, is_embedding
 from anytraverse.perception import Example
 from anytraverse.preferences import MAX_WORDS, Preferences
 from companion.desk.memory import scene_file
-from companion.desk.memory.scene_file import Expected, Scene, SceneFileError, read_scenes, write_scenes
+from companion.desk.memory.scene_file import ExpectedModel, Scene, SceneFileError, read_scenes, write_scenes
 from tests.anytraverse.conftest import Painted
 
 cv2 = pytest.importorskip("cv2")
 
 MODEL = Painted.model_id
-EXPECTED = Expected(Painted(), embedding=2, example=1, surroundings=2)
+EXPECTED = ExpectedModel(Painted(), embedding=2, example=1, surroundings=2)
 
 
 def jpeg(width: int = 32, height: int = 24) -> bytes:

@@ -27,7 +27,7 @@ from companion.desk.tuning.proposal import (
     warnings,
     weighed,
 )
-from companion.desk.tuning.trial import Combination, MadeCall, Outcome
+from companion.desk.tuning.trial import Combination, MadeCall, TrialOutcome
 from companion.vision.warm_up import judging_settings, load_engine
 from companion.wire.typed_answers import read_typed
 
@@ -91,7 +91,7 @@ def test_a_call_near_the_time_of_a_named_thing_keeps_it() -> None:
     named = named_times(answers)
     assert named == [10.0, 50.0]
     calls = [MadeCall(0, 12.9, ()), MadeCall(1, 30.0, ()), MadeCall(2, 46.9, ())]
-    one = weighed(Outcome(NOW, calls), named, 60.0)
+    one = weighed(TrialOutcome(NOW, calls), named, 60.0)
     assert (one.rate, one.kept, one.halves) == (3.0, 1, (2, 1))
 
 

@@ -16,7 +16,7 @@ from companion.config import Config, load_config
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.episode import Episode
 from companion.desk.tuning.running import Judged, Where, figures_of, perceive, run_episode
-from companion.desk.tuning.trial import Combination, MadeCall, Outcome, Trial
+from companion.desk.tuning.trial import Combination, MadeCall, Trial, TrialOutcome
 from companion.vision.warm_up import load_engine
 from companion.wire.typed_answers import read_typed
 
@@ -44,7 +44,7 @@ def of_random(count: int, seed: int) -> list[Combination]:
     ]
 
 
-def alone(engine: AnyTraverse, config: Config, episode: Episode, combination: Combination) -> Outcome:
+def alone(engine: AnyTraverse, config: Config, episode: Episode, combination: Combination) -> TrialOutcome:
     """Judge the drive by a rover's own engine, without a cache and without other trials."""
     whole = AnyTraverse(engine.perceiver, combination.applied(engine.settings), engine.memory)
     drive, operator = episode.opened()

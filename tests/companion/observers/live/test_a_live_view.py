@@ -25,7 +25,7 @@ from companion.config import Config
 from companion.config.live import LiveSection
 from companion.observers.live import live as live_module
 from companion.observers.live.live import Live, LiveChild
-from companion.observers.recording.messages import Message
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.topics import TOPICS
 from companion.system.side_process import missing_packages
 from tests.companion.observers.live.viewer import Seen, Viewer
@@ -46,7 +46,7 @@ class Stage:
         self.slowest = 0.0
         self._viewers: list[Viewer] = []
 
-    def turn(self, messages: Sequence[Message] = ()) -> None:
+    def turn(self, messages: Sequence[RecordedMessage] = ()) -> None:
         """One turn of the main loop."""
         began = time.monotonic()
         self.live.poll(began)

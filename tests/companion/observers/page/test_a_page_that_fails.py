@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from companion.observers.page import page as page_module
-from companion.observers.page.messages import LARGEST, Kind, Message
+from companion.observers.page.messages import LARGEST, PageMessage, PageMessageKind
 from companion.observers.page.news import FRESH
 from companion.observers.page.page import WebChild, missing
 from companion.system.side_process import missing_packages
@@ -326,7 +326,9 @@ def test_the_longest_message_gets_through(tmp_path: Path) -> None:
         stage.ready()
         stage.news["status"]["filler"] = ""
         stage.news["at"] = "in place of the time"
-        stage.news["status"]["filler"] = "x" * (LARGEST - len(Message(Kind.NEWS, stage.news).encoded()))
+        stage.news["status"]["filler"] = "x" * (
+            LARGEST - len(PageMessage(PageMessageKind.NEWS, stage.news).encoded())
+        )
         stage.until(lambda: stage.get("/status.json").body.count(b"x") > LARGEST // 2)
     finally:
         stage.close()

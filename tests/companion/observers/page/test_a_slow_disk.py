@@ -25,11 +25,11 @@ def test_only_so_many_wait_for_a_disk_that_hangs(tmp_path: Path, monkeypatch: py
         answers.wait(10.0)
         return "read"
 
-    async def ask(site: server.Site) -> Response:
+    async def ask(site: server.PageSite) -> Response:
         return await site._read(read, PlainTextResponse)
 
     async def asked() -> None:
-        site = server.Site(News(), StateFolder(str(tmp_path)))
+        site = server.PageSite(News(), StateFolder(str(tmp_path)))
         first = await asyncio.gather(*(ask(site) for _ in range(server.MOST_READING + 4)))
         texts = [bytes(one.body) for one in first]
         assert [one.status_code for one in first] == [503] * len(first)

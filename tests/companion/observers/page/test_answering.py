@@ -13,7 +13,7 @@ import pytest
 from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from companion.observers.page.answering import MOST_WAITING, Answering
 from companion.observers.page.calls import shown_calls
-from companion.observers.page.messages import Kind, Message
+from companion.observers.page.messages import PageMessage, PageMessageKind
 from companion.observers.page.news import News
 from companion.pages.requests import RequestError
 from companion.wire.answers import Acknowledgement, Answer
@@ -43,7 +43,11 @@ class Desk:
 
     def tell(self, opened: dict[str, Any] | None, **words: float) -> None:
         state = {"state": "calling", "words": words or {"grass": 1.0}, "open": opened}
-        self.news.take(Message(Kind.NEWS, {"state": state, "status": {"state": "calling"}, "at": self.now}))
+        self.news.take(
+            PageMessage(
+                PageMessageKind.NEWS, {"state": state, "status": {"state": "calling"}, "at": self.now}
+            )
+        )
 
     def post(self, **told: Any) -> str:
         return self.answering.answer(json.dumps({"motion": "go", **told}).encode())

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.observers.page.messages import LARGEST, Kind, Message, decode
+from companion.observers.page.messages import LARGEST, PageMessage, PageMessageKind, decode
 
 JSON = st.dictionaries(
     st.text(max_size=8),
@@ -21,9 +21,11 @@ JSON = st.dictionaries(
 )
 
 
-@given(st.sampled_from(list(Kind)), JSON, st.binary(max_size=64))
-def test_a_message_is_read_as_it_was_written(kind: Kind, content: dict[str, object], picture: bytes) -> None:
-    message = Message(kind, content, picture)
+@given(st.sampled_from(list(PageMessageKind)), JSON, st.binary(max_size=64))
+def test_a_message_is_read_as_it_was_written(
+    kind: PageMessageKind, content: dict[str, object], picture: bytes
+) -> None:
+    message = PageMessage(kind, content, picture)
     assert decode(message.encoded()) == message
 
 
@@ -42,4 +44,4 @@ def test_deeply_nested_bytes_are_refused() -> None:
 @pytest.mark.parametrize("content", [{"x": "y" * LARGEST}, {"x": float("nan")}, {"x": float("inf")}])
 def test_what_is_too_long_or_no_number_is_not_sent(content: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"bytes, at most|JSON compliant"):
-        Message(Kind.NEWS, content).encoded()
+        PageMessage(PageMessageKind.NEWS, content).encoded()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.observers.page.calls import shown_calls
 from companion.observers.page.files import StateFolder
-from companion.observers.page.messages import Kind, Message
+from companion.observers.page.messages import PageMessage, PageMessageKind
 from companion.observers.page.news import News
 from tests.companion.daemon.rig import Clock
 from tests.companion.wire.test_documents import JSON, RECORD, STATE
@@ -83,5 +83,5 @@ def test_what_is_ahead_is_plotted_while_it_is_known() -> None:
     clock = Clock()
     news = News(clock)
     for ahead in ({"traversability": 0.9, "uncertainty": 0.1}, None, {"traversability": None}):
-        news.take(Message(Kind.NEWS, {"ahead": ahead, "at": clock.now}))
+        news.take(PageMessage(PageMessageKind.NEWS, {"ahead": ahead, "at": clock.now}))
     assert list(news.points) == [(clock.now, 0.9, 0.1), (clock.now, None, None)]

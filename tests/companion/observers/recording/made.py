@@ -12,7 +12,7 @@ from anytraverse.frame import Frame
 from companion.config import Config
 from companion.config.schema import JournalSection, RecordingSection
 from companion.observers.recording.contents import as_json, image
-from companion.observers.recording.messages import Message
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.recorder import Recorder
 from companion.observers.recording.ring import FOLDER
 from companion.observers.recording.topics import Topic
@@ -28,29 +28,31 @@ PATIENCE = 20.0
 SEEN = Worker(engine(None), 1).judge(Frame(5, time.monotonic(), picture("drum"))).assessment
 
 
-def status(number: int, seconds: float = 0.0) -> Message:
+def status(number: int, seconds: float = 0.0) -> RecordedMessage:
     """A small message."""
-    return Message(Topic.STATUS, BEGAN + round(seconds * NS), as_json({"state": "ok", "number": number}))
+    return RecordedMessage(
+        Topic.STATUS, BEGAN + round(seconds * NS), as_json({"state": "ok", "number": number})
+    )
 
 
-def frame(number: int, seconds: float = 0.0, size: int = 20_000) -> Message:
+def frame(number: int, seconds: float = 0.0, size: int = 20_000) -> RecordedMessage:
     """A message that cannot be compressed."""
     import random
 
     at = BEGAN + round(seconds * NS)
-    return Message(Topic.CAMERA, at, image(random.Random(number).randbytes(size), "jpeg", at), number)
+    return RecordedMessage(Topic.CAMERA, at, image(random.Random(number).randbytes(size), "jpeg", at), number)
 
 
-def opened(call: int, seconds: float = 0.0) -> Message:
+def opened(call: int, seconds: float = 0.0) -> RecordedMessage:
     """A call opens."""
     content = as_json({"decision": "call opened", "id": call, "reasons": ["unknown_object"]})
-    return Message(Topic.DECISIONS, BEGAN + round(seconds * NS), content, event=True)
+    return RecordedMessage(Topic.DECISIONS, BEGAN + round(seconds * NS), content, event=True)
 
 
-def words(weight: float, seconds: float = 0.0) -> Message:
+def words(weight: float, seconds: float = 0.0) -> RecordedMessage:
     """Words come into force."""
     content = as_json({"words": {"grass": weight}, "taps": {}})
-    return Message(Topic.WORDS, BEGAN + round(seconds * NS), content)
+    return RecordedMessage(Topic.WORDS, BEGAN + round(seconds * NS), content)
 
 
 class Stage:
@@ -63,7 +65,7 @@ class Stage:
         )
         self.recorder = Recorder(config, **{"restarts": LIMITS, **more})
 
-    def turn(self, messages: Sequence[Message] = ()) -> float:
+    def turn(self, messages: Sequence[RecordedMessage] = ()) -> float:
         """One turn of the main loop; returns the seconds that the recorder took of it."""
         began = time.monotonic()
         self.recorder.poll(began)

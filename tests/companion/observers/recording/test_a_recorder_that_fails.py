@@ -18,7 +18,7 @@ from companion.config import Config
 from companion.observers.live.live import Live
 from companion.observers.recording import process as process_module
 from companion.observers.recording import recorder as recorder_module
-from companion.observers.recording.messages import Message, Report
+from companion.observers.recording.messages import RecordedMessage, RecordingReport
 from companion.observers.recording.process import Writing
 from companion.observers.recording.reading import messages, whole
 from companion.observers.recording.recorder import RecorderChild
@@ -110,7 +110,7 @@ def test_a_disk_that_hangs_costs_messages_and_is_told(monkeypatch: pytest.Monkey
         def begin(self, now: float) -> None:  # noqa: ARG002
             goes_on.wait(10.0)
 
-        def write(self, message: Message, now: float) -> None:  # noqa: ARG002
+        def write(self, message: RecordedMessage, now: float) -> None:  # noqa: ARG002
             self._written += 1
             self._tell()
 
@@ -126,7 +126,7 @@ def test_a_disk_that_hangs_costs_messages_and_is_told(monkeypatch: pytest.Monkey
     while writing.report(time.monotonic()).written < 9 and time.monotonic() < until:
         time.sleep(0.01)
     writing.finish()
-    assert writing.report(time.monotonic() + 7.0) == Report(0, 0, 9, 11, "")
+    assert writing.report(time.monotonic() + 7.0) == RecordingReport(0, 0, 9, 11, "")
 
 
 def test_a_full_disk_is_told_once_by_the_log_and_in_the_status(

@@ -25,7 +25,7 @@ from companion.cli import main
 from companion.observers.recording import command, incident
 from companion.observers.recording.incident import AFTER, BEFORE, README
 from companion.observers.recording.mcap_file import McapFile
-from companion.observers.recording.messages import Message
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.ring_writer import RingWriter
 from companion.observers.recording.shortened import Window
 from companion.observers.recording.topics import TOPICS
@@ -67,7 +67,7 @@ class Rover:
             (self.state / "calls" / name).write_bytes(b"of call " + name.encode())
         self._capsys = capsys
 
-    def record(self, messages: Sequence[Message], *, finish: bool = True) -> RingWriter:
+    def record(self, messages: Sequence[RecordedMessage], *, finish: bool = True) -> RingWriter:
         ring = RingWriter(self.state / "recordings", 20_000_000)
         ring.begin(0.0)
         for message in messages:
@@ -90,7 +90,7 @@ def rover(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytes
     return Rover(tmp_path, capsys)
 
 
-def drive(seconds: int) -> list[Message]:
+def drive(seconds: int) -> list[RecordedMessage]:
     """Words at the beginning, a frame a second, call 7 opens at 100 s."""
     found = [words(0.5)]
     for second in range(seconds):

@@ -13,14 +13,14 @@ from companion.observers.recording.messages import (
     LARGEST_PART,
     LONGEST_REPORT,
     Joiner,
-    Message,
-    Report,
+    RecordedMessage,
+    RecordingReport,
     datagrams,
 )
 from companion.observers.recording.topics import TOPICS, Topic
 
 MESSAGES = st.builds(
-    Message,
+    RecordedMessage,
     st.sampled_from(Topic),
     st.integers(0, 2**63),
     st.binary(max_size=100) | st.integers(1, 3 * LARGEST_PART).map(lambda size: b"\xd8" * size),
@@ -30,7 +30,7 @@ MESSAGES = st.builds(
 
 
 @given(st.lists(MESSAGES, max_size=4))
-def test_messages_come_out_as_they_went_in(messages: list[Message]) -> None:
+def test_messages_come_out_as_they_went_in(messages: list[RecordedMessage]) -> None:
     joiner, found = Joiner(), []
     for message in messages:
         parts = datagrams(message)
@@ -56,13 +56,13 @@ def test_what_never_ends_is_refused_and_forgotten() -> None:
         assert joiner.feed(b"+" * LARGEST_PART) is None
     with pytest.raises(ValueError, match="no part"):
         joiner.feed(b"+" * LARGEST_PART)
-    message = Message(Topic.STATUS, 1, b"{}")
+    message = RecordedMessage(Topic.STATUS, 1, b"{}")
     assert joiner.feed(datagrams(message)[0]) == message
 
 
 def test_what_is_too_long_is_not_sent() -> None:
     with pytest.raises(ValueError, match="at most"):
-        datagrams(Message(Topic.CAMERA, 0, bytes(LARGEST + 1)))
+        datagrams(RecordedMessage(Topic.CAMERA, 0, bytes(LARGEST + 1)))
 
 
 @given(
@@ -72,9 +72,9 @@ def test_what_is_too_long_is_not_sent() -> None:
     st.text("abc ü7%", max_size=300),
 )
 def test_a_report_survives_and_a_long_trouble_is_cut(files: int, size: int, lost: int, trouble: str) -> None:
-    packed = Report(files, size, 3, lost, trouble).encoded()
+    packed = RecordingReport(files, size, 3, lost, trouble).encoded()
     assert len(packed) <= LONGEST_REPORT
-    found = Report.decoded(packed)
+    found = RecordingReport.decoded(packed)
     assert found[:4] == (files, size, 3, lost)
     assert trouble.startswith(found.trouble.rstrip("\N{REPLACEMENT CHARACTER}"))
 
@@ -82,4 +82,4 @@ def test_a_report_survives_and_a_long_trouble_is_cut(files: int, size: int, lost
 @given(st.binary(max_size=LONGEST_REPORT + 5))
 def test_any_bytes_are_a_report_or_a_value_error(packed: bytes) -> None:
     with contextlib.suppress(ValueError):
-        assert Report.decoded(packed).trouble.isprintable()
+        assert RecordingReport.decoded(packed).trouble.isprintable()

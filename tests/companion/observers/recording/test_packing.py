@@ -27,9 +27,9 @@ from companion.config.schema import JournalSection, RecordingSection
 from companion.observers.recording import packing
 from companion.observers.recording.contents import as_json, image
 from companion.observers.recording.foxglove import jpeg_of
-from companion.observers.recording.messages import Message
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.packer import PAUSE, IncidentPacker, PackingChild
-from companion.observers.recording.packing import Asked, PackingError, kept, pack
+from companion.observers.recording.packing import PackingError, PackingRequest, kept, pack
 from companion.observers.recording.ring_writer import LEAST_FREE, RingWriter
 from companion.observers.recording.shortened import FRAME_WIDTH, FRAMES
 from companion.observers.recording.topics import TOPICS, Topic
@@ -53,10 +53,13 @@ def recorded(folder: Path, seconds: int = 90) -> None:
     said = [words(0.5)]
     for second in range(seconds):
         at = BEGAN + second * NS
-        said += [Message(Topic.CAMERA, at, image(PICTURE, "jpeg", at), second)]
-        said += [Message(Topic.TRAVERSABILITY, at, image(b"png", "png", at), second), status(second, second)]
+        said += [RecordedMessage(Topic.CAMERA, at, image(PICTURE, "jpeg", at), second)]
+        said += [
+            RecordedMessage(Topic.TRAVERSABILITY, at, image(b"png", "png", at), second),
+            status(second, second),
+        ]
         tenths = range(0, NS, NS // 10)
-        said += [Message(Topic.ASSESSMENT, at + part, as_json({"frame": second})) for part in tenths]
+        said += [RecordedMessage(Topic.ASSESSMENT, at + part, as_json({"frame": second})) for part in tenths]
         if second == seconds // 2:
             said += [opened(6, second), opened(7, second)]
     for message in said:
@@ -79,8 +82,8 @@ def rover(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def asked(folder: Path, call: int = 7) -> Asked:
-    return Asked(str(folder), "config", call, "")
+def asked(folder: Path, call: int = 7) -> PackingRequest:
+    return PackingRequest(str(folder), "config", call, "")
 
 
 class Packing(NamedTuple):

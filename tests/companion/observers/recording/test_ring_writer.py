@@ -19,7 +19,7 @@ pytest.importorskip("mcap")
 
 from companion.observers.recording import ring_writer
 from companion.observers.recording.mcap_file import SMALLEST, McapFile
-from companion.observers.recording.messages import Message
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.reading import messages, repair, summary, whole
 from companion.observers.recording.ring_writer import LONGEST, RingWriter
 from tests.companion.observers.recording.made import frame, opened, status, words
@@ -226,7 +226,7 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     ring = RingWriter(tmp_path / "file" / "recordings", RING)
     ring.begin(0.0)
     assert ring.report.trouble == "not a directory"
-    ring.write(Message(*status(1)), 1.0)
+    ring.write(RecordedMessage(*status(1)), 1.0)
     assert ring.report.lost == 1
 
 

@@ -11,7 +11,7 @@ import time
 import cv2
 import numpy as np
 
-from companion.sim.field.render import Camera
+from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 from companion.sim.field.trail import ZONES
 
@@ -24,7 +24,7 @@ def main(seeds: tuple[int, ...] = (1, 2, 3), frames: int = 200) -> None:
         spent: dict[str, list[float]] = {zone: [] for zone in ZONES}
         for seed in seeds:
             world = World(seed)
-            camera, trail = Camera(world, width, height), world.trail
+            camera, trail = PinholeCamera(world, width, height), world.trail
             camera.render(trail.pose(0.0), 0.0)
             for s in np.linspace(0.0, trail.length, frames):
                 begin = time.process_time()

@@ -31,8 +31,8 @@ from anytraverse.regions import Box
 from anytraverse.roi import Corridor
 from companion.calls.numbers import Numbers
 from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
-from companion.sim.field.render import Camera
-from companion.sim.field.things import DEFAULT_SURPRISES, Thing, World
+from companion.sim.field.render import PinholeCamera
+from companion.sim.field.things import DEFAULT_SURPRISES, FieldThing, World
 
 SPEED = 2.5  # m/s
 STEP = SPEED / 10  # m between two frames
@@ -70,7 +70,7 @@ class Drive:
     def __init__(self, perceiver: Perceiver, seed: int, size: tuple[int, int], teach: str = "") -> None:
         turn = seed % len(DEFAULT_SURPRISES)
         self.world = World(seed, DEFAULT_SURPRISES[turn:] + DEFAULT_SURPRISES[:turn])
-        self.camera = Camera(self.world, *size)
+        self.camera = PinholeCamera(self.world, *size)
         self.engine: AnyTraverse = engine_of(perceiver, WORDS["meadow"])
         self.tally = Tally()
         self._reasons = ReasonFilter(Numbers(judging=self.engine.settings), 0.0)
@@ -104,7 +104,9 @@ class Drive:
             self.tally.missed.append(ahead.kind)
             self.world.remove(ahead.id)
 
-    def _call(self, judged: Assessment, s: float, now: float, ahead: Thing | None, *, familiar: bool) -> None:
+    def _call(
+        self, judged: Assessment, s: float, now: float, ahead: FieldThing | None, *, familiar: bool
+    ) -> None:
         left = self._left(ahead, s) if ahead is not None else math.inf
         asked = Reason.UNKNOWN_OBJECT in judged.reasons  # else the tile shows nothing that a tap could name
         operations: tuple[Operation, ...]
@@ -126,7 +128,7 @@ class Drive:
         self.engine.answer(operations, now, call=judged.observation, call_id=self._calls, go=True)
         self._reasons.restart_after_answer(now)
 
-    def _hold(self, s: float, ahead: Thing | None, *, familiar: bool) -> None:
+    def _hold(self, s: float, ahead: FieldThing | None, *, familiar: bool) -> None:
         left = self._left(ahead, s) if ahead is not None and ahead.id in self.world.things else math.inf
         if ahead is not None and left < NEAR:
             self.tally.blocked.append((ahead.kind, round(left, 1)))
@@ -135,12 +137,12 @@ class Drive:
             self.tally.false.append(f"{self.world.trail.zone(s)} {s:.0f} m blocked")
         self._blocked.clear()
 
-    def _ahead(self, s: float) -> Thing | None:
+    def _ahead(self, s: float) -> FieldThing | None:
         """Returns the nearest surprise ahead."""
         things = [thing for thing in self.world.things.values() if thing.surprise]
         return min(things, key=lambda thing: self._left(thing, s), default=None)
 
-    def _left(self, thing: Thing, s: float) -> float:
+    def _left(self, thing: FieldThing, s: float) -> float:
         trail = self.world.trail
         return (trail.nearest(thing.x, thing.y)[0] - s) % trail.length
 

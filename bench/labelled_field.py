@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from companion.sim.field.render import LABELS, Camera
+from companion.sim.field.render import LABELS, PinholeCamera
 from companion.sim.field.things import World
 
 
@@ -27,7 +27,7 @@ def render(
     for number, seed in enumerate(seeds):
         rng = np.random.default_rng([seed, 77])
         world = World(seed, surprises)
-        cameras = [Camera(world, 320, 240, seed), Camera(world, 400, 225, seed)]
+        cameras = [PinholeCamera(world, 320, 240, seed), PinholeCamera(world, 400, 225, seed)]
         for zone, (begin, end) in enumerate(world.trail.borders.values()):
             for index, s in enumerate(np.linspace(begin, end, frames, endpoint=False)):
                 world.light = float(np.exp(rng.uniform(np.log(light[0]), np.log(light[1]))))

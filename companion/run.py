@@ -97,7 +97,7 @@ def main(
 
     vision: the command line of the vision process, for one that has other perceivers. service: where systemd
     is told how it goes.
-    Raises AnyTraverseError, LinkError, ParameterError or JournalError for what a person must mend first.
+    Raises AnyTraverseError, LinkSettingError, ParameterError or JournalError for what a person must mend.
     """
     stop = stop or stop_on_signals()
     with ExitStack() as closing:

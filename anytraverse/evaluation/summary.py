@@ -45,7 +45,7 @@ class FrameScore:
 
 @dataclass
 class TallySummary:
-    """Adds tallies up. drivable, unknown: names of classes, as `Classes.choose` returns them."""
+    """Adds tallies up. drivable, unknown: names of classes, as `LabelClasses.choose` returns them."""
 
     rows: Rows
     drivable: Sequence[str]

@@ -30,7 +30,7 @@ Signs = tuple[tuple[str, bool], ...]
 
 
 class WeightScore(NamedTuple):
-    """Holds the figures of a set of weights, as `Summary` calculates them of the whole maps.
+    """Holds the figures of a set of weights, as `TallySummary` calculates them of the whole maps.
 
     iou_mean, iou_pooled: at 0.5. best_iou_mean, best_threshold: the highest mean IoU of all thresholds.
     """

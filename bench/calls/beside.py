@@ -16,7 +16,7 @@ from bench.perception.figures import share
 from companion.calls.decisions import Call
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.drives.judge import DriveJudge
-from companion.sim.field.things import Thing, World
+from companion.sim.field.things import FieldThing, World
 from companion.wire.ids import Motion
 
 RATE, SPEED = 5.0, 1.5
@@ -104,7 +104,7 @@ class _Approach:
         self._judge, self._film, self._trial = judge, film, trial
         self._operator = operator(trial.answer, film.operator, DRIVABLE)
 
-    def run(self, first: Thing, second: Thing | None) -> Run:
+    def run(self, first: FieldThing, second: FieldThing | None) -> Run:
         """Drive the whole approach. second: None for one with the first thing alone."""
         run, world, trial = Run(), self._film.world, self._trial
         answered: int | None = None
@@ -135,7 +135,7 @@ class _Approach:
                 world.remove(name)
         return run
 
-    def _placed(self, thing: Thing, name: str, side: int) -> Thing:
+    def _placed(self, thing: FieldThing, name: str, side: int) -> FieldThing:
         world = self._film.world
         world.revision += 1
         pose = world.trail.pose(self._trial.at)

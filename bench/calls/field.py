@@ -14,8 +14,8 @@ from bench.calls.operators import About
 from companion.calls.decisions import Call
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.tuning.operators import LabelOperator
-from companion.sim.field.render import LABELS, Camera
-from companion.sim.field.things import KINDS, Thing, World
+from companion.sim.field.render import LABELS, PinholeCamera
+from companion.sim.field.things import KINDS, FieldThing, World
 from companion.sim.field.trail import Pose, half_width
 
 DRIVABLE = ("grass", "dirt path", "gravel")
@@ -44,7 +44,7 @@ class FilmedField:
         self.surprises = frozenset(name + thing.id for thing in world.things.values() if thing.surprise)
         self._name, self._east_m = name, east_m
         self._things = dict(world.things)
-        self._camera = Camera(world, *size)
+        self._camera = PinholeCamera(world, *size)
         self._pose = world.trail.pose(world.trail.start)
 
     def frame(self, pose: Pose, at: float, travelled: float) -> DriveFrame:
@@ -63,7 +63,7 @@ class FilmedField:
         self.world.things.update(self._things)
         self.world.revision += 1
 
-    def ahead(self, s: float, within: float) -> Thing | None:
+    def ahead(self, s: float, within: float) -> FieldThing | None:
         """Return the nearest thing on the way, at most so many metres ahead of s; None without one."""
         trail = self.world.trail
         found = [
@@ -105,9 +105,11 @@ class FilmedField:
             return label, self._patch(label, at)
         return thing.kind, thing.id
 
-    def _nearest(self, things: Iterable[Thing], at: tuple[float, float]) -> tuple[float, Thing | None]:
+    def _nearest(
+        self, things: Iterable[FieldThing], at: tuple[float, float]
+    ) -> tuple[float, FieldThing | None]:
         """Return the thing whose picture is nearest to a pixel (column, row), and how many radii away."""
-        lens, found = self._camera.lens, list[tuple[float, Thing | None]]()
+        lens, found = self._camera.lens, list[tuple[float, FieldThing | None]]()
         for thing in things:
             for height in (0.0, thing.height / 2):
                 column, row, depth = lens.project(self._pose, thing.x, thing.y, height)

@@ -26,7 +26,7 @@ from companion.desk.drives.judge import DriveJudge
 from companion.desk.memory.command import merged
 from companion.desk.memory.scene_file import Scene
 from companion.desk.tuning.trial import Combination, Trial, run_trials
-from companion.sim.field.rover import STANDSTILL, Drive, Rover
+from companion.sim.field.rover import STANDSTILL, MotorDrive, Rover
 from companion.sim.field.things import DEFAULT_SURPRISES, World
 from companion.wire.ids import Motion
 from companion.wire.typed_answers import CommandError
@@ -142,7 +142,7 @@ class RouteRover:
             if judged is not None and judged.opened is not None:
                 self._answer(judged.opened, frame)
             self._help(frame.at)
-            rover.drive = Drive.HOLD if self._judge.holding and not self._by_hand else Drive.FOLLOW
+            rover.drive = MotorDrive.HOLD if self._judge.holding and not self._by_hand else MotorDrive.FOLLOW
             for _ in range(_SUBSTEPS):
                 rover.step(1 / RATE / _SUBSTEPS)
                 self._note_contacts()

@@ -24,7 +24,7 @@ from typing import Any
 
 from bench.console.stage import CHROMIUM, Rover, start_console
 from bench.link.radio_model import LinkConditions, RadioModel
-from companion.sim.field.router import Parser
+from companion.sim.field.router import DatagramParser
 
 READS = 2.5
 """Seconds for which a person reads a call with its picture."""
@@ -73,7 +73,7 @@ class Relay:
         self._ground.close()
 
     def _run(self) -> None:
-        parsers = Parser(), Parser()
+        parsers = DatagramParser(), DatagramParser()
         console: Any = None
         while not self._ended.wait(0.004):
             now = time.monotonic()

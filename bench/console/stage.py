@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config.link_settings import ConnectionSettings
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import STANDS
 from companion.sim.demo.rehearsal import free_port
@@ -33,7 +33,7 @@ class Rover:
         """network: the link carries more than a radio. baud: of a radio, whose default budgets it has."""
         folder.mkdir(parents=True)
         self.folder = folder
-        self._field = Child(
+        self._field = LoggedProcess(
             "field",
             ["companion.sim.field", "--seed", str(seed), "--speed", str(_SPEED)],
             folder / "field.log",
@@ -60,7 +60,9 @@ class Rover:
         self.second_link = f"udpout:127.0.0.1:{port}"
         with config.open("a", encoding="utf-8") as more:
             more.write(f'\n[link.more.second]\nurl = "udpin:127.0.0.1:{port}"\nbudget = 0.0\n')
-        self.daemon = Child("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
+        self.daemon = LoggedProcess(
+            "daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log"
+        )
         self._blocked_since: float | None = None
         self._held_by_script = False
         self.script_holds = 0
@@ -143,8 +145,10 @@ def _set_budgets(config: Path, baud: int) -> None:
     config.write_text(text.replace("\n[journal]", f"{budgets}\n[journal]", 1), encoding="utf-8")
 
 
-def start_console(links: list[str], out: Path, *more: str) -> tuple[Child, str]:
+def start_console(links: list[str], out: Path, *more: str) -> tuple[LoggedProcess, str]:
     """Start a console on these links. Returns it, and the address of its page."""
     connect = [part for link in links for part in ("--connect", link)]
-    console = Child("console", ["gcs_plugin.console", "--no-browser", *connect, *more], out / "console.log")
+    console = LoggedProcess(
+        "console", ["gcs_plugin.console", "--no-browser", *connect, *more], out / "console.log"
+    )
     return console, console.first_line(30.0).split()[-1]

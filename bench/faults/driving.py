@@ -29,7 +29,7 @@ from bench.stopping.scenes import (
     with_and_without_script,
 )
 from bench.stopping.stage import READY_WITHIN, RETURN_WITHIN, Plan, Stage
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.field.rover import STANDSTILL
 from companion.wire.ids import State
 from companion.wire.parameters import THR_SCENE
@@ -51,7 +51,7 @@ _RETURNS = "nothing resumes by itself; well again"
 class _Events:
     """The events of the operator's terminal, with when each was read, monotonic s."""
 
-    def __init__(self, operator: Child) -> None:
+    def __init__(self, operator: LoggedProcess) -> None:
         self._operator = operator
         self._all: list[tuple[float, dict[str, Any]]] = []
 

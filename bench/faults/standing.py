@@ -23,7 +23,7 @@ from anytraverse.operations import Operation
 from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Outcome, Row, Work
 from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending
@@ -142,7 +142,7 @@ class Standing:
         self._text |= {"recorded": str(recorded), "perceiver": perceiver, "web": web}
         self.config.touch(0o600)  # it may hold a token
         self.config.write_text(_TEXT.format(**self._text, state=self.state), encoding="utf-8")
-        self.daemon: Child | None = None
+        self.daemon: LoggedProcess | None = None
 
     def __enter__(self) -> Standing:
         return self
@@ -172,11 +172,11 @@ class Standing:
         path.write_text(_TEXT.format(**self._text, state=state), encoding="utf-8")
         return path
 
-    def another(self, name: str, config: Path, environment: Mapping[str, str] | None = None) -> Child:
+    def another(self, name: str, config: Path, environment: Mapping[str, str] | None = None) -> LoggedProcess:
         """Start a daemon besides; the caller ends it."""
         arguments = ["companion", "run", "--config", str(config)]
         log = self.out / f"{name}.log"
-        return Child(name, arguments, log, orphaned=signal.SIGKILL, environment=environment)
+        return LoggedProcess(name, arguments, log, orphaned=signal.SIGKILL, environment=environment)
 
     def kill(self) -> None:
         """End the companion by SIGKILL."""

@@ -20,7 +20,7 @@ _MODE_COMMAND = 176
 
 
 class Wire:
-    """The rover's only wire, with the autopilot at its end; the operator's `Connection`, too.
+    """The rover's only wire, with the autopilot at its end; the `OperatorConnection`, too.
 
     mode, modes: the autopilot's, and all that it was commanded with the monotonic time. It routes: what one
     companion says reaches every other.

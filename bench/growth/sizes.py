@@ -19,7 +19,7 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from bench.growth.words import judge_new
 from bench.series import Series, cpu_ms
-from companion.sim.field.render import Camera
+from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 from companion.vision.messages import Encode
 from companion.vision.pictures import encoded, panel, thumbnail, to_png, unmarked
@@ -71,7 +71,7 @@ def _pictures(seen: Assessment, engine: AnyTraverse) -> dict[str, Callable[[], b
 def _picture(width: int, height: int) -> Image:
     """Renders the simulated trail, enlarged, with a sensor's noise."""
     world = World(1)
-    image, _ = Camera(world, 640, 480).render(world.trail.pose(world.trail.start), 0.0)
+    image, _ = PinholeCamera(world, 640, 480).render(world.trail.pose(world.trail.start), 0.0)
     enlarged = cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)
     noise = np.random.default_rng(1).normal(0.0, _GRAIN, (height, width, 1)).astype(np.float32)
     return np.asarray(np.clip(enlarged + noise, 0, 255), np.uint8)

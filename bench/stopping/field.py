@@ -9,8 +9,8 @@ import signal
 import cv2
 
 from companion.sim.demo.main import SPEED
-from companion.sim.field.render import Camera
-from companion.sim.field.server import AUTOPILOTS, FieldServer, Options
+from companion.sim.field.render import PinholeCamera
+from companion.sim.field.server import AUTOPILOTS, FieldOptions, FieldServer
 from companion.sim.field.things import DEFAULT_SURPRISES, World
 
 FPS = 12.0
@@ -31,8 +31,8 @@ def main() -> None:
     cv2.setNumThreads(1)
     world = World(given.seed, DEFAULT_SURPRISES if given.surprises else ())
     world.trail.start = given.at
-    camera = Camera(world, *SIZE, seed=given.seed)
-    options = Options(
+    camera = PinholeCamera(world, *SIZE, seed=given.seed)
+    options = FieldOptions(
         seed=given.seed,
         fps=FPS,
         speed=given.speed,

@@ -9,7 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field.modes import Mode
-from companion.sim.field.router import Parser
+from companion.sim.field.router import DatagramParser
 from companion.wire.ids import ANSWER_COMMAND, COMPONENT_ID, Motion
 
 ROVER, AUTOPILOT = 1, 1
@@ -69,7 +69,7 @@ class Ground:
         until = time.monotonic() + within
         while (left := until - time.monotonic()) > 0.0:
             self._socket.settimeout(left)
-            for frame in Parser().frames(self._socket.recv(65536)):
+            for frame in DatagramParser().frames(self._socket.recv(65536)):
                 if frame.get_type() == "COMMAND_ACK" and frame.command == command:
                     return
         raise TimeoutError("the autopilot does not acknowledge HOLD")

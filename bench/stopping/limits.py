@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 from companion.sim.field.onboard import install
-from companion.sim.field.rover import STANDSTILL, STEP, Drive, Rover
+from companion.sim.field.rover import STANDSTILL, STEP, MotorDrive, Rover
 from companion.sim.field.simulation import Simulation
 from companion.sim.field.things import World
 from companion.vehicle.brakes import ARDUPILOT, Brakes, fit
@@ -64,11 +64,11 @@ def script_timeout() -> float:
 def braking(speed: float) -> tuple[float, float]:
     """Measures seconds and metres from HOLD to standstill of the simulated rover, at `speed` m/s."""
     rover = Rover(World(1, ()).trail, cruise_speed=speed)
-    rover.drive = Drive.FOLLOW
+    rover.drive = MotorDrive.FOLLOW
     while rover.speed < 0.99 * speed and rover.time < 20.0:
         rover.step(STEP)
     begun, driven = rover.time, rover.distance
-    rover.drive = Drive.HOLD
+    rover.drive = MotorDrive.HOLD
     while rover.speed > STANDSTILL:
         rover.step(STEP)
     return rover.time - begun, rover.distance - driven

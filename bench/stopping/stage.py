@@ -24,7 +24,7 @@ from bench.stopping.slow_disk import SlowDisk
 from bench.stopping.stops import Stop, stopped
 from bench.stopping.wire import Wire
 from companion.config import load_config
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.demo.main import SPEED
 from companion.sim.demo.operator import start_operator
@@ -167,7 +167,7 @@ class Stage:
         environment = self.disk.environment if self.disk is not None else {}
         self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)], environment)
 
-    def start_operator(self) -> Child:
+    def start_operator(self) -> LoggedProcess:
         """Starts the operator's terminal, into which lines can be typed; its lines are its events as JSON."""
         operator = start_operator(self.gcs, self.out, auto=True)
         self._closing.callback(_end, operator)
@@ -303,9 +303,11 @@ class Stage:
             self.wait("a return", lambda: self.wire.well_again(since) is not None, RETURN_WITHIN)
         return self.wire.well_again(since)
 
-    def _child(self, name: str, arguments: list[str], environment: Mapping[str, str] | None = None) -> Child:
+    def _child(
+        self, name: str, arguments: list[str], environment: Mapping[str, str] | None = None
+    ) -> LoggedProcess:
         log = self.out / f"{name}.log"
-        child = Child(name, arguments, log, orphaned=signal.SIGKILL, environment=environment)
+        child = LoggedProcess(name, arguments, log, orphaned=signal.SIGKILL, environment=environment)
         self._closing.callback(_end, child)
         return child
 
@@ -323,7 +325,7 @@ class Stage:
         return path
 
 
-def _end(child: Child) -> None:
+def _end(child: LoggedProcess) -> None:
     """Ends a process, whatever state it is in."""
     child.process.kill()
     child.stop()

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.demo.rehearsal import free_port
-from companion.sim.field.router import Parser
+from companion.sim.field.router import DatagramParser
 from companion.wire.ids import MODE_REQUEST_COMMAND, Policy, State, read_heartbeat_mode
 
 _MAY_BE_SAID = {
@@ -181,7 +181,7 @@ class Wire:
 
     def _from_companion(self) -> None:
         datagram, self._companion = self._near.recvfrom(65536)
-        frames = Parser().frames(datagram)
+        frames = DatagramParser().frames(datagram)
         orders = [order for frame in frames if (order := _ordered(frame))]
         now = time.monotonic()
         self.commands += orders

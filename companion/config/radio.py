@@ -49,7 +49,7 @@ class ConnectionSection(Section):
             yield _key_of(str(error)), str(error)
 
     def settings(self) -> ConnectionSettings:
-        """Convert to the link's own settings. Raises LinkError."""
+        """Convert to the link's own settings. Raises LinkSettingError."""
         return ConnectionSettings(self.url, self.budget, self.burst, self.asked_budget, self.pace)
 
 
@@ -139,7 +139,7 @@ class LinkSection(ConnectionSection):
         return replace(self, signing_key=str(folder / os.path.expanduser(self.signing_key)))
 
     def settings(self) -> LinkSettings:
-        """Convert to the link's own settings. Raises LinkError."""
+        """Convert to the link's own settings. Raises LinkSettingError."""
         return LinkSettings(
             url=self.url,
             system_id=self.system_id,

@@ -221,7 +221,10 @@ def channels_of(
     signing: Signing | None,
     camera_id: int = CAMERA_COMPONENT_ID,
 ) -> list[Channel]:
-    """Make a channel for each connection, in order; openers and signing as for `Link`. Raises LinkError."""
+    """Make a channel for each connection, in order. Raises LinkSettingError.
+
+    Openers and signing: as for `Link`.
+    """
     return [
         Channel(
             name,

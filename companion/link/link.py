@@ -67,7 +67,7 @@ class Link:
 
         signing: signs each frame sent, and accepts only signed frames; each connection has its own link id.
         answer_store: with the replies from before a restart. camera: None where it is none.
-        clock: monotonic s, by which `poll` limits its duration. Raises LinkError, ParameterError.
+        clock: monotonic s, by which `poll` limits its duration. Raises LinkSettingError, ParameterError.
         """
         self.most_budget = settings.most_budget
         self._signing = signing

@@ -76,7 +76,7 @@ def pair() -> tuple[MemoryTransport, MemoryTransport]:
 STEP = 0.01
 
 
-class Frame(NamedTuple):
+class SentFrame(NamedTuple):
     """A frame that the link sent: when (s), the message, its size in bytes."""
 
     at: float
@@ -92,7 +92,7 @@ class Wire:
 
     def __init__(self) -> None:
         self.near, self.far = pair()
-        self.frames: list[Frame] = []
+        self.frames: list[SentFrame] = []
         self.mavlink1 = False
         self.mode = 10
         self.armed = True
@@ -131,7 +131,7 @@ class Wire:
         """Parses what the link has sent and stores it in `frames`."""
         while data := self.far.read():
             for message in self._parser.feed(data, now, whole=True):
-                self.frames.append(Frame(now, message, len(message.get_msgbuf())))
+                self.frames.append(SentFrame(now, message, len(message.get_msgbuf())))
 
 
 class LoopbackLink(Wire):

@@ -23,7 +23,7 @@ from anytraverse.perception.builtin.network import Outputs
 from anytraverse.perception.builtin.perceiver import SHIPPED, GroundNetwork
 from anytraverse.perception.builtin.words import GROUND_WORDS
 from anytraverse.perception.runtime import Runtime
-from companion.sim.field.render import Camera
+from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 
 KNOWN = sorted(GROUND_WORDS)
@@ -164,7 +164,7 @@ def test_a_word_that_is_not_known_is_refused_with_the_nearest_first(
 
 def test_the_scene_is_a_unit_vector_that_light_hardly_turns(eyes: GroundNetwork) -> None:
     world = World(31, ())
-    trail, camera = world.trail, Camera(world, 320, 240)
+    trail, camera = world.trail, PinholeCamera(world, 320, 240)
     places = {trail.zone(trail.start + s): trail.start + s for s in (5.0, 50.0, 100.0)}
     meadow, *others = (camera.render(trail.pose(s), 0.0)[0] for s in places.values())
     here = eyes.embed(eyes.encode(meadow))

@@ -19,7 +19,7 @@ from bench.perception.frames import Frames, LabelledSet
 from bench.perception.judged import Judge
 from bench.perception.taps import TAPPED, measure_taps
 from bench.perception.things import KINDS, LARGE, SMALL, gather, photographs_in
-from companion.sim.field.render import Camera
+from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 
 FRAME = Frame(1, 0.0, np.zeros((2, 2, 3), dtype=np.uint8))
@@ -80,7 +80,7 @@ def test_photographs_are_read_by_kind_as_rgba(tmp_path: Path) -> None:
 
 def test_a_tapped_thing_is_covered_on_the_way_and_another_one_still_calls() -> None:
     world = World(31, ())
-    trail = Camera(world, 320, 240).render(world.trail.pose(world.trail.start + 5.0), 0.0)[0]
+    trail = PinholeCamera(world, 320, 240).render(world.trail.pose(world.trail.start + 5.0), 0.0)[0]
     labels = np.zeros(trail.shape[:2], dtype=np.uint8)
     home = LabelledSet("home", (LabelledFrame(1, "1", trail, labels),), ("dirt",), 255)
     judge, pictures = Judge.of(make_perceiver("builtin", Runtime(threads=1))), gather(None, [], 1)

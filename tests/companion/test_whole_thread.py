@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.director import Stage
 from companion.sim.demo.main import set_stage
 from companion.sim.field.trail import Trail
@@ -83,7 +83,7 @@ class Play:
     def restart_daemon(self) -> None:
         """Another daemon on the same configuration."""
         daemon = self.stage.daemon
-        self.stage.daemon = Child(
+        self.stage.daemon = LoggedProcess(
             "daemon", ["companion", "run", "--config", str(self.stage.out / "companion.toml")], daemon.log
         )
 

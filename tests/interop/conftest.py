@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.demo.main import SPEED
 from companion.sim.field.control import FieldControl
@@ -37,7 +37,7 @@ class Stage:
 
     def __init__(self, out: Path, more_config: str = "") -> None:
         self.out = out
-        self._children: list[Child] = []
+        self._children: list[LoggedProcess] = []
         field = self._start("field", ["companion.sim.field", "--seed", "1", "--speed", str(SPEED)])
         ports = json.loads(field.first_line(PATIENCE))
         host, _, port = ports["control"].rpartition(":")
@@ -49,8 +49,8 @@ class Stage:
             file.write(more_config)
         self.daemon = self._start("daemon", ["companion", "run", "--config", str(config)])
 
-    def _start(self, name: str, arguments: list[str]) -> Child:
-        self._children.append(Child(name, arguments, self.out / f"{name}.log"))
+    def _start(self, name: str, arguments: list[str]) -> LoggedProcess:
+        self._children.append(LoggedProcess(name, arguments, self.out / f"{name}.log"))
         return self._children[-1]
 
     def wait_until_ok(self) -> None:

@@ -25,7 +25,7 @@ class ChildError(RuntimeError):
     """Raised for a process of the demo that did not start or ended too early; its log says why."""
 
 
-class Child:
+class LoggedProcess:
     """Runs `python -m ...`, gives its stdout as lines and writes its stderr to a log file.
 
     interactive: the process uses the terminal itself; its lines are then those of the file `events` that it

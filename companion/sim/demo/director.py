@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from companion.sim.demo.answers import AutoOperator
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.onlooker import Onlooker, Shown
 from companion.sim.demo.story import Story
-from companion.sim.demo.tally import Tally, missing
+from companion.sim.demo.tally import DemoTally, missing
 from companion.sim.field.control import FieldControl
 
 LIMIT = 170.0
@@ -38,9 +38,9 @@ class Stage:
     """Holds the demo's processes and the folder `out` that they write to."""
 
     out: Path
-    trail: Child
-    daemon: Child
-    operator: Child
+    trail: LoggedProcess
+    daemon: LoggedProcess
+    operator: LoggedProcess
     control: FieldControl
     started: float = field(default_factory=time.monotonic)
 
@@ -75,7 +75,7 @@ class Director:
         """Id of a call or hold -> what it is about."""
         self._named: set[str] = set()
         """Ids of the things that the scripted operator has named as not drivable."""
-        self._tally = Tally()
+        self._tally = DemoTally()
         self._open: dict[int, dict[str, Any]] = {}
         self._blocked_since: float | None = None
         self._left_meadow = False

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from anytraverse.errors import AnyTraverseError
 from companion.cameras import CameraError
-from companion.sim.demo.child import Child, ChildError
+from companion.sim.demo.child import ChildError, LoggedProcess
 from companion.sim.demo.config import write_config, written_by_demo
 from companion.sim.demo.director import Director, Stage, summary, verdict
 from companion.sim.demo.operator import start_operator
@@ -27,14 +27,14 @@ SPEED = 1.5
 """m/s that the simulated rover drives."""
 
 
-class Pace(NamedTuple):
+class DemoPace(NamedTuple):
     """Frames/s that are judged, and m/s that the rover drives with so many."""
 
     rate: float
     speed: float
 
 
-PACES = (Pace(10.0, SPEED), Pace(4.0, SPEED), Pace(1.5, 1.1))
+PACES = (DemoPace(10.0, SPEED), DemoPace(4.0, SPEED), DemoPace(1.5, 1.1))
 """The next one is tried where this computer judges too slowly for policy hold. With 1.5 frames/s the
 freshness limit is 2 s, and a thing is noticed later: 1.1 m/s still stop in time."""
 _OLD = ("state", "logs", "contact-sheet.png")
@@ -129,15 +129,15 @@ def set_stage(
     """
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
-    started: list[Child] = []
+    started: list[LoggedProcess] = []
 
-    def track(child: Child) -> Child:
+    def track(child: LoggedProcess) -> LoggedProcess:
         started.append(child)
         return child
 
     try:
         field = track(
-            Child(
+            LoggedProcess(
                 "field",
                 ["companion.sim.field", "--seed", str(seed), "--speed", str(speed)],
                 logs / "field.log",
@@ -150,7 +150,9 @@ def set_stage(
         config = write_config(
             out, camera=camera, link=link, policy="hold", speed=speed, network=console, rate=rate
         )
-        daemon = track(Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log"))
+        daemon = track(
+            LoggedProcess("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
+        )
         operator = track(start_operator(ports["gcs"], logs, auto=auto, console=console))
         host, _, port = ports["control"].rpartition(":")
         return Stage(out, field, daemon, operator, FieldControl(host, int(port)))

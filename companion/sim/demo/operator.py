@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 
 
-def start_operator(link: str, logs: Path, *, auto: bool, console: bool = False) -> Child:
+def start_operator(link: str, logs: Path, *, auto: bool, console: bool = False) -> LoggedProcess:
     """Starts the terminal; with `auto` the demo types, else a person. `lines` gives its events either way.
 
     console: a person answers in a browser instead.
@@ -16,6 +16,6 @@ def start_operator(link: str, logs: Path, *, auto: bool, console: bool = False) 
     arguments = [program, "--connect", link]
     log = logs / "operator.log"
     if auto:
-        return Child("operator", [*arguments, "--events"], log)
+        return LoggedProcess("operator", [*arguments, "--events"], log)
     events = logs / "operator.jsonl"
-    return Child("operator", [*arguments, "--log", str(events)], log, interactive=True, events=events)
+    return LoggedProcess("operator", [*arguments, "--log", str(events)], log, interactive=True, events=events)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.cameras.shown import shown
-from companion.sim.demo.child import Child, ChildError
+from companion.sim.demo.child import ChildError, LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.demo.operator import start_operator
 from companion.sim.demo.sheet import write_sheet
@@ -32,7 +32,7 @@ def run_camera_demo(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     operator = start_operator(f"udpin:127.0.0.1:{port}", logs, auto=auto)
     try:
         config = write_config(out, camera=camera, link=f"udpout:127.0.0.1:{port}", policy="shadow")
-        daemon = Child("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
+        daemon = LoggedProcess("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
         try:
             figures = _Rehearsal(daemon, operator, out, story, auto=auto).follow()
         finally:
@@ -52,7 +52,9 @@ def run_camera_demo(camera: str, out: Path, story: Story, *, auto: bool) -> int:
 class _Rehearsal:
     """Follows daemon and operator; with `auto` it answers every call with go."""
 
-    def __init__(self, daemon: Child, operator: Child, out: Path, story: Story, *, auto: bool) -> None:
+    def __init__(
+        self, daemon: LoggedProcess, operator: LoggedProcess, out: Path, story: Story, *, auto: bool
+    ) -> None:
         self._daemon = daemon
         self._operator = operator
         self._out = out

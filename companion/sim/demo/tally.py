@@ -15,7 +15,7 @@ LEAST_FPS = 8.0
 
 
 @dataclass
-class Tally:
+class DemoTally:
     """Take in the operator's events and the field's status; `figures` and `missing` are the verdict."""
 
     calls: dict[int, list[str]] = field(default_factory=dict)

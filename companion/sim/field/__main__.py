@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from companion.sim.field.server import AUTOPILOTS, FieldServer, Options
+from companion.sim.field.server import AUTOPILOTS, FieldOptions, FieldServer
 
 Number = TypeVar("Number", int, float)
 
@@ -27,16 +27,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ImportError:
         print("the field draws with OpenCV: pip install 'anytraverse-companion[rover]'", file=sys.stderr)
         return 2
-    from companion.sim.field.render import Camera
+    from companion.sim.field.render import PinholeCamera
     from companion.sim.field.things import World
 
     cv2.setNumThreads(1)
     world = World(args.seed)
-    camera = Camera(world, width=args.width, height=args.height, seed=args.seed)
+    camera = PinholeCamera(world, width=args.width, height=args.height, seed=args.seed)
     server = FieldServer(
         world,
         camera,
-        Options(
+        FieldOptions(
             args.seed,
             args.fps,
             args.speed,

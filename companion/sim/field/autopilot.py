@@ -18,11 +18,11 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field import telemetry
 from companion.sim.field.commands import Commands
-from companion.sim.field.mission import Mission
+from companion.sim.field.mission import SimulatedMission
 from companion.sim.field.modes import Mode
-from companion.sim.field.parameters import ARDUPILOT, Parameter, Parameters, Row
+from companion.sim.field.parameters import ARDUPILOT, Parameters, Row, SimulatedParameter
 from companion.sim.field.router import Port, Router
-from companion.sim.field.rover import Drive, Rover
+from companion.sim.field.rover import MotorDrive, Rover
 
 if TYPE_CHECKING:
     from companion.sim.field.scripting import Scripting
@@ -58,7 +58,7 @@ class ModeChange:
     by: str
 
 
-class Autopilot:
+class SimulatedAutopilot:
     """An autopilot that boots disarmed in HOLD, and enters HOLD from every mode, whoever commands it.
 
     A subclass simulates another kind. It overrides the class variables and the methods from `find_mode` to
@@ -81,7 +81,7 @@ class Autopilot:
         self.mode = self.boots_in
         self.mode_by = ""
         self.armed = False
-        self.tour = Mission(rover, self.first_item)
+        self.tour = SimulatedMission(rover, self.first_item)
         self.script: Scripting | None = None
         self.obstacles_at: float | None = None
         self.mode_log: deque[ModeChange] = deque(maxlen=LOGGED_MODES)
@@ -94,7 +94,7 @@ class Autopilot:
         self._next_heartbeat = 0.0
         self._boots_until = -math.inf
         self._arms_itself_at = math.inf
-        self._listing: dict[Port, deque[Parameter]] = {port: deque() for port in Port}
+        self._listing: dict[Port, deque[SimulatedParameter]] = {port: deque() for port in Port}
         self._next_listed = dict.fromkeys(Port, 0.0)
         self._apply()
 
@@ -176,7 +176,7 @@ class Autopilot:
         mav.seq = (mav.seq + 1) % 256
         self._send(port, frame)
 
-    def send_parameter(self, port: Port, row: Parameter) -> None:
+    def send_parameter(self, port: Port, row: SimulatedParameter) -> None:
         """Sends PARAM_VALUE of one parameter on one port."""
         self.send(
             port,
@@ -217,7 +217,7 @@ class Autopilot:
             self.send_text(b"Throttle armed" if on else b"Throttle disarmed", mavlink.MAV_SEVERITY_INFO)
         return True
 
-    def set_parameter(self, name: str, value: float) -> Parameter | None:
+    def set_parameter(self, name: str, value: float) -> SimulatedParameter | None:
         """Sets a parameter as `Parameters.set` does; a new speed takes effect at once."""
         row = self.parameters.set(name, value)
         self.rover.cruise_speed = next((v for name in self.speeds if (v := self.parameters[name])), 0.0)
@@ -273,12 +273,12 @@ class Autopilot:
     def heartbeat(self) -> Any:
         return telemetry.heartbeat(Mode(self.mode), armed=self.armed)
 
-    def drives(self) -> Drive:
+    def drives(self) -> MotorDrive:
         """Returns what the mode makes the motors of an armed rover do."""
         if self.tour.complete and self.mode is self.mission:
-            return Drive.HOLD
-        known = {Mode.AUTO: Drive.FOLLOW, Mode.MANUAL: Drive.HAND, Mode.STEERING: Drive.HAND}
-        return known.get(Mode(self.mode), Drive.HOLD)
+            return MotorDrive.HOLD
+        known = {Mode.AUTO: MotorDrive.FOLLOW, Mode.MANUAL: MotorDrive.HAND, Mode.STEERING: MotorDrive.HAND}
+        return known.get(Mode(self.mode), MotorDrive.HOLD)
 
     def _drive_mission(self) -> None:
         for reached in self.tour.advance():
@@ -292,7 +292,7 @@ class Autopilot:
         self._send_heartbeat()
 
     def _apply(self) -> None:
-        self.rover.drive = self.drives() if self.armed else Drive.OFF
+        self.rover.drive = self.drives() if self.armed else MotorDrive.OFF
 
     def _send_heartbeat(self) -> None:
         for port in Port:

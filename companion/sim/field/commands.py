@@ -23,7 +23,7 @@ SCRIPTING_RESTART = 3
 Handler = Callable[[Port, Sequence[float]], int]
 
 
-class Script(Protocol):
+class _Script(Protocol):
     """What a command can do to the autopilot's script."""
 
     blocked: set[int]
@@ -37,7 +37,7 @@ class Commanded(Protocol):
     streams: dict[Port, Streams]
 
     @property
-    def script(self) -> Script | None: ...
+    def script(self) -> _Script | None: ...
     def send(self, port: Port, message: Any) -> None: ...
     def results(self, command: int, result: int, /) -> list[int]: ...
     def find_mode(self, custom: int, sub: int, /) -> Any: ...

@@ -15,7 +15,7 @@ SPACING = 10.0
 """m of the trail from one item to the next."""
 
 
-class Mission:
+class SimulatedMission:
     """A mission along the trail. It goes round, or ends after `length` m.
 
     One that goes round has a last item that jumps back to the first one, as MAV_CMD_DO_JUMP does.

@@ -16,7 +16,7 @@ from companion.sim.field.telemetry import RC_CHANNELS
 from companion.wire.ids import MODE_REQUEST_COMMAND
 
 if TYPE_CHECKING:
-    from companion.sim.field.autopilot import Autopilot
+    from companion.sim.field.autopilot import SimulatedAutopilot
 
 
 SCRIPT = "config/ardupilot/anytraverse.lua"
@@ -31,7 +31,7 @@ _REASONS = {"companion": 2, "gcs": 2, "hand": 1, BY_SCRIPT: 32}
 _INITIALISED = 26
 
 
-def install(autopilot: Autopilot) -> str:
+def install(autopilot: SimulatedAutopilot) -> str:
     """Makes `autopilot` run the shipped script. Returns "", or why it does not run."""
     try:
         source = resource(SCRIPT).read_text(encoding="utf-8")
@@ -48,7 +48,7 @@ def install(autopilot: Autopilot) -> str:
 class ScriptHost:
     """Implements `scripting.Host` on a simulated autopilot; its clock is the rover's time."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
+    def __init__(self, autopilot: SimulatedAutopilot) -> None:
         self._autopilot = autopilot
 
     def millis(self) -> int:

@@ -20,7 +20,7 @@ REAL32 = int(mavlink.MAV_PARAM_TYPE_REAL32)
 
 
 @dataclass(frozen=True)
-class Parameter:
+class SimulatedParameter:
     """One parameter: position in the list, MAVLink type, value and the range of values that it takes."""
 
     name: str
@@ -78,7 +78,7 @@ class Parameters:
 
     def __init__(self, table: Sequence[Row] = ARDUPILOT) -> None:
         self._rows = [
-            Parameter(name, i, kind, float(v), low, high)
+            SimulatedParameter(name, i, kind, float(v), low, high)
             for i, (name, kind, v, low, high) in enumerate(table)
         ]
         self._index = {row.name: row.index for row in self._rows}
@@ -89,10 +89,10 @@ class Parameters:
     def __getitem__(self, name: str) -> float:
         return self._rows[self._index[name]].value
 
-    def rows(self) -> tuple[Parameter, ...]:
+    def rows(self) -> tuple[SimulatedParameter, ...]:
         return tuple(self._rows)
 
-    def find(self, name: str, index: int = -1) -> Parameter | None:
+    def find(self, name: str, index: int = -1) -> SimulatedParameter | None:
         """Finds a parameter by index when that is >= 0, else by name; None when there is none."""
         at = self._index.get(name, -1) if index < 0 else index
         return self._rows[at] if 0 <= at < len(self._rows) else None
@@ -102,9 +102,9 @@ class Parameters:
         if name not in self._index:
             limit = float(1 << 24)
             self._index[name] = len(self._rows)
-            self._rows.append(Parameter(name, len(self._rows), kind, default, -limit, limit))
+            self._rows.append(SimulatedParameter(name, len(self._rows), kind, default, -limit, limit))
 
-    def set(self, name: str, value: float) -> Parameter | None:
+    def set(self, name: str, value: float) -> SimulatedParameter | None:
         """Sets a value and returns the row, which is unchanged when `value` is not finite or out of range.
 
         Returns None when there is no such parameter.
@@ -114,6 +114,6 @@ class Parameters:
             return row
         if row.kind != REAL32:
             value = float(round(value))
-        changed = Parameter(row.name, row.index, row.kind, float(value), row.low, row.high)
+        changed = SimulatedParameter(row.name, row.index, row.kind, float(value), row.low, row.high)
         self._rows[row.index] = changed
         return changed

@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable
 from typing import Any
 
-from companion.sim.field.router import Parser
+from companion.sim.field.router import DatagramParser
 
 MAX_DATAGRAM = 4096
 MAX_DATAGRAMS_A_READ = 64
@@ -23,7 +23,7 @@ class UdpPort:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(0.0)
-        self.parser = Parser()
+        self.parser = DatagramParser()
         self.bytes_in = 0
         self.bytes_out = 0
         self._peer: tuple[str, int] | None = None

@@ -1,9 +1,9 @@
 """Simulates a PX4 rover with car steering, as a companion computer and a ground station see it on MAVLink.
 
-It differs from `Autopilot` in this: modes have a main and a sub mode; a mode command is acknowledged twice; a
-new mode is reported with the next heartbeat, or sooner by CURRENT_MODE where that is requested; LOITER
-circles back; OFFBOARD needs setpoints before and during it; the loss of the companion is reported and changes
-nothing, but the loss of a MANUAL_CONTROL stream does (`manual_control`).
+It differs from `SimulatedAutopilot` in this: modes have a main and a sub mode; a mode command is
+acknowledged twice; a new mode is reported with the next heartbeat, or sooner by CURRENT_MODE where that is
+requested; LOITER circles back; OFFBOARD needs setpoints before and during it; the loss of the companion is
+reported and changes nothing, but the loss of a MANUAL_CONTROL stream does (`manual_control`).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field import manual_control
-from companion.sim.field.autopilot import BY_ITSELF, COMPANION, SYSTEM, Autopilot
+from companion.sim.field.autopilot import BY_ITSELF, COMPANION, SYSTEM, SimulatedAutopilot
 from companion.sim.field.manual_control import Action, Excepted, ManualControl
 from companion.sim.field.parameters import INT32, REAL32, Row
 from companion.sim.field.router import Port
-from companion.sim.field.rover import Drive, Rover
+from companion.sim.field.rover import MotorDrive, Rover
 
 SET_MODE = int(mavlink.MAV_CMD_DO_SET_MODE)
 CURRENT_MODE = int(mavlink.MAVLINK_MSG_ID_CURRENT_MODE)
@@ -34,7 +34,7 @@ TO_HOLD = 5
 _VELOCITY_IGNORED = 0b11_1000
 
 
-class Mode(enum.IntEnum):
+class Px4Mode(enum.IntEnum):
     """A mode; its value is HEARTBEAT.custom_mode: main mode << 16 | sub mode << 24."""
 
     MANUAL = 0x0001_0000
@@ -55,22 +55,22 @@ PARAMETERS: tuple[Row, ...] = (
     ("RO_SPEED_LIM", REAL32, 2.5, 0.0, 5.0),
     *manual_control.PARAMETERS,
 )
-_BY_HAND = frozenset({Mode.MANUAL, Mode.POSITION})
+_BY_HAND = frozenset({Px4Mode.MANUAL, Px4Mode.POSITION})
 _EXCEPTED = {
-    Mode.MISSION: Excepted.MISSION,
-    Mode.LOITER: Excepted.AUTO,
-    Mode.RTL: Excepted.AUTO,
-    Mode.OFFBOARD: Excepted.OFFBOARD,
+    Px4Mode.MISSION: Excepted.MISSION,
+    Px4Mode.LOITER: Excepted.AUTO,
+    Px4Mode.RTL: Excepted.AUTO,
+    Px4Mode.OFFBOARD: Excepted.OFFBOARD,
 }
-_FAILSAFE = {Action.HOLD: Mode.LOITER, Action.RETURN: Mode.RTL}
+_FAILSAFE = {Action.HOLD: Px4Mode.LOITER, Action.RETURN: Px4Mode.RTL}
 
 
-class Px4(Autopilot):
+class Px4(SimulatedAutopilot):
     """A PX4 autopilot that boots disarmed in LOITER. It ignores setpoints other than zero velocity."""
 
-    modes: ClassVar[type[enum.IntEnum]] = Mode
-    boots_in: ClassVar[enum.IntEnum] = Mode.LOITER
-    mission: ClassVar[enum.IntEnum] = Mode.MISSION
+    modes: ClassVar[type[enum.IntEnum]] = Px4Mode
+    boots_in: ClassVar[enum.IntEnum] = Px4Mode.LOITER
+    mission: ClassVar[enum.IntEnum] = Px4Mode.MISSION
     first_item: ClassVar[int] = 0
     parameter_table: ClassVar[Sequence[Row]] = PARAMETERS
     speeds: ClassVar[tuple[str, ...]] = ("RO_SPEED_LIM",)
@@ -109,9 +109,9 @@ class Px4(Autopilot):
         self._companion_at = None
 
     def poll(self, now: float) -> None:
-        if self.mode is Mode.OFFBOARD and not self._fed:
+        if self.mode is Px4Mode.OFFBOARD and not self._fed:
             to_hold = self.parameters["COM_OBL_RC_ACT"] == TO_HOLD
-            self.set_mode(Mode.LOITER if to_hold else Mode.RTL, BY_ITSELF)
+            self.set_mode(Px4Mode.LOITER if to_hold else Px4Mode.RTL, BY_ITSELF)
         self._follow_manual_control()
         if self._companion_at is not None and self.rover.time - self._companion_at > COMPANION_LOST_AFTER:
             self._companion_at = None
@@ -121,13 +121,13 @@ class Px4(Autopilot):
     def find_mode(self, custom: int, sub: int) -> enum.IntEnum | None:
         """Finds a mode by main and sub mode, or by the heartbeat's number (in the old SET_MODE message)."""
         wanted = custom if custom > 0xFF else custom << 16 | sub << 24
-        return Mode(wanted) if wanted in {int(mode) for mode in Mode} else None
+        return Px4Mode(wanted) if wanted in {int(mode) for mode in Px4Mode} else None
 
     def may_enter(self, mode: enum.IntEnum) -> bool:
         fed_for = self.rover.time - self._fed_since
         if mode in _BY_HAND and self._manual.lost(self.rover.time):
             return False
-        return mode is not Mode.OFFBOARD or (self._fed and fed_for >= SETPOINTS_FIRST)
+        return mode is not Px4Mode.OFFBOARD or (self._fed and fed_for >= SETPOINTS_FIRST)
 
     def restarts_mission(self) -> bool:
         return False
@@ -141,7 +141,7 @@ class Px4(Autopilot):
 
     def mission_completed(self) -> None:
         """Goes to LOITER, as PX4 does by itself; it does so again when MISSION is set after that."""
-        self.set_mode(Mode.LOITER, BY_ITSELF)
+        self.set_mode(Px4Mode.LOITER, BY_ITSELF)
 
     def set_reverse(self, *, on: bool) -> bool:  # noqa: ARG002 - there is no such command
         return False
@@ -167,7 +167,7 @@ class Px4(Autopilot):
 
     def heartbeat(self) -> Any:
         bits = int(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-        if self.mode in (Mode.MANUAL, Mode.POSITION):
+        if self.mode in (Px4Mode.MANUAL, Px4Mode.POSITION):
             bits |= int(mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
         else:
             bits |= int(mavlink.MAV_MODE_FLAG_AUTO_ENABLED)
@@ -178,20 +178,22 @@ class Px4(Autopilot):
             mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_PX4, bits, int(self.mode), status, 3
         )
 
-    def drives(self) -> Drive:
+    def drives(self) -> MotorDrive:
         # Sticks of MANUAL_CONTROL that are not centred are not simulated.
         by_hand = (
-            Drive.BRAKE if self.parameters["COM_RC_IN_MODE"] == manual_control.MAVLINK_ONLY else Drive.HAND
+            MotorDrive.BRAKE
+            if self.parameters["COM_RC_IN_MODE"] == manual_control.MAVLINK_ONLY
+            else MotorDrive.HAND
         )
         return {
-            Mode.MISSION: Drive.FOLLOW,
+            Px4Mode.MISSION: MotorDrive.FOLLOW,
             **dict.fromkeys(_BY_HAND, by_hand),
-            Mode.LOITER: Drive.CIRCLE,
-            Mode.RTL: Drive.HOME,
-        }.get(Mode(self.mode), Drive.BRAKE)
+            Px4Mode.LOITER: MotorDrive.CIRCLE,
+            Px4Mode.RTL: MotorDrive.HOME,
+        }.get(Px4Mode(self.mode), MotorDrive.BRAKE)
 
     def _follow_manual_control(self) -> None:
-        kind = _EXCEPTED.get(Mode(self._mode_set))
+        kind = _EXCEPTED.get(Px4Mode(self._mode_set))
         action = self._manual.poll(kind, self.rover.time, armed=self.armed)
         if action is not None and self.mode is not _FAILSAFE[action]:
             self.set_mode(_FAILSAFE[action], BY_ITSELF)

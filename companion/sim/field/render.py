@@ -13,11 +13,11 @@ from companion.sim.field.ground import Ground
 from companion.sim.field.lens import HEIGHT, Lens, relative
 from companion.sim.field.sensor import Sensor
 from companion.sim.field.sprites import Tufts
-from companion.sim.field.things import KINDS, Thing, World
+from companion.sim.field.things import KINDS, FieldThing, World
 from companion.sim.field.trail import Pose
 
 Bytes = NDArray[np.uint8]
-Seen = tuple[Thing, float, float]  # a thing, metres ahead, metres to the left
+Seen = tuple[FieldThing, float, float]  # a thing, metres ahead, metres to the left
 
 LABELS = ("sky", "grass", "dirt path", "gravel", "bush", "tree", "puddle", "drum", "rock", "log")
 
@@ -31,7 +31,7 @@ _THING_LABELS = {kind: LABELS.index(kind) for kind in KINDS} | {"tuft": LABELS.i
 _CROWN = 7.0  # half the width of a tree's crown, in radii of its trunk
 
 
-class Camera:
+class PinholeCamera:
     """A pinhole camera that looks along a rover's heading, slightly down, 1 m above the ground.
 
     Every pixel has the label of the nearest thing that it shows. A forest's floor and the tufts at the verge
@@ -97,7 +97,7 @@ class Camera:
         picture[:] = cv2.add(lit, self._haze)
         labels[:] = _GROUND_LABELS[kinds]
 
-    def _draw_puddle(self, picture: Bytes, labels: Bytes, thing: Thing, ahead: float) -> None:
+    def _draw_puddle(self, picture: Bytes, labels: Bytes, thing: FieldThing, ahead: float) -> None:
         """Draws water that mirrors the backdrop, with a wet rim and a ragged shore."""
         found = np.flatnonzero(np.abs(self.lens.forward[:, 0] - ahead) < thing.radius * 1.4)
         if len(found) == 0:
@@ -120,7 +120,9 @@ class Camera:
         under[water] = sheen[water].astype(np.uint8)
         labels[self.lens.horizon :][rows][water] = _THING_LABELS["puddle"]
 
-    def _draw_thing(self, picture: Bytes, labels: Bytes, thing: Thing, pose: Pose, distance: float) -> None:
+    def _draw_thing(
+        self, picture: Bytes, labels: Bytes, thing: FieldThing, pose: Pose, distance: float
+    ) -> None:
         """Draws a thing's sprite, which always faces the camera, over what is behind it."""
         column, foot, depth = self.lens.project(pose, thing.x, thing.y)
         if depth < NEAR:

@@ -45,17 +45,17 @@ class Port(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Route:
+class FrameRoute:
     """A decision about one frame: pass it to the other port, execute it here, both or neither."""
 
     forward: bool
     execute: bool
 
 
-DROPPED = Route(forward=False, execute=False)
+DROPPED = FrameRoute(forward=False, execute=False)
 
 
-class Parser:
+class DatagramParser:
     """Parses datagrams one by one. A frame cut off at the end is dropped: it cannot harm the next."""
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class Router:
         """Returns every (system, component) from which frames have come in on `port`."""
         return {(system, component) for system, component, at in self._routes if at is port}
 
-    def decide(self, port: Port, frame: Any) -> Route:
+    def decide(self, port: Port, frame: Any) -> FrameRoute:
         """Learns the sender of a frame that came in on `port` and decides what becomes of the frame."""
         sender = (frame.get_srcSystem(), frame.get_srcComponent())
         if sender == (self._system, self._component) or frame.get_msgId() not in PASSED_IDS:
@@ -98,8 +98,8 @@ class Router:
         system = int(getattr(frame, name, EVERYONE))
         component = int(getattr(frame, "target_component", EVERYONE))
         if (system, component) == (self._system, self._component):
-            return Route(forward=False, execute=True)
-        return Route(
+            return FrameRoute(forward=False, execute=True)
+        return FrameRoute(
             forward=self._is_beyond(port.other, system, component),
             execute=self._is_for_autopilot(system, component),
         )

@@ -24,7 +24,7 @@ RETURN_SPEED = 1.0  # m/s
 ARRIVED = 0.5  # m from a point within which it has arrived
 
 
-class Drive(enum.Enum):
+class MotorDrive(enum.Enum):
     """What the autopilot makes the motors do."""
 
     FOLLOW = "follow"  # along the trail at cruise speed; backwards, the way it came, if `Rover.reversed`
@@ -38,10 +38,11 @@ class Drive(enum.Enum):
 
 @dataclass(frozen=True)
 class Body:
-    """The rover's body. It accelerates at 1 m/s2 by default; `Drive.BRAKE` stops it from 2.5 m/s in 2.6 m.
+    """The rover's body. It accelerates at 1 m/s2 by default.
 
-    `Drive.HOLD` decelerates by `easing` x speed + `easing_rest`. Its stopping distances are within 2 % of
-    those of ArduPilot Rover 4.7-dev in its own simulation (companion.vehicle.brakes.ARDUPILOT).
+    `MotorDrive.BRAKE` stops it from 2.5 m/s in 2.6 m by default. `MotorDrive.HOLD` decelerates by
+    `easing` x speed + `easing_rest`. Its stopping distances are within 2 % of those of ArduPilot Rover
+    4.7-dev in its own simulation (companion.vehicle.brakes.ARDUPILOT).
     """
 
     mass: float = 80.0  # kg
@@ -88,7 +89,7 @@ class Rover:
         self.body = body or Body()
         self.cruise_speed = cruise_speed
         self.reversed = False
-        self._drive = Drive.OFF
+        self._drive = MotorDrive.OFF
         self._circled_from: tuple[float, float] | None = None
         self._ran_on = False
         self.transmitter = Transmitter()
@@ -114,12 +115,12 @@ class Rover:
         return Pose(self.x, self.y, self.heading)
 
     @property
-    def drive(self) -> Drive:
+    def drive(self) -> MotorDrive:
         """What the motors are to do now."""
         return self._drive
 
     @drive.setter
-    def drive(self, drive: Drive) -> None:
+    def drive(self, drive: MotorDrive) -> None:
         if drive is not self._drive:
             self._circled_from, self._ran_on = (self.x, self.y), self.speed < STANDSTILL
         self._drive = drive
@@ -187,20 +188,20 @@ class Rover:
             self._progress += moved
 
     def _order(self) -> Order:
-        if self.drive is Drive.FOLLOW and self.reversed:
+        if self.drive is MotorDrive.FOLLOW and self.reversed:
             return Order(force=self._force_for(-self.cruise_speed), steering=self._backwards())
-        if self.drive is Drive.FOLLOW:
+        if self.drive is MotorDrive.FOLLOW:
             return Order(force=self._force_for(self.cruise_speed), steering=self._pursuit())
-        if self.drive is Drive.HOLD:
+        if self.drive is MotorDrive.HOLD:
             return Order(ease=True)
-        if self.drive is Drive.BRAKE:
+        if self.drive is MotorDrive.BRAKE:
             return Order(brake=True)
-        if self.drive is Drive.CIRCLE:
+        if self.drive is MotorDrive.CIRCLE:
             return self._circle()
-        if self.drive is Drive.HOME:
+        if self.drive is MotorDrive.HOME:
             home = self._trail.pose(self._trail.start)
             return self._towards(home.x, home.y, self.cruise_speed)
-        if self.drive is Drive.HAND:
+        if self.drive is MotorDrive.HAND:
             hand, body = self.transmitter, self.body
             spent = hand.throttle * self.speed > 0 and abs(self.speed) >= body.top_speed
             force = 0.0 if spent else hand.throttle * body.drive_force

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.field.album import Album
-from companion.sim.field.autopilot import Autopilot
+from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.control import ControlServer
 from companion.sim.field.onboard import install
 from companion.sim.field.ports import UdpPort
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 TICK = 0.02
-AUTOPILOTS: Mapping[str, type[Autopilot]] = {"ardupilot": Autopilot, "px4": Px4}
+AUTOPILOTS: Mapping[str, type[SimulatedAutopilot]] = {"ardupilot": SimulatedAutopilot, "px4": Px4}
 
 
 class Renders(Protocol):
@@ -39,7 +39,7 @@ class Renders(Protocol):
 
 
 @dataclass(frozen=True)
-class Options:
+class FieldOptions:
     """How the field runs. `fps`: of the camera. `speed`: m/s. `duration`: s, None: until it is stopped.
 
     `script`: whether the autopilot runs the shipped script. `autopilot`: a key of `AUTOPILOTS`. `mission`: m
@@ -59,7 +59,7 @@ class Options:
 class FieldServer:
     """Binds its sockets to ephemeral ports of 127.0.0.1 when it is made; `run` serves until `stop`."""
 
-    def __init__(self, world: World, camera: Renders, options: Options) -> None:
+    def __init__(self, world: World, camera: Renders, options: FieldOptions) -> None:
         self._options = options
         self._camera = camera
         self._stopping = threading.Event()

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from companion.sim.field.autopilot import Autopilot
+from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.rover import STEP, Rover
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Simulation:
         send: Callable[[Port, bytes], bool],
         *,
         cruise_speed: float = 2.5,
-        autopilot: type[Autopilot] = Autopilot,
+        autopilot: type[SimulatedAutopilot] = SimulatedAutopilot,
         mission: float | None = None,
     ) -> None:
         """mission: m of the trail after which the mission is complete; None: it goes round."""

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.sim.field.things import Thing, World
+from companion.sim.field.things import FieldThing, World
 from companion.sim.field.tiles import Bytes, Colour, blank, noise
 from companion.sim.field.trail import ZONES, Pose, half_width
 
@@ -241,7 +241,7 @@ class Tufts:
     def __init__(self, world: World) -> None:
         rng = np.random.default_rng([world.seed, 50])
         trail = world.trail
-        self._tufts: list[Thing] = []
+        self._tufts: list[FieldThing] = []
         for zone, (begin, end) in trail.borders.items():
             for s in rng.uniform(begin, end, int((end - begin) * _PER_METRE[zone])):
                 out = float(half_width(np.asarray(s))) + 0.12 + _SPREAD[zone] * rng.uniform() ** 2.2
@@ -249,10 +249,12 @@ class Tufts:
                 at = trail.pose(float(s))
                 x, y = at.x - side * math.sin(at.heading), at.y + side * math.cos(at.heading)
                 height, look = float(rng.uniform(0.14, 0.42)), 2 * ZONES.index(zone) + int(rng.integers(0, 2))
-                self._tufts.append(Thing("", "tuft", x, y, height * 0.6, height, surprise=False, look=look))
+                self._tufts.append(
+                    FieldThing("", "tuft", x, y, height * 0.6, height, surprise=False, look=look)
+                )
         self._places = np.array([(tuft.x, tuft.y) for tuft in self._tufts])
 
-    def near(self, pose: Pose) -> list[Thing]:
+    def near(self, pose: Pose) -> list[FieldThing]:
         """Returns the tufts ahead of a pose within 8 m, the 60 nearest at most."""
         dx, dy = (self._places - (pose.x, pose.y)).T
         c, s = math.cos(pose.heading), math.sin(pose.heading)

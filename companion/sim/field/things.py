@@ -26,7 +26,7 @@ _SCENERY = {
 
 
 @dataclass
-class Thing:
+class FieldThing:
     """One thing: its place, radius and height in metres.
 
     A log lies at `heading` (radians), is `length` metres long, and `radius` is half its thickness.
@@ -60,7 +60,7 @@ class World:
         self.trail = Trail(seed, length)
         self.light = 1.0
         self.revision = 0  # counts changes, so that a camera knows when to draw the shadows again
-        self.things: dict[str, Thing] = {}
+        self.things: dict[str, FieldThing] = {}
         for thing in [*_surprises(self.trail, seed, surprises), *_scenery(self.trail, seed)]:
             self.things[thing.id] = thing
 
@@ -83,13 +83,13 @@ class World:
         gaps = [(_gap(thing, x, y) - radius, thing.id) for thing in list(self.things.values())]
         return [thing_id for gap, thing_id in sorted(gaps) if gap <= 0]
 
-    def _known(self, thing_id: str) -> Thing:
+    def _known(self, thing_id: str) -> FieldThing:
         if thing_id not in self.things:
             raise KeyError(f"no thing {thing_id!r} here; there are: {', '.join(self.things)}")
         return self.things[thing_id]
 
 
-def _gap(thing: Thing, x: float, y: float) -> float:
+def _gap(thing: FieldThing, x: float, y: float) -> float:
     """Returns the distance from a point to the rim of a thing in metres, negative inside."""
     dx, dy = x - thing.x, y - thing.y
     c, s = math.cos(thing.heading), math.sin(thing.heading)
@@ -98,7 +98,7 @@ def _gap(thing: Thing, x: float, y: float) -> float:
     return math.hypot(along, dy * c - dx * s) - thing.radius
 
 
-def _surprises(trail: Trail, seed: int, kinds: Sequence[str]) -> Iterator[Thing]:
+def _surprises(trail: Trail, seed: int, kinds: Sequence[str]) -> Iterator[FieldThing]:
     unknown = sorted(set(kinds) - set(KINDS))
     if unknown:
         raise ValueError(f"no such surprise: {', '.join(unknown)}; known are {', '.join(KINDS)}")
@@ -125,7 +125,7 @@ def _surprises(trail: Trail, seed: int, kinds: Sequence[str]) -> Iterator[Thing]
             yield _surprise(trail, kind, f"{kind}-{counts[kind]}", s, rng)
 
 
-def _surprise(trail: Trail, kind: str, thing_id: str, s: float, rng: np.random.Generator) -> Thing:
+def _surprise(trail: Trail, kind: str, thing_id: str, s: float, rng: np.random.Generator) -> FieldThing:
     reach = {"drum": 0.3, "rock": 0.4, "log": 0.15}.get(kind, 0.3)
     at = trail.pose(s)
     lateral = float(rng.uniform(-reach, reach))
@@ -138,7 +138,7 @@ def _surprise(trail: Trail, kind: str, thing_id: str, s: float, rng: np.random.G
     return thing
 
 
-def _scenery(trail: Trail, seed: int) -> Iterator[Thing]:
+def _scenery(trail: Trail, seed: int) -> Iterator[FieldThing]:
     rng = np.random.default_rng([seed, 3])
     counts = dict.fromkeys(KINDS, 0)
     for zone, kinds in _SCENERY.items():
@@ -159,7 +159,7 @@ def _scenery(trail: Trail, seed: int) -> Iterator[Thing]:
                 yield thing
 
 
-def _make(kind: str, thing_id: str, x: float, y: float, rng: np.random.Generator) -> Thing:
+def _make(kind: str, thing_id: str, x: float, y: float, rng: np.random.Generator) -> FieldThing:
     """Makes one thing of a kind, of a random plausible size; metres."""
     radius, height, length = {
         "bush": (rng.uniform(0.45, 0.95), rng.uniform(0.8, 1.7), 0.0),
@@ -171,6 +171,6 @@ def _make(kind: str, thing_id: str, x: float, y: float, rng: np.random.Generator
     }[kind]
     height = {"rock": radius * 1.4, "log": radius * 2}.get(kind, height)
     look = int(rng.integers(0, 12))
-    return Thing(
+    return FieldThing(
         thing_id, kind, x, y, float(radius), float(height), surprise=False, look=look, length=float(length)
     )

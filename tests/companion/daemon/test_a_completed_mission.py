@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.sim.field.autopilot import Autopilot
+from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.modes import Mode
 from companion.sim.field.px4 import Px4
 from companion.wire.ids import Motion, Policy
@@ -20,7 +20,7 @@ MISSION = 12.0
 """m, driven in some 6 s."""
 DONE = [("AUTO", "hand")]
 REFUSED = "C1 mission over, no resume: AUTO by hand"
-MakeDriven = Callable[[type[Autopilot]], Px4Rig]
+MakeDriven = Callable[[type[SimulatedAutopilot]], Px4Rig]
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeDriven
     monkeypatch.setattr("companion.daemon.daemon.TICK", 0.0)
     made: list[Px4Rig] = []
 
-    def build(kind: type[Autopilot]) -> Px4Rig:
+    def build(kind: type[SimulatedAutopilot]) -> Px4Rig:
         made.append(Px4Rig(tmp_path, clock, "loiter", Rig.config, kind, MISSION))
         return made[-1]
 
@@ -45,7 +45,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeDriven
 @pytest.fixture
 def over(make: MakeDriven) -> Px4Rig:
     """An ArduPilot rover that stands in AUTO after its mission."""
-    rig = make(Autopilot)
+    rig = make(SimulatedAutopilot)
     rig.see(25.0)
     assert rig.px4.tour.complete
     assert rig.px4.mode is Mode.AUTO
@@ -56,7 +56,7 @@ def over(make: MakeDriven) -> Px4Rig:
 @pytest.fixture
 def rolling(make: MakeDriven) -> Px4Rig:
     """Held before a drum while it still rolled, its mission just complete."""
-    rig = make(Autopilot)
+    rig = make(SimulatedAutopilot)
     while not rig.px4.tour.complete:
         rig.see(0.1)
     assert rig.rover.speed > 1.0

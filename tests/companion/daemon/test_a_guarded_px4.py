@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.schema import CallSection
-from companion.sim.field.px4 import Mode
+from companion.sim.field.px4 import Px4Mode
 from companion.wire.ids import ERROR, Motion, Policy
 from tests.companion.daemon.rig import Clock, Rig
 from tests.companion.daemon.test_a_px4_rover import STEP, Px4Rig
@@ -89,7 +89,7 @@ def test_killed_in_a_mission_it_is_stopped_by_the_autopilot(rig: GuardedRig) -> 
     rig.see(10.0)
     assert rig.px4.mode.name == "LOITER", "nothing resumes by itself"
     assert not rig.streams()
-    rig.px4.set_mode(Mode.MISSION, "hand")
+    rig.px4.set_mode(Px4Mode.MISSION, "hand")
     rig.see(2.0)
     assert rig.streams()
     assert rig.px4.mode.name == "MISSION"
@@ -121,7 +121,7 @@ def test_killed_in_its_own_hold_it_stays_standing(rig: GuardedRig) -> None:
 def test_a_human_s_mode_ends_the_stream(rig: GuardedRig, held: bool) -> None:
     if held:
         rig.see(10.0, "drum")
-    rig.px4.set_mode(Mode.POSITION, "hand")
+    rig.px4.set_mode(Px4Mode.POSITION, "hand")
     rig.see(1.5)
     assert not rig.streams()
     rig.see(1.0)
@@ -138,7 +138,7 @@ def test_a_lower_policy_ends_the_stream_and_says_that_px4_holds_then(rig: Guarde
     assert not rig.streams()
     assert "Dead man ends: PX4 holds, set MISSION by hand" in rig.texts
     assert rig.px4.mode.name == "LOITER"
-    rig.px4.set_mode(Mode.MISSION, "hand")
+    rig.px4.set_mode(Px4Mode.MISSION, "hand")
     rig.see(5.0)
     assert rig.px4.mode.name == "MISSION"
     assert not rig.streams()
@@ -161,7 +161,7 @@ def test_somebody_else_s_sticks_end_it_for_good_and_that_is_repeated(rig: Guarde
     assert rig.told == ("refused", "refused")
     assert not rig.streams()
     assert rig.px4.mode.name == "LOITER"
-    rig.px4.set_mode(Mode.MISSION, "hand")
+    rig.px4.set_mode(Px4Mode.MISSION, "hand")
     rig.see(130.0)
     assert not rig.streams()
     assert rig.texts.count(REFUSED) >= 3

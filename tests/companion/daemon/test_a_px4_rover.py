@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
 from companion.config.schema import MountSection, StoppingSection
-from companion.sim.field.autopilot import Autopilot
-from companion.sim.field.px4 import Mode, Px4
-from companion.sim.field.router import Parser, Port
+from companion.sim.field.autopilot import SimulatedAutopilot
+from companion.sim.field.px4 import Px4, Px4Mode
+from companion.sim.field.router import DatagramParser, Port
 from companion.sim.field.rover import Rover
 from companion.sim.field.trail import Trail
 from companion.wire.ids import Motion, Policy
@@ -35,7 +35,7 @@ class Px4Rig(Rig):
         clock: Clock,
         px4_hold: str,
         config: Config,
-        kind: type[Autopilot] = Px4,
+        kind: type[SimulatedAutopilot] = Px4,
         mission: float | None = None,
     ) -> None:
         self.px4_hold = px4_hold
@@ -60,7 +60,7 @@ class Px4Rig(Rig):
         if port is Port.COMPANION:
             self.stage.far.write(frame)
         else:
-            self.to_ground += Parser().frames(frame)
+            self.to_ground += DatagramParser().frames(frame)
         return True
 
     def _turn(self) -> None:
@@ -167,13 +167,13 @@ def test_a_human_takes_over_and_the_setpoints_stop(make: MakePx4, px4_hold: str,
     rig = make(px4_hold)
     rig.see(4.0, "drum")
     assert rig.px4.mode.name == mode
-    rig.px4.set_mode(Mode.MANUAL, "hand")
+    rig.px4.set_mode(Px4Mode.MANUAL, "hand")
     rig.see(1.5, "drum")
     assert rig.calls.hold is None
     before = len(rig.stage.sent("SET_POSITION_TARGET_LOCAL_NED"))
     rig.see(5.0, "drum")
     assert len(rig.stage.sent("SET_POSITION_TARGET_LOCAL_NED")) == before
-    assert rig.px4.mode is Mode.MANUAL
+    assert rig.px4.mode is Px4Mode.MANUAL
     assert any("taken over by hand: MANUAL" in text for text in rig.texts)
 
 
@@ -184,12 +184,12 @@ def test_a_daemon_that_ends_in_good_order_leaves_it_standing_and_its_successor_r
     rig = make(px4_hold)
     rig.see(15.0, "drum")
     rig.leave()
-    assert rig.px4.mode is Mode.LOITER
+    assert rig.px4.mode is Px4Mode.LOITER
     rig.kill()
     rig.clock.now += 5.0
     rig.start()
     rig.see(3.0, "drum")
-    assert rig.px4.mode is Mode.LOITER
+    assert rig.px4.mode is Px4Mode.LOITER
     assert rig.calls.current_id == 1
     rig.word(1, "drum", 1.0, Motion.GO)
     rig.see(4.0, "drum")
@@ -205,11 +205,11 @@ def test_killed_while_it_stands_on_setpoints_it_drives_home_and_the_call_is_clos
         rig._stepped_at += STEP
         rig.rover.step(STEP)
         rig.px4.poll(rig._stepped_at)
-    assert rig.px4.mode is Mode.RTL
+    assert rig.px4.mode is Px4Mode.RTL
     assert rig.rover.speed > 0.5
     rig.start()
     rig.see(3.0, "drum")
-    assert rig.px4.mode is Mode.RTL
+    assert rig.px4.mode is Px4Mode.RTL
     assert any("taken over: RTL, not by us" in text for text in rig.texts)
 
 
@@ -219,7 +219,7 @@ def test_switched_off_it_is_left_standing(make: MakePx4, px4_hold: str) -> None:
     rig.see(10.0, "drum")
     rig.set("AT_POLICY", float(Policy.OFF))
     rig.see(5.0, "drum")
-    assert rig.px4.mode is Mode.LOITER
+    assert rig.px4.mode is Px4Mode.LOITER
     assert rig.state[0] == "OFF"
     assert not rig.calls.holding.streams
 
@@ -249,7 +249,7 @@ def test_what_it_runs_on_in_loiter_is_reckoned_with_once_it_is_known_to_be_a_px4
     assert not any("ATS_NEED" in text for text in rig.texts), "no script runs there"
     rig.see(5.0)
     assert rig.state[0] == "FAULT"
-    assert rig.px4.mode is Mode.LOITER, "a rover that drives itself is held"
+    assert rig.px4.mode is Px4Mode.LOITER, "a rover that drives itself is held"
     rig.set("AT_POLICY", 2)
     rig.see(1.0)
     assert rig.told_policy is Policy.HOLD

@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 
 from anytraverse.pace import Pace
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.operator import start_operator
 from companion.sim.field.control import FieldControl
 from companion.vision.worker import STORED_FRAMES
@@ -84,13 +84,17 @@ class Drive:
         self.memory: list[tuple[float, float, float]] = []
         """Seconds, MB that daemon and vision take, MB of it that are not of files, which others map, too."""
         size = ["--width", "640", "--height", "480"]
-        self.field = Child("field", ["companion.sim.field", "--fps", "6", *size], folder / "field.log")
+        self.field = LoggedProcess(
+            "field", ["companion.sim.field", "--fps", "6", *size], folder / "field.log"
+        )
         ports = json.loads(self.field.first_line(20.0))
         path = folder / "companion.toml"
         limits = {"rate": self.rate, "freshness": self.freshness}
         path.write_text(CONFIG.format(**ports, folder=folder, **limits))
         self.operator = start_operator(ports["gcs"], folder, auto=True)
-        self.daemon = Child("daemon", ["companion", "run", "--config", str(path)], folder / "daemon.log")
+        self.daemon = LoggedProcess(
+            "daemon", ["companion", "run", "--config", str(path)], folder / "daemon.log"
+        )
         host, _, port = ports["control"].rpartition(":")
         self.control = FieldControl(host, int(port))
 
@@ -256,7 +260,7 @@ def test_a_signal_while_the_networks_load_ends_it_cleanly(folder: Path) -> None:
     place = {"frames": "127.0.0.1:9", "companion": "udpout:127.0.0.1:9"}
     config.write_text(CONFIG.format(**place, folder=folder, rate=RATE, freshness=SHORTEST_FRESHNESS))
     for wait in (0.0, 0.7):
-        daemon = Child("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
+        daemon = LoggedProcess("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
         deadline = time.monotonic() + 20.0
         while not _catches_sigterm(daemon.process.pid) and time.monotonic() < deadline:
             time.sleep(0.02)

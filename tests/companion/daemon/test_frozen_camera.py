@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.frame import Frame
 from companion.calls.mode_monitor import ModeReport
-from companion.sim.field.render import Camera
+from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 from companion.vehicle.state import MOVES, is_moving
 from companion.vehicle.state import Vehicle as Told
@@ -37,7 +37,7 @@ SEQUENCE = Path(__file__).parents[4] / "shared" / "data" / "sequence"
 def drive() -> Callable[[float], Picture]:
     """What the simulated rover sees so many metres after its start."""
     world = World(1)
-    camera = Camera(world, 640, 480)
+    camera = PinholeCamera(world, 640, 480)
     return lambda metres: camera.render(world.trail.pose(world.trail.start + metres), metres)[0]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field.modes import Mode
-from companion.sim.field.router import Parser, Port
+from companion.sim.field.router import DatagramParser, Port
 from companion.sim.field.simulation import Simulation
 from companion.sim.field.things import World
 from companion.wire.ids import Motion
@@ -49,7 +49,7 @@ class Field:
         command = mavlink.MAVLink_command_long_message(
             1, 1, mavlink.MAV_CMD_DO_SET_REVERSE, 0, float(on), 0, 0, 0, 0, 0, 0
         )
-        for frame in Parser().frames(bytes(command.pack(self.ground))):
+        for frame in DatagramParser().frames(bytes(command.pack(self.ground))):
             self.autopilot.receive(Port.GCS, frame)
 
     def _send(self, port: Port, frame: bytes) -> bool:

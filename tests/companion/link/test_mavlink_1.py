@@ -8,14 +8,14 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import ConnectionSettings, LinkSettings
 from companion.link.encode import MavlinkVersion
-from companion.sim.loopback_link import Frame, LoopbackLink, Wire
+from companion.sim.loopback_link import LoopbackLink, SentFrame, Wire
 from companion.wire.answers import Answer
 from tests.companion.link.payloads import LONG_CALL, SUMMARY
 
 GO = mavlink.MAVLink_command_long_message(1, 191, 31010, 0, 1, 1, 0, 0, 0, 0, 0)
 
 
-def versions(frames: list[Frame]) -> list[int]:
+def versions(frames: list[SentFrame]) -> list[int]:
     return [1 if frame.message.get_msgbuf()[0] == 254 else 2 for frame in frames]
 
 

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.config.link_settings import LinkSettings
 from companion.link.connection import Connection
 from companion.link.sender import MAX_WAITING, Sender
-from companion.sim.loopback_link import FileClient, Frame, LoopbackLink, pair
+from companion.sim.loopback_link import FileClient, LoopbackLink, SentFrame, pair
 from companion.storage.served_tree import InMemoryFile, Tree
 from companion.wire.ftp import Opcode
 from companion.wire.ids import Policy, Stage, State
@@ -20,7 +20,7 @@ from tests.companion.link.payloads import LONG_CALL, SUMMARY
 UNSOLICITED = {"HEARTBEAT", "STATUSTEXT", "TUNNEL", "NAMED_VALUE_FLOAT"}
 
 
-def carried(frames: list[Frame], kinds: set[str], rate: float, burst: float) -> bool:
+def carried(frames: list[SentFrame], kinds: set[str], rate: float, burst: float) -> bool:
     """Whether every stretch of time carried at most rate x t + burst bytes of these kinds."""
     passed = [(frame.at, frame.size) for frame in frames if frame.message.get_type() in kinds]
     for first, (start, _) in enumerate(passed):

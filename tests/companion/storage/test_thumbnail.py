@@ -12,7 +12,7 @@ from anytraverse.assessment import Assessment
 from anytraverse.frame import Frame, Image
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion.sim.field.render import Camera
+from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 from companion.vision.pictures import LIMIT, thumbnail, unmarked
 
@@ -32,7 +32,7 @@ def drawn(content: bytes) -> Image:
 
 def test_frames_of_the_field_fit_a_radio_as_wide_as_can_be() -> None:
     world = World(1)
-    camera = Camera(world)
+    camera = PinholeCamera(world)
     for metre in (5.0, 40.0, 90.0):
         image, _ = camera.render(world.trail.pose(metre), metre)
         content = thumbnail(judged(image), REGION)
@@ -48,7 +48,7 @@ def test_the_unmarked_picture_is_the_frame_and_no_wider(
     seen: tuple[int, int], shown: tuple[int, int]
 ) -> None:
     world = World(1)
-    image, _ = Camera(world, *seen).render(world.trail.pose(5.0), 5.0)
+    image, _ = PinholeCamera(world, *seen).render(world.trail.pose(5.0), 5.0)
     content = unmarked(np.asarray(image))
     picture = drawn(content)
     assert picture.shape[1::-1] == shown

@@ -20,8 +20,8 @@ from companion.desk.check.autopilot import judged
 from companion.desk.check.interview import COMPONENT_ID, Interview, value_of
 from companion.desk.check.rules import CheckFinding, Verdict
 from companion.link.connection import Connection
-from companion.sim.field.autopilot import Autopilot
-from companion.sim.field.router import Parser, Port
+from companion.sim.field.autopilot import SimulatedAutopilot
+from companion.sim.field.router import DatagramParser, Port
 from companion.sim.field.rover import Rover
 from companion.sim.field.trail import Trail
 from companion.sim.loopback_link import pair
@@ -42,7 +42,7 @@ class Talk:
         self.sent: list[tuple[float, Any]] = []
         self._answer = answer
         self._mav = mavlink.MAVLink(None, system, component)
-        self._parser = Parser()
+        self._parser = DatagramParser()
 
     def say(self, message: Any) -> None:
         """Something of the other end's own."""
@@ -89,11 +89,11 @@ class Field:
     """The simulated field's autopilot."""
 
     def __init__(self) -> None:
-        self.autopilot = Autopilot(Rover(TRAIL), self._send)
+        self.autopilot = SimulatedAutopilot(Rover(TRAIL), self._send)
         self._replies: list[Any] = []
 
     def _send(self, port: Port, frame: bytes) -> bool:
-        self._replies += Parser().frames(frame) if port is Port.COMPANION else []
+        self._replies += DatagramParser().frames(frame) if port is Port.COMPANION else []
         return True
 
     def answer(self, message: Any) -> list[Any]:
@@ -265,7 +265,7 @@ def test_px4_s_whole_numbers_are_read_bytewise_and_ardupilot_s_as_floats() -> No
     def message(value: float, kind: int) -> Any:
         sent = mavlink.MAVLink_param_value_message(b"MAV_1_FORWARD", value, kind, 1, 0)
         mav = mavlink.MAVLink(None, 1, 1)
-        (read,) = Parser().frames(sent.pack(mav))
+        (read,) = DatagramParser().frames(sent.pack(mav))
         return read
 
     for number in (0, 1, 5, -1, 2**31 - 1):

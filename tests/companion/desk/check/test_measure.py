@@ -17,10 +17,10 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from bench.stopping.ground import Ground
 from companion.desk.check.measure import ENOUGH, StopRecorder, too_seldom
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.field.control import FieldControl
 from companion.sim.field.modes import Mode
-from companion.sim.field.rover import Drive, Rover
+from companion.sim.field.rover import MotorDrive, Rover
 from companion.sim.field.telemetry import heartbeat, position
 from companion.sim.field.things import World
 from companion.vehicle.brakes import Brakes, fit
@@ -47,7 +47,7 @@ class Drives:
 
     def set(self, mode: Mode) -> None:
         self.mode, self._tell_at = mode, self.rover.time + self._late
-        self.rover.drive = Drive.FOLLOW if mode is Mode.AUTO else Drive.HOLD
+        self.rover.drive = MotorDrive.FOLLOW if mode is Mode.AUTO else MotorDrive.HOLD
 
     def go(self, seconds: float) -> None:
         until, beat = self.rover.time + seconds, self.rover.time
@@ -222,12 +222,12 @@ def test_whatever_an_autopilot_says_a_stop_has_a_speed_and_a_way(said: list[tupl
 
 
 @pytest.fixture
-def children(tmp_path: Path) -> Iterator[Callable[[str, list[str]], Child]]:
+def children(tmp_path: Path) -> Iterator[Callable[[str, list[str]], LoggedProcess]]:
     """Processes that end with the test."""
-    started: list[Child] = []
+    started: list[LoggedProcess] = []
 
-    def start(name: str, arguments: list[str]) -> Child:
-        started.append(Child(name, arguments, tmp_path / f"{name}.log"))
+    def start(name: str, arguments: list[str]) -> LoggedProcess:
+        started.append(LoggedProcess(name, arguments, tmp_path / f"{name}.log"))
         return started[-1]
 
     yield start
@@ -236,7 +236,7 @@ def children(tmp_path: Path) -> Iterator[Callable[[str, list[str]], Child]]:
 
 
 def test_where_speeds_come_too_seldom_it_says_what_to_set_before_anybody_drives(
-    children: Callable[[str, list[str]], Child], tmp_path: Path
+    children: Callable[[str, list[str]], LoggedProcess], tmp_path: Path
 ) -> None:
     field = children("field", ["companion.sim.field", "--fps", "1"])
     ports = json.loads(field.first_line(PATIENCE))
@@ -260,7 +260,7 @@ def test_where_speeds_come_too_seldom_it_says_what_to_set_before_anybody_drives(
 
 
 def test_a_person_s_holds_on_the_field_become_lines_for_the_configuration(
-    children: Callable[[str, list[str]], Child], tmp_path: Path
+    children: Callable[[str, list[str]], LoggedProcess], tmp_path: Path
 ) -> None:
     field = children("field", ["companion.sim.field", "--speed", "1.4", "--fps", "1"])
     ports = json.loads(field.first_line(PATIENCE))

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from companion.sim.field.render import Camera
+from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 
 CONFIG = """
@@ -37,7 +37,7 @@ def film(folder: Path, step: float) -> tuple[int, int]:
     Returns the height and width of the pictures.
     """
     world = World(0)
-    camera = Camera(world)
+    camera = PinholeCamera(world)
     height = width = 0
     places = np.concatenate([np.arange(42.0, 49.0, step), np.arange(84.0, 91.0, step)])
     for number, place in enumerate(places):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from companion.observers.recording.reading import Copy, Read, messages
 from companion.observers.recording.topics import TOPICS, Topic
-from companion.sim.demo.child import Child
+from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.field.control import FieldControl
 
@@ -45,7 +45,9 @@ def main() -> None:
 
 
 def _record(folder: Path) -> None:
-    field = Child("field", ["companion.sim.field", "--seed", "0", "--speed", "1.5"], folder / "field.log")
+    field = LoggedProcess(
+        "field", ["companion.sim.field", "--seed", "0", "--speed", "1.5"], folder / "field.log"
+    )
     ports = json.loads(field.first_line(30.0))
     host, _, port = ports["control"].rpartition(":")
     control = FieldControl(host, int(port))
@@ -54,7 +56,7 @@ def _record(folder: Path) -> None:
     )
     on = "[recording]\nsize = 200\nrate = 1.0"
     config.write_text(re.sub(r"\[recording\]\nsize = 0", on, config.read_text()))
-    daemon = Child("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
+    daemon = LoggedProcess("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
     status, deadline = folder / "state" / "status.json", time.monotonic() + 40.0
     while not (status.exists() and '"state": "ok"' in status.read_text()):
         if time.monotonic() > deadline:

@@ -17,7 +17,7 @@ from companion.sim.demo import main as module
 from companion.sim.demo.child import ChildError
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import Director, Stage
-from companion.sim.demo.main import PACES, SPEED, Pace
+from companion.sim.demo.main import PACES, SPEED, DemoPace
 from companion.sim.demo.story import Story
 from companion.vision.warm_up import judging_settings
 
@@ -92,7 +92,7 @@ def test_it_judges_less_often_until_hold_can_be_given_and_says_so(
 
 
 @pytest.mark.parametrize(("pace", "step"), [*zip(PACES, (0.4, 0.37, 0.6), strict=True)])
-def test_at_each_pace_the_rover_stops_in_time(tmp_path: Path, pace: Pace, step: float) -> None:
+def test_at_each_pace_the_rover_stops_in_time(tmp_path: Path, pace: DemoPace, step: float) -> None:
     path = write_config(
         tmp_path,
         camera="field:127.0.0.1:1",

@@ -11,7 +11,7 @@ from companion.sim.demo.answers import THINK, WORDS_FOR_PLACE, AutoOperator
 from companion.sim.demo.director import verdict
 from companion.sim.demo.onlooker import Shown
 from companion.sim.demo.story import Story
-from companion.sim.demo.tally import Tally, missing
+from companion.sim.demo.tally import DemoTally, missing
 from companion.sim.field.render import GROUND_KINDS
 from companion.sim.field.trail import ZONES
 from companion.wire.ids import Motion
@@ -108,7 +108,7 @@ def test_answered_and_blocked_calls_are_left_alone() -> None:
     assert answers(AutoOperator(), call(stage="answered"), drum()) == []
 
 
-def asked(tally: Tally, number: int, shown: Shown, metres: float, *reasons: str) -> None:
+def asked(tally: DemoTally, number: int, shown: Shown, metres: float, *reasons: str) -> None:
     """A call is opened and answered."""
     event = call(id=number, reasons=list(reasons))
     tally.asked_about(event, shown, metres)
@@ -129,7 +129,7 @@ def test_things_and_places_are_counted_once_and_what_is_asked_again_is_a_repeat(
 
 
 def test_the_story_says_what_a_call_is_about_and_that_it_was_asked_before() -> None:
-    tally = Tally()
+    tally = DemoTally()
     event = call(id=1, reasons=["unknown_object", "unknown_scene"])
     assert tally.asked_about(event, drum("forest"), 10.0) == "call 1 is about forest and drum-1"
     tally.answered(event, drum("forest"), 10.0)
@@ -153,9 +153,9 @@ DAEMON = {
 }
 
 
-def full_tally() -> Tally:
+def full_tally() -> DemoTally:
     """All events that a good demo has."""
-    tally = Tally()
+    tally = DemoTally()
     events = [
         call(id=1),
         call(id=2, reasons=["unknown_scene"]),
@@ -232,7 +232,7 @@ def test_a_hold_that_a_human_ended_by_driving_on_counts_as_resumed_and_is_named(
 
 def test_a_tally_of_nothing_has_figures_and_lacks_nearly_all() -> None:
     empty = {"mode_log": [], "contacts": [], "bytes": {"gcs": {"from_companion": 0}}}
-    figures = Tally().figures(empty, {}, seconds=0.0)
+    figures = DemoTally().figures(empty, {}, seconds=0.0)
     assert figures["latency_ms_p50"] is None
     shown = {"as many resumes as holds", "no contact with anything", "at most 300 bytes per second"}
     assert len(missing(figures)) == 12

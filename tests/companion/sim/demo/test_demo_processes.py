@@ -15,7 +15,7 @@ import pytest
 
 from companion.config import load_config
 from companion.sim.demo import main as module
-from companion.sim.demo.child import Child, ChildError
+from companion.sim.demo.child import ChildError, LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.demo.main import set_stage
 from companion.sim.demo.rehearsal import run_camera_demo
@@ -45,7 +45,7 @@ def script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_child_is_read_typed_to_and_stopped(script: Path, tmp_path: Path) -> None:
     script.write_text("print('ready', flush=True)\nprint(input().upper(), flush=True)\ninput()\n")
-    child = Child("part", ["part"], tmp_path / "part.log")
+    child = LoggedProcess("part", ["part"], tmp_path / "part.log")
     assert child.first_line(10.0) == "ready"
     child.type("hello")
     assert child.first_line(10.0) == "HELLO"
@@ -56,7 +56,7 @@ def test_a_child_is_read_typed_to_and_stopped(script: Path, tmp_path: Path) -> N
 
 def test_a_child_that_fails_says_where_to_look(script: Path, tmp_path: Path) -> None:
     script.write_text("raise SystemExit('no such trail')\n")
-    child = Child("part", ["part"], tmp_path / "part.log")
+    child = LoggedProcess("part", ["part"], tmp_path / "part.log")
     with pytest.raises(ChildError, match=r"part did not start: see .*part\.log"):
         child.first_line(10.0)
     child.stop()
@@ -68,7 +68,7 @@ def test_a_child_that_does_not_end_is_killed(script: Path, tmp_path: Path) -> No
         "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\nprint('up', flush=True)\n"
         "time.sleep(60)\n"
     )
-    child = Child("part", ["part"], tmp_path / "part.log")
+    child = LoggedProcess("part", ["part"], tmp_path / "part.log")
     child.first_line(10.0)
     child.stop(timeout=0.2)
     assert not child.running
@@ -82,8 +82,9 @@ def test_a_child_that_was_stopped_does_not_outlive_a_parent_that_was_killed(
         "time.sleep(60)\n"
     )
     parent = (
-        "import signal, sys, time\nfrom pathlib import Path\nfrom companion.sim.demo.child import Child\n"
-        "child = Child('part', ['part'], Path(sys.argv[1]), orphaned=signal.SIGKILL)\n"
+        "import signal, sys, time\nfrom pathlib import Path\n"
+        "from companion.sim.demo.child import LoggedProcess\n"
+        "child = LoggedProcess('part', ['part'], Path(sys.argv[1]), orphaned=signal.SIGKILL)\n"
         "child.first_line(10.0)\nchild.process.send_signal(signal.SIGSTOP)\n"
         "print(child.process.pid, flush=True)\ntime.sleep(60)\n"
     )
@@ -107,9 +108,9 @@ def _runs(process: Path) -> bool:
 def test_a_stage_that_cannot_be_set_ends_what_it_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    started: list[Child] = []
+    started: list[LoggedProcess] = []
 
-    class Recorded(Child):
+    class Recorded(LoggedProcess):
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
             started.append(self)
@@ -117,8 +118,8 @@ def test_a_stage_that_cannot_be_set_ends_what_it_started(
     def refused(*_: object) -> None:
         raise OSError("no control")
 
-    monkeypatch.setattr(module, "Child", Recorded)
-    monkeypatch.setattr("companion.sim.demo.operator.Child", Recorded)
+    monkeypatch.setattr(module, "LoggedProcess", Recorded)
+    monkeypatch.setattr("companion.sim.demo.operator.LoggedProcess", Recorded)
     monkeypatch.setattr(module, "FieldControl", refused)
     with pytest.raises(OSError, match="no control"):
         set_stage(tmp_path, seed=1, auto=True)

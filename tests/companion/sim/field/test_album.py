@@ -11,7 +11,7 @@ from anytraverse.regions import Box
 from companion.sim.field.album import Album
 from companion.sim.field.control import FieldError
 from companion.sim.field.lens import Lens
-from companion.sim.field.render import Camera
+from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 from companion.sim.field.trail import Pose
 
@@ -24,7 +24,7 @@ class Scene:
 
     def __init__(self, kind: str = "drum") -> None:
         self.world = World(0, [kind])
-        self.camera = Camera(self.world, WIDTH, HEIGHT)
+        self.camera = PinholeCamera(self.world, WIDTH, HEIGHT)
         self.album = Album(self.world)
         self.thing = next(thing for thing in self.world.things.values() if thing.surprise)
 

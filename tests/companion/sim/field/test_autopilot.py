@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.sim.field.autopilot import Autopilot
+from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.modes import Mode
-from companion.sim.field.router import Parser, Port
-from companion.sim.field.rover import Drive, Rover
+from companion.sim.field.router import DatagramParser, Port
+from companion.sim.field.rover import MotorDrive, Rover
 from companion.sim.field.trail import Trail
 
 TRAIL = Trail(1)
@@ -25,7 +25,7 @@ class Bench:
     def __init__(self) -> None:
         self.sent: list[tuple[Port, bytes]] = []
         self.rover = Rover(TRAIL)
-        self.autopilot = Autopilot(self.rover, self._send)
+        self.autopilot = SimulatedAutopilot(self.rover, self._send)
         self.mavs = {
             Port.COMPANION: mavlink.MAVLink(None, 1, 191),
             Port.GCS: mavlink.MAVLink(None, 255, 190),
@@ -42,7 +42,7 @@ class Bench:
 
     def tell(self, port: Port, message: Any) -> bytes:
         raw = bytes(message.pack(self.mavs[port]))
-        for frame in Parser().frames(raw):
+        for frame in DatagramParser().frames(raw):
             self.autopilot.receive(port, frame)
         return raw
 
@@ -69,7 +69,7 @@ class Bench:
             self.now += 0.02
 
     def heard(self, port: Port, kind: str = "") -> list[Any]:
-        frames = [frame for at, raw in self.sent if at is port for frame in Parser().frames(raw)]
+        frames = [frame for at, raw in self.sent if at is port for frame in DatagramParser().frames(raw)]
         return [frame for frame in frames if kind in ("", frame.get_type())]
 
 
@@ -398,7 +398,7 @@ def test_one_that_arms_itself_boots_in_its_initial_mode_and_drives_off(require: 
     assert beats_after_a_reboot(bench, 2.0, 1.5) == [(Mode.AUTO, False)]
     bench.pass_time(1.0)
     assert bench.autopilot.armed
-    assert bench.autopilot.rover.drive is Drive.FOLLOW
+    assert bench.autopilot.rover.drive is MotorDrive.FOLLOW
     bench.autopilot.arm(on=False)
     bench.pass_time(20.0)
     assert not bench.autopilot.armed, "it does so once"

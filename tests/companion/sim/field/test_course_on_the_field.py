@@ -8,9 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.vehicle import VehicleTracker
-from companion.sim.field.autopilot import Autopilot
+from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.modes import Mode
-from companion.sim.field.router import Parser, Port
+from companion.sim.field.router import DatagramParser, Port
 from companion.sim.field.rover import Rover
 from companion.sim.field.trail import Trail
 from companion.vehicle.course import CourseJudge
@@ -24,7 +24,7 @@ class Drive:
     def __init__(self, seed: int) -> None:
         self.trail = Trail(seed)
         self.rover = Rover(self.trail, cruise_speed=2.0)
-        self.autopilot = Autopilot(self.rover, self._send)
+        self.autopilot = SimulatedAutopilot(self.rover, self._send)
         self.autopilot.streams[Port.COMPANION].set_interval(
             mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 500_000
         )
@@ -34,7 +34,7 @@ class Drive:
         self.autopilot.set_mode(Mode.AUTO, "hand")
 
     def _send(self, port: Port, frame: bytes) -> bool:
-        for message in Parser().frames(frame) if port is Port.COMPANION else ():
+        for message in DatagramParser().frames(frame) if port is Port.COMPANION else ():
             if message.get_type() == "HEARTBEAT":
                 self.tracker.heartbeat(1, message, self.now)
             elif message.get_type() == "GLOBAL_POSITION_INT":

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 pytest.importorskip("cv2", reason="the camera draws with OpenCV")
 
-from companion.sim.field.render import LABELS, Camera
+from companion.sim.field.render import LABELS, PinholeCamera
 from companion.sim.field.things import World
 from companion.sim.field.trail import Pose
 
@@ -22,12 +22,12 @@ WORLD = World(1)
 
 
 @cache
-def _camera() -> Camera:
+def _camera() -> PinholeCamera:
     """Looks at WORLD. Nobody changes it."""
-    return Camera(WORLD)
+    return PinholeCamera(WORLD)
 
 
-def _another() -> Camera:
+def _another() -> PinholeCamera:
     """The camera in a world of its own, to change things in."""
     camera = copy(_camera())
     camera.world = World(1)
@@ -39,7 +39,7 @@ def _before(world: World, thing_id: str, distance: float) -> Pose:
     return world.trail.pose(world.trail.nearest(thing.x, thing.y)[0] - distance)
 
 
-def _pixel(camera: Camera, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[int, int]:
+def _pixel(camera: PinholeCamera, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[int, int]:
     column, row, depth = camera.lens.project(pose, x, y, z)
     assert depth > 0
     return int(row), int(column)
@@ -65,21 +65,21 @@ def test_a_frame_is_rgb_with_a_known_label_for_every_pixel() -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(64, 48), (640, 480), (64, 600), (900, 32)])
 def test_frames_come_in_other_sizes(width: int, height: int) -> None:
-    frame, labels = Camera(World(1), width, height).render(WORLD.trail.pose(30), 1.0)
+    frame, labels = PinholeCamera(World(1), width, height).render(WORLD.trail.pose(30), 1.0)
     assert frame.shape == (height, width, 3)
     assert labels.shape == (height, width)
 
 
 def test_a_frame_of_no_size_is_refused() -> None:
     with pytest.raises(ValueError, match="16 to 4096"):
-        Camera(WORLD, 0, 240)
+        PinholeCamera(WORLD, 0, 240)
 
 
 def test_the_same_seed_pose_and_time_give_the_same_pixels() -> None:
     pose = WORLD.trail.pose(60.0)
     _camera().render(WORLD.trail.pose(0.0), 5.0)
     frame, labels = _camera().render(pose, 12.5)
-    again, labels_again = Camera(World(1)).render(pose, 12.5)
+    again, labels_again = PinholeCamera(World(1)).render(pose, 12.5)
     assert np.array_equal(frame, again)
     assert np.array_equal(labels, labels_again)
 
@@ -87,7 +87,7 @@ def test_the_same_seed_pose_and_time_give_the_same_pixels() -> None:
 def test_time_and_the_cameras_seed_change_noise_and_not_labels() -> None:
     pose = WORLD.trail.pose(60.0)
     frame, labels = _camera().render(pose, 1.0)
-    for other, other_labels in (_camera().render(pose, 1.05), Camera(WORLD, seed=9).render(pose, 1.0)):
+    for other, other_labels in (_camera().render(pose, 1.05), PinholeCamera(WORLD, seed=9).render(pose, 1.0)):
         assert np.array_equal(labels, other_labels)
         assert 1 < np.abs(frame[150:].astype(int) - other[150:]).mean() < 30
 
@@ -95,7 +95,7 @@ def test_time_and_the_cameras_seed_change_noise_and_not_labels() -> None:
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_ground_labels_agree_with_the_route(seed: int) -> None:
     world = World(seed, surprises=())
-    camera = Camera(world)
+    camera = PinholeCamera(world)
     on, off = [], []
     for s in np.arange(0, world.trail.length, 4.0):
         pose = world.trail.pose(s)
@@ -214,7 +214,7 @@ def test_a_second_visit_looks_like_the_first() -> None:
 
 def test_the_texture_of_the_ground_stays_put_while_the_rover_moves() -> None:
     world = World(1, surprises=())
-    camera, pose = Camera(world), world.trail.pose(100.0)
+    camera, pose = PinholeCamera(world), world.trail.pose(100.0)
     nearer = Pose(*_beside(pose, 0.4, 0.0), pose.heading)
     first, second = (camera.render(at, 0.0)[0].mean(axis=2) for at in (pose, nearer))
     rng = np.random.default_rng(0)
@@ -229,7 +229,7 @@ def test_the_texture_of_the_ground_stays_put_while_the_rover_moves() -> None:
 
 def test_a_puddle_mirrors_the_sky() -> None:
     world = World(1, surprises=())
-    camera, pose = Camera(world), world.trail.pose(110.0)
+    camera, pose = PinholeCamera(world), world.trail.pose(110.0)
     puddle = next(thing for thing in world.things.values() if thing.kind == "puddle")
     world.move(puddle.id, *_beside(pose, 3.0, 0.0))
     frame, labels = camera.render(pose, 0.0)

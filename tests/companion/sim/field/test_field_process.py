@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from companion.cameras.frame_socket import FrameStream, FrameTimeout
 from companion.sim.field.__main__ import main
 from companion.sim.field.control import FieldControl
-from companion.sim.field.router import Parser
+from companion.sim.field.router import DatagramParser
 
 pytest.importorskip("cv2", reason="the field draws with OpenCV")
 
@@ -101,7 +101,7 @@ class Peer:
         while (left := deadline - time.monotonic()) > 0:
             self._socket.settimeout(left)
             with contextlib.suppress(TimeoutError):
-                for frame in Parser().frames(self._socket.recv(4096)):
+                for frame in DatagramParser().frames(self._socket.recv(4096)):
                     if wanted(frame):
                         return frame
         return None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from companion.cameras.frame_socket import FrameStream
 from companion.sim.field.control import FieldControl
-from companion.sim.field.server import FieldServer, Options
+from companion.sim.field.server import FieldOptions, FieldServer
 from companion.sim.field.things import World
 from companion.sim.field.trail import Pose
 
@@ -48,7 +48,7 @@ def running(server: FieldServer) -> Iterator[FieldControl]:
 
 
 def test_physics_keeps_time_while_the_camera_is_too_slow_for_its_rate() -> None:
-    server = FieldServer(World(1), SlowCamera(), Options(fps=50.0, autostart=True))
+    server = FieldServer(World(1), SlowCamera(), FieldOptions(fps=50.0, autostart=True))
     with running(server) as control:
         first, begun = control.status(), time.monotonic()
         time.sleep(1.2)
@@ -59,7 +59,7 @@ def test_physics_keeps_time_while_the_camera_is_too_slow_for_its_rate() -> None:
 
 
 def test_a_frame_is_stamped_when_its_light_was_caught_not_when_it_was_drawn() -> None:
-    server = FieldServer(World(1), SlowCamera(), Options(fps=50.0))
+    server = FieldServer(World(1), SlowCamera(), FieldOptions(fps=50.0))
     with running(server):
         host, port = server.addresses()["frames"].split(":")
         with FrameStream(host, int(port)) as stream:
@@ -68,7 +68,7 @@ def test_a_frame_is_stamped_when_its_light_was_caught_not_when_it_was_drawn() ->
 
 
 def test_a_camera_that_breaks_ends_the_field_with_its_reason() -> None:
-    server = FieldServer(World(1), BrokenCamera(), Options(duration=10.0))
+    server = FieldServer(World(1), BrokenCamera(), FieldOptions(duration=10.0))
     begun = time.monotonic()
     with pytest.raises(RuntimeError, match="no picture of"):
         server.run()
@@ -76,7 +76,7 @@ def test_a_camera_that_breaks_ends_the_field_with_its_reason() -> None:
 
 
 def test_it_ends_after_its_duration() -> None:
-    server = FieldServer(World(1), SlowCamera(), Options(duration=0.3))
+    server = FieldServer(World(1), SlowCamera(), FieldOptions(duration=0.3))
     begun = time.monotonic()
     server.run()
     assert 0.3 <= time.monotonic() - begun < 2.0

@@ -9,21 +9,21 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field import px4
-from companion.sim.field.autopilot import Autopilot
+from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.modes import Mode
-from companion.sim.field.router import Parser, Port
+from companion.sim.field.router import DatagramParser, Port
 from companion.sim.field.rover import Rover
 from companion.sim.field.trail import Trail
 
 TRAIL = Trail(1)
 NOT_STARTED, ACTIVE, PAUSED, COMPLETE = 2, 3, 4, 5
-BOTH = pytest.mark.parametrize("kind", [Autopilot, px4.Px4])
+BOTH = pytest.mark.parametrize("kind", [SimulatedAutopilot, px4.Px4])
 
 
 class Drive:
     """An armed rover with a mission; `told` has what it said on the companion's port, with the time in s."""
 
-    def __init__(self, kind: type[Autopilot], mission: float | None) -> None:
+    def __init__(self, kind: type[SimulatedAutopilot], mission: float | None) -> None:
         self.now = 0.0
         self.told: list[tuple[float, Any]] = []
         self.rover = Rover(TRAIL)
@@ -33,7 +33,7 @@ class Drive:
 
     def _send(self, port: Port, frame: bytes) -> bool:
         if port is Port.COMPANION:
-            self.told += [(self.now, parsed) for parsed in Parser().frames(frame)]
+            self.told += [(self.now, parsed) for parsed in DatagramParser().frames(frame)]
         return True
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
@@ -65,7 +65,7 @@ class Drive:
 
 
 @BOTH
-def test_it_is_told_once_a_second_which_item_is_current(kind: type[Autopilot]) -> None:
+def test_it_is_told_once_a_second_which_item_is_current(kind: type[SimulatedAutopilot]) -> None:
     drive = Drive(kind, 35.0)
     assert drive.state == NOT_STARTED
     drive.start()
@@ -82,7 +82,7 @@ def test_it_is_told_once_a_second_which_item_is_current(kind: type[Autopilot]) -
 
 
 def test_ardupilot_stays_in_auto_and_stands_when_its_mission_is_complete() -> None:
-    drive = Drive(Autopilot, 25.0)
+    drive = Drive(SimulatedAutopilot, 25.0)
     drive.complete()
     assert drive.autopilot.mode is Mode.AUTO
     assert drive.state == COMPLETE
@@ -93,14 +93,14 @@ def test_ardupilot_stays_in_auto_and_stands_when_its_mission_is_complete() -> No
 
 
 def test_every_item_is_told_once_when_it_is_reached() -> None:
-    drive = Drive(Autopilot, 25.0)
+    drive = Drive(SimulatedAutopilot, 25.0)
     drive.complete()
     assert [one.seq for one in drive.heard("MISSION_ITEM_REACHED")] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("restarts", [0, 1])
 def test_hold_and_auto_begin_a_complete_mission_anew_whatever_mis_restart_says(restarts: int) -> None:
-    drive = Drive(Autopilot, 25.0)
+    drive = Drive(SimulatedAutopilot, 25.0)
     drive.autopilot.set_parameter("MIS_RESTART", restarts)
     drive.complete()
     drive.autopilot.set_mode(Mode.HOLD, "hand")
@@ -113,7 +113,7 @@ def test_hold_and_auto_begin_a_complete_mission_anew_whatever_mis_restart_says(r
 
 
 def test_a_mission_that_is_held_halfway_goes_on_and_is_called_not_started_meanwhile() -> None:
-    drive = Drive(Autopilot, 60.0)
+    drive = Drive(SimulatedAutopilot, 60.0)
     drive.start()
     drive.run(10.0)
     drive.autopilot.set_mode(Mode.HOLD, "hand")
@@ -130,7 +130,7 @@ def test_a_mission_that_is_held_halfway_goes_on_and_is_called_not_started_meanwh
 
 
 def test_a_reboot_forgets_that_the_mission_was_complete() -> None:
-    drive = Drive(Autopilot, 25.0)
+    drive = Drive(SimulatedAutopilot, 25.0)
     drive.complete()
     drive.autopilot.reboot(2.0)
     drive.run(3.0)
@@ -140,12 +140,12 @@ def test_a_reboot_forgets_that_the_mission_was_complete() -> None:
 def test_px4_goes_to_loiter_by_itself_and_does_so_again_when_mission_is_set() -> None:
     drive = Drive(px4.Px4, 25.0)
     drive.complete()
-    assert drive.autopilot.mode is px4.Mode.LOITER
+    assert drive.autopilot.mode is px4.Px4Mode.LOITER
     assert drive.state == COMPLETE
     assert drive.heard("MISSION_CURRENT")[-1].seq == 2
     drive.start()
     drive.run(1.0)
-    assert drive.autopilot.mode is px4.Mode.LOITER
+    assert drive.autopilot.mode is px4.Px4Mode.LOITER
     modes = [(change.mode.name, change.by) for change in drive.autopilot.mode_log]
     assert modes == [("MISSION", "hand"), ("LOITER", "autopilot")] * 2
 
@@ -154,12 +154,14 @@ def test_px4_calls_a_mission_paused_that_it_does_not_drive() -> None:
     drive = Drive(px4.Px4, 60.0)
     drive.start()
     drive.run(6.0)
-    drive.autopilot.set_mode(px4.Mode.LOITER, "hand")
+    drive.autopilot.set_mode(px4.Px4Mode.LOITER, "hand")
     assert drive.state == PAUSED
 
 
 @BOTH
-def test_a_mission_without_an_end_goes_round_and_has_a_jump_at_its_end(kind: type[Autopilot]) -> None:
+def test_a_mission_without_an_end_goes_round_and_has_a_jump_at_its_end(
+    kind: type[SimulatedAutopilot],
+) -> None:
     drive = Drive(kind, None)
     drive.start()
     drive.run(70.0)
@@ -173,7 +175,7 @@ def test_a_mission_without_an_end_goes_round_and_has_a_jump_at_its_end(kind: typ
 
 
 def test_its_interval_can_be_set() -> None:
-    drive = Drive(Autopilot, 25.0)
+    drive = Drive(SimulatedAutopilot, 25.0)
     assert drive.autopilot.streams[Port.COMPANION].set_interval(
         int(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT), 200_000
     )

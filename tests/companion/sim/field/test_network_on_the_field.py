@@ -16,7 +16,7 @@ from anytraverse.perception.builtin.perceiver import SHIPPED, GroundNetwork
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
-from companion.sim.field.render import LABELS, Camera
+from companion.sim.field.render import LABELS, PinholeCamera
 from companion.sim.field.things import World
 
 Labels = NDArray[np.uint8]
@@ -32,9 +32,9 @@ def network() -> GroundNetwork:
 
 
 @cache
-def camera(seed: int) -> Camera:
+def camera(seed: int) -> PinholeCamera:
     """The camera of a world; painting what it shows takes a second."""
-    return Camera(World(seed), 320, 240)
+    return PinholeCamera(World(seed), 320, 240)
 
 
 def before(kind: str, seed: int, distance: float, *, light: float = 1.0) -> tuple[Image, Labels]:

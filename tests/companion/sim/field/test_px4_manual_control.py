@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.sim.field.px4 import Mode, Px4
-from companion.sim.field.router import Parser, Port
+from companion.sim.field.px4 import Px4, Px4Mode
+from companion.sim.field.router import DatagramParser, Port
 from companion.sim.field.rover import Rover
 from companion.sim.field.trail import Trail
 
@@ -33,18 +33,18 @@ class Bench:
             assert row is not None
             assert row.value == value
         self.px4.arm(on=True)
-        self.px4.set_mode(Mode.MISSION, "hand")
+        self.px4.set_mode(Px4Mode.MISSION, "hand")
         self.run(2.0)
 
     def _send(self, port: Port, frame: bytes) -> bool:
         if port is Port.COMPANION:
-            for message in Parser().frames(frame):
+            for message in DatagramParser().frames(frame):
                 self.texts += [message.text] if message.get_type() == "STATUSTEXT" else []
                 self.pulses += [message] if message.get_type() == "RC_CHANNELS" else []
         return True
 
     def tell(self, message: Any) -> None:
-        for frame in Parser().frames(bytes(message.pack(self._mav))):
+        for frame in DatagramParser().frames(bytes(message.pack(self._mav))):
             self.px4.receive(Port.COMPANION, frame)
 
     def sticks(self, target: int = 1) -> None:
@@ -58,14 +58,14 @@ class Bench:
             self.px4.poll(self.now)
             self.now += STEP
 
-    def seconds_until(self, mode: Mode, within: float = 10.0) -> float:
+    def seconds_until(self, mode: Px4Mode, within: float = 10.0) -> float:
         began = self.now
         while self.px4.mode is not mode:
             assert self.now - began < within, f"still {self.px4.mode!r}"
             self.run(STEP)
         return self.now - began
 
-    def ask(self, mode: Mode) -> None:
+    def ask(self, mode: Px4Mode) -> None:
         params = (1, int(mode) >> 16 & 0xFF, int(mode) >> 24, 0, 0, 0, 0)
         self.tell(mavlink.MAVLink_command_long_message(1, 1, 176, 0, *params))
 
@@ -74,7 +74,7 @@ def test_a_stream_that_ends_holds_a_mission_after_half_a_second_and_it_says_so()
     bench = Bench()
     assert bench.px4.mode.name == "MISSION"
     bench.streams = False
-    assert 0.4 <= bench.seconds_until(Mode.LOITER) <= 0.6
+    assert 0.4 <= bench.seconds_until(Px4Mode.LOITER) <= 0.6
     assert "Manual control lost" in bench.texts
     assert bench.px4.mode_log[-1].by == "autopilot"
     bench.run(20.0)
@@ -88,15 +88,15 @@ def test_a_stream_that_comes_back_lets_nothing_drive_on_until_a_mode_is_set() ->
     bench.streams = True
     bench.run(5.0)
     assert bench.px4.mode.name == "LOITER"
-    bench.ask(Mode.MISSION)
+    bench.ask(Px4Mode.MISSION)
     bench.run(5.0)
     assert bench.px4.mode.name == "MISSION"
     bench.streams = False
-    bench.seconds_until(Mode.LOITER, 1.0)
+    bench.seconds_until(Px4Mode.LOITER, 1.0)
 
 
-@pytest.mark.parametrize("mode", [Mode.MISSION, Mode.RTL])
-def test_a_mode_that_is_set_while_the_stream_is_away_takes_over(mode: Mode) -> None:
+@pytest.mark.parametrize("mode", [Px4Mode.MISSION, Px4Mode.RTL])
+def test_a_mode_that_is_set_while_the_stream_is_away_takes_over(mode: Px4Mode) -> None:
     bench = Bench()
     bench.streams = False
     bench.run(2.0)
@@ -107,24 +107,24 @@ def test_a_mode_that_is_set_while_the_stream_is_away_takes_over(mode: Mode) -> N
 
 def test_the_end_of_the_stream_ends_a_return_that_was_set_before() -> None:
     bench = Bench()
-    bench.ask(Mode.RTL)
+    bench.ask(Px4Mode.RTL)
     bench.streams = False
-    assert bench.seconds_until(Mode.LOITER) <= 0.6
-    bench.ask(Mode.RTL)
+    assert bench.seconds_until(Px4Mode.LOITER) <= 0.6
+    bench.ask(Px4Mode.RTL)
     bench.run(5.0)
     assert bench.px4.mode.name == "RTL", "set again it goes on"
 
 
 def test_an_excepted_mode_goes_on_and_the_next_one_that_is_not_is_held_once() -> None:
     bench = Bench(COM_RCL_EXCEPT=2.0)
-    bench.ask(Mode.RTL)
+    bench.ask(Px4Mode.RTL)
     bench.streams = False
     bench.run(3.0)
     assert bench.px4.mode.name == "RTL"
-    bench.ask(Mode.MISSION)
+    bench.ask(Px4Mode.MISSION)
     bench.run(0.5)
     assert bench.px4.mode.name == "LOITER"
-    bench.ask(Mode.MISSION)
+    bench.ask(Px4Mode.MISSION)
     bench.run(3.0)
     assert bench.px4.mode.name == "MISSION"
 
@@ -148,26 +148,26 @@ def test_a_stream_that_was_not_there_when_it_was_armed_is_no_loss_until_it_came_
     bench.run(2.0)
     assert bench.px4.mode.name == "MISSION", "another vehicle's"
     bench.sticks()
-    assert 0.4 <= bench.seconds_until(Mode.LOITER) <= 0.6
+    assert 0.4 <= bench.seconds_until(Px4Mode.LOITER) <= 0.6
 
 
 def test_it_waits_in_loiter_before_it_drives_home() -> None:
     bench = Bench(NAV_RCL_ACT=2.0, COM_FAIL_ACT_T=3.0)
     bench.streams = False
-    assert bench.seconds_until(Mode.LOITER) <= 0.6
-    assert 2.9 <= bench.seconds_until(Mode.RTL) <= 3.1
+    assert bench.seconds_until(Px4Mode.LOITER) <= 0.6
+    assert 2.9 <= bench.seconds_until(Px4Mode.RTL) <= 3.1
 
 
 def test_a_mode_of_the_sticks_needs_the_stream_and_the_transmitter_moves_nothing() -> None:
     bench = Bench()
-    bench.ask(Mode.POSITION)
+    bench.ask(Px4Mode.POSITION)
     assert bench.px4.mode.name == "POSITION"
     bench.rover.transmitter.throttle = 1.0
     bench.run(5.0)
     assert bench.rover.speed == 0.0
     bench.streams = False
-    bench.seconds_until(Mode.LOITER, 1.0)
-    bench.ask(Mode.POSITION)
+    bench.seconds_until(Px4Mode.LOITER, 1.0)
+    bench.ask(Px4Mode.POSITION)
     assert bench.px4.mode.name == "LOITER", "refused"
 
 
@@ -177,7 +177,7 @@ def test_a_reboot_forgets_the_stream() -> None:
     bench.px4.reboot(1.0)
     bench.run(2.0)
     bench.px4.arm(on=True)
-    bench.px4.set_mode(Mode.MISSION, "hand")
+    bench.px4.set_mode(Px4Mode.MISSION, "hand")
     bench.run(5.0)
     assert bench.px4.mode.name == "MISSION"
 
@@ -202,10 +202,10 @@ def test_sticks_for_this_vehicle_go_on_to_the_companion_and_not_to_the_radio(sen
     ids = {Port.COMPANION: (1, 191), Port.GCS: (255, 190)}
     for port, own in ids.items():
         beat = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, *own))
-        px4.receive(port, Parser().frames(bytes(beat))[0])
+        px4.receive(port, DatagramParser().frames(bytes(beat))[0])
     went.clear()
     sticks = mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0).pack(
         mavlink.MAVLink(None, *ids[sender])
     )
-    px4.receive(sender, Parser().frames(bytes(sticks))[0])
+    px4.receive(sender, DatagramParser().frames(bytes(sticks))[0])
     assert went == ([Port.COMPANION] if sender is Port.GCS else [])

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.sim.field.router import MAX_ROUTES, Parser, Port, Route, Router
+from companion.sim.field.router import MAX_ROUTES, DatagramParser, FrameRoute, Port, Router
 
-PASSED_ON = Route(forward=True, execute=False)
-PASSED_ON_AND_OBEYED = Route(forward=True, execute=True)
-OBEYED = Route(forward=False, execute=True)
-IGNORED = Route(forward=False, execute=False)
+PASSED_ON = FrameRoute(forward=True, execute=False)
+PASSED_ON_AND_OBEYED = FrameRoute(forward=True, execute=True)
+OBEYED = FrameRoute(forward=False, execute=True)
+IGNORED = FrameRoute(forward=False, execute=False)
 
 
 def frame_from(system: int, component: int, message: Any, *, signed: bool = False) -> Any:
@@ -22,7 +22,7 @@ def frame_from(system: int, component: int, message: Any, *, signed: bool = Fals
     if signed:
         mav.signing.secret_key = bytes(32)
         mav.signing.sign_outgoing = True
-    (frame,) = Parser().frames(message.pack(mav))
+    (frame,) = DatagramParser().frames(message.pack(mav))
     return frame
 
 
@@ -109,14 +109,16 @@ def test_what_is_meant_for_every_component_of_the_system_is_obeyed_and_passed_on
 
 
 def test_ids_that_the_autopilot_does_not_know_are_dropped(router: Router) -> None:
-    (status,) = Parser().frames(raw_frame(mavlink.MAVLINK_MSG_ID_ONBOARD_COMPUTER_STATUS, bytes(9), 1, 191))
+    (status,) = DatagramParser().frames(
+        raw_frame(mavlink.MAVLINK_MSG_ID_ONBOARD_COMPUTER_STATUS, bytes(9), 1, 191)
+    )
     assert router.decide(Port.COMPANION, status) == IGNORED
 
 
 def test_a_message_number_in_no_dialect_is_rubbish() -> None:
     frame = bytearray(heartbeat().pack(mavlink.MAVLink(None, 1, 191)))
     frame[7:10] = (54_321).to_bytes(3, "little")
-    parser = Parser()
+    parser = DatagramParser()
     assert parser.frames(bytes(frame)) == []
     assert parser.bad == 1
 
@@ -138,7 +140,7 @@ def test_a_signed_frame_is_parsed_with_its_signature() -> None:
 
 
 def test_half_a_frame_does_not_harm_the_next_datagram() -> None:
-    parser = Parser()
+    parser = DatagramParser()
     whole = heartbeat().pack(mavlink.MAVLink(None, 1, 191))
     assert parser.frames(whole[:9]) == []
     assert len(parser.frames(whole)) == 1
@@ -147,7 +149,7 @@ def test_half_a_frame_does_not_harm_the_next_datagram() -> None:
 def test_a_frame_with_a_wrong_checksum_is_left_out_and_its_neighbour_kept() -> None:
     whole = heartbeat().pack(mavlink.MAVLink(None, 1, 191))
     broken = whole[:-1] + bytes([whole[-1] ^ 0xFF])
-    parser = Parser()
+    parser = DatagramParser()
     assert len(parser.frames(broken + whole)) == 1
     assert parser.bad == 1
 
@@ -155,11 +157,11 @@ def test_a_frame_with_a_wrong_checksum_is_left_out_and_its_neighbour_kept() -> N
 @settings(max_examples=150, deadline=None)
 @given(noise=st.binary(max_size=300), marker=st.sampled_from([b"", b"\xfd", b"\xfe"]))
 def test_noise_is_survived(noise: bytes, marker: bytes) -> None:
-    Parser().frames(marker + noise)
+    DatagramParser().frames(marker + noise)
 
 
 @settings(max_examples=150, deadline=None)
 @given(number=st.sampled_from(sorted(mavlink.mavlink_map)), payload=st.binary(min_size=1, max_size=255))
 def test_any_payload_under_a_correct_checksum_is_routed_without_an_error(number: int, payload: bytes) -> None:
-    (frame,) = Parser().frames(raw_frame(number, payload, 255, 190))
+    (frame,) = DatagramParser().frames(raw_frame(number, payload, 255, 190))
     Router().decide(Port.GCS, frame)

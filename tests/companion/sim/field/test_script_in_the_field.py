@@ -13,7 +13,7 @@ from companion.sim.field.control import FieldError
 from companion.sim.field.modes import Mode
 from companion.sim.field.onboard import install
 from companion.sim.field.requests import ControlRequests
-from companion.sim.field.router import Parser, Port
+from companion.sim.field.router import DatagramParser, Port
 from companion.sim.field.simulation import Simulation
 from companion.sim.field.things import World
 from companion.wire.ids import Policy, State, heartbeat_mode
@@ -40,13 +40,13 @@ class Scene:
 
     def _send(self, port: Port, frame: bytes) -> bool:
         if port is Port.GCS:
-            self.heard += Parser().frames(frame)
+            self.heard += DatagramParser().frames(frame)
         return True
 
     def hear(self, port: Port, datagram: bytes) -> None:
         """As the running field does it: scripts first, then routing of what is right."""
         self.autopilot.pass_to_script(port, datagram)
-        for frame in Parser().frames(datagram):
+        for frame in DatagramParser().frames(datagram):
             self.autopilot.receive(port, frame)
 
     def beat(self, state: State) -> bytes:

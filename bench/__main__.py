@@ -17,7 +17,7 @@ from pathlib import Path
 from bench.benches import BENCHES, Bench, chosen
 from bench.comparing import WORSE, Change, changes, other_machine
 from bench.page import page
-from bench.result import FAILED, Result, read_results, write_result
+from bench.result import FAILED, BenchResult, read_results, write_result
 from bench.running import run
 
 OUT = Path("bench-out") / "results"
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     given.out.mkdir(parents=True, exist_ok=True)
     earlier = read_results(given.against) if given.against is not None else {}
-    ran, changed = list[Result](), list[Change]()
+    ran, changed = list[BenchResult](), list[Change]()
     for name, bench in given.names.items():
         _say(f"{name}: about {_minutes(bench.minutes[given.quick] * given.rounds)}")
         result = run(name, bench, given.out, quick=given.quick, rounds=given.rounds)
@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if worse or any(one.state == FAILED for one in ran) else 0
 
 
-def _write_page(out: Path, against: str, earlier: Mapping[str, Result]) -> list[Change]:
+def _write_page(out: Path, against: str, earlier: Mapping[str, BenchResult]) -> list[Change]:
     """Makes the page of all results in the folder, and returns what changed since the earlier ones."""
     found = read_results(out)
     results = {name: found[name] for name in BENCHES if name in found}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from bench.result import RAN, Figure, Result, points_of
+from bench.result import RAN, BenchResult, MeasuredFigure, points_of
 
 WORSE, BETTER, ALIKE, UNKNOWN = "worse", "better", "within the spread", "spread not known"
 RUN_TO_RUN = 0.15
@@ -21,13 +21,13 @@ class Change(NamedTuple):
 
     name: str
     what: str
-    before: Figure
-    now: Figure
+    before: MeasuredFigure
+    now: MeasuredFigure
     verdict: str
     share: float | None
 
 
-def changes(results: Mapping[str, Result], earlier: Mapping[str, Result]) -> Iterator[Change]:
+def changes(results: Mapping[str, BenchResult], earlier: Mapping[str, BenchResult]) -> Iterator[Change]:
     """Yields the figures that both have and of which less or more is better, by the same command."""
     for name, result in results.items():
         before = earlier.get(name)
@@ -41,12 +41,12 @@ def changes(results: Mapping[str, Result], earlier: Mapping[str, Result]) -> Ite
                 yield Change(name, what, old, now, _verdict(old, now), share)
 
 
-def _figures(result: Result) -> dict[str, Figure]:
+def _figures(result: BenchResult) -> dict[str, MeasuredFigure]:
     """Returns the figures, and the points of the series but for samples over time."""
     return {**result.figures, **dict(points_of(result.series, _FEW))}
 
 
-def _verdict(before: Figure, now: Figure) -> str:
+def _verdict(before: MeasuredFigure, now: MeasuredFigure) -> str:
     if before.spread is None or now.spread is None:
         return ALIKE if before.value == now.value else UNKNOWN
     if abs(now.value - before.value) <= RUN_TO_RUN * abs(before.value):
@@ -58,7 +58,7 @@ def _verdict(before: Figure, now: Figure) -> str:
     return ALIKE
 
 
-def other_machine(results: Mapping[str, Result], earlier: Mapping[str, Result]) -> str:
+def other_machine(results: Mapping[str, BenchResult], earlier: Mapping[str, BenchResult]) -> str:
     """Says in what the machines differ that made these results; "" where they are alike."""
     told = []
     for key in _LIKE_FOR_LIKE:

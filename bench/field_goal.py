@@ -49,7 +49,7 @@ WORDS = {
 
 
 @dataclass
-class Tally:
+class _Tally:
     """called: kind and metres left of each thing that was called for. blocked: of each that was taken for one
     named before and not drivable, which holds the rover too. false: where, and why. taught: taps on nothing.
     """
@@ -64,7 +64,7 @@ class Tally:
     frames: int = 0
 
 
-class Drive:
+class _Drive:
     """Drives one seed's laps. Each kind of thing lies in another zone from seed to seed."""
 
     def __init__(self, perceiver: Perceiver, seed: int, size: tuple[int, int], teach: str = "") -> None:
@@ -72,13 +72,13 @@ class Drive:
         self.world = World(seed, DEFAULT_SURPRISES[turn:] + DEFAULT_SURPRISES[:turn])
         self.camera = PinholeCamera(self.world, *size)
         self.engine: AnyTraverse = engine_of(perceiver, WORDS["meadow"])
-        self.tally = Tally()
+        self.tally = _Tally()
         self._reasons = ReasonFilter(Numbers(judging=self.engine.settings), 0.0)
         self._blocked: list[bool] = []
         self._calls = 0
         self._teach = teach
 
-    def run(self) -> Tally:
+    def run(self) -> _Tally:
         """Drives all laps."""
         trail, travelled = self.world.trail, 0.0
         while travelled < LAPS * trail.length:
@@ -172,7 +172,7 @@ def main() -> None:
     width, height = (int(part) for part in options.size.split("x"))
     tallies = []
     for seed in options.seeds:
-        tally = Drive(perceiver, seed, (width, height), options.teach).run()
+        tally = _Drive(perceiver, seed, (width, height), options.teach).run()
         tallies.append(tally)
         called, blocked = (
             ", ".join(f"{kind} {left} m" for kind, left in found) or "none"

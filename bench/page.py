@@ -9,7 +9,7 @@ from typing import Any
 from anytraverse.html_page import document
 from bench import plot
 from bench.comparing import ALIKE, BETTER, UNKNOWN, WORSE, Change
-from bench.result import FAILED, RAN, Figure, Result
+from bench.result import FAILED, RAN, BenchResult, MeasuredFigure
 
 _STYLE = (
     plot.STYLE
@@ -39,7 +39,7 @@ _FACTS = (
 
 
 def page(
-    results: Mapping[str, Result], changed: Sequence[Change] = (), against: str = "", other: str = ""
+    results: Mapping[str, BenchResult], changed: Sequence[Change] = (), against: str = "", other: str = ""
 ) -> str:
     """Returns the page. changed: since the results in `against`. other: how its machine differs."""
     parts = ["<h1>Benchmarks</h1>", _machine(list(results.values())), _summary(results)]
@@ -52,7 +52,7 @@ def page(
     return document("Benchmarks", _STYLE, parts)
 
 
-def _machine(results: Sequence[Result]) -> str:
+def _machine(results: Sequence[BenchResult]) -> str:
     """Tells of each machine what the results of it share."""
     told: dict[str, list[str]] = {}
     for one in results:
@@ -65,7 +65,7 @@ def _machine(results: Sequence[Result]) -> str:
     return f'<p class="faint">{"<br>".join(lines)}</p>'
 
 
-def _summary(results: Mapping[str, Result]) -> str:
+def _summary(results: Mapping[str, BenchResult]) -> str:
     heads = ("benchmark", "what it measures", "state", "seconds", "load", "commit", "when (UTC)")
     rows = []
     for name, one in results.items():
@@ -100,7 +100,7 @@ def _compared(changed: Sequence[Change], other: str) -> list[str]:
     return parts
 
 
-def _result(name: str, result: Result, before: Mapping[tuple[str, str], Change]) -> list[str]:
+def _result(name: str, result: BenchResult, before: Mapping[tuple[str, str], Change]) -> list[str]:
     parts = [
         f'<h2 id="{escape(name)}">{escape(name)}</h2>',
         f'<p>{escape(result.measures)}.<br><code class="faint">{escape(result.command)}</code></p>',
@@ -136,7 +136,7 @@ def _series(series: Mapping[str, Any]) -> str:
     )
 
 
-def _value(figure: Figure) -> str:
+def _value(figure: MeasuredFigure) -> str:
     spread = "" if figure.spread is None else f" [{figure.spread[0]:.4g}, {figure.spread[1]:.4g}]"
     return escape(f"{figure.value:.4g} {figure.unit}".strip() + spread)
 

@@ -106,7 +106,7 @@ class Processes:
         return next((int(line[1]) for line in lines if line[0] == key), 0)
 
 
-class Operator:
+class _Operator:
     """Sets a word again and again, and takes the times until it is acknowledged."""
 
     def __init__(self, port: int, packing: float = 0.0) -> None:
@@ -144,7 +144,7 @@ class Operator:
         self._runner.close()
 
 
-class Viewers:
+class _Viewers:
     """Watches a live view with all topics, in a process of its own, and counts what comes."""
 
     def __init__(self, url: str, count: int) -> None:
@@ -198,7 +198,7 @@ def measure(
 ) -> dict[str, Any]:
     """Measures one run.
 
-    rate: recorded frames/s, 0: no recorder. packing: of `Operator`. viewers: of a live view in its place.
+    rate: recorded frames/s, 0: no recorder. packing: of `_Operator`. viewers: of a live view in its place.
     """
     port = 20_000 + os.getpid() % 20_000
     state = folder / "state"
@@ -213,13 +213,13 @@ def measure(
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.DEVNULL,
     )
-    operator, watching = Operator(port, packing), None
+    operator, watching = _Operator(port, packing), None
     try:
         processes = Processes(process.pid)
         _step(operator, lambda: bool(_status(state).get("frames")), _READY_WITHIN)
         if live and viewers:
             _step(operator, lambda: bool(_status(state)["live"]["url"]), _READY_WITHIN)
-            watching = Viewers(f"ws://{live}", viewers)
+            watching = _Viewers(f"ws://{live}", viewers)
             _step(operator, lambda: bool(_status(state)["live"]["clients"] == viewers), _READY_WITHIN)
         _step(operator, lambda: False, _SETTLED)
         operator.times.clear()
@@ -302,7 +302,7 @@ def _status(state: Path) -> Mapping[str, Any]:
     return {}
 
 
-def _step(operator: Operator, ends: Any, within: float) -> None:
+def _step(operator: _Operator, ends: Any, within: float) -> None:
     until = time.monotonic() + within
     while time.monotonic() < until and not ends():
         operator.step(time.monotonic())

@@ -15,7 +15,7 @@ RAN, SKIPPED, FAILED = "ran", "skipped", "failed"
 
 
 @dataclass(frozen=True)
-class Figure:
+class MeasuredFigure:
     """Holds one measured figure. low, high: its spread, None where that is not known.
 
     better: "less" or "more"; "" where neither is.
@@ -34,7 +34,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Result:
+class BenchResult:
     """Holds what became of a benchmark.
 
     command: as a person types it, with OUT for the folder of the results. state: `RAN`, `SKIPPED` or
@@ -51,7 +51,7 @@ class Result:
     why: str
     seconds: float
     run: Mapping[str, Any]
-    figures: Mapping[str, Figure] = field(default_factory=dict)
+    figures: Mapping[str, MeasuredFigure] = field(default_factory=dict)
     series: tuple[Mapping[str, Any], ...] = ()
     told: Mapping[str, Any] | None = None
 
@@ -70,7 +70,7 @@ class Quoted:
     better: str = ""
     spread: str = ""
 
-    def found(self, told: Mapping[str, Any]) -> Figure | None:
+    def found(self, told: Mapping[str, Any]) -> MeasuredFigure | None:
         """Returns the figure; None where it is null or absent. Raises RubbishError."""
         value = _at(told, self.path)
         if value is None:
@@ -78,7 +78,7 @@ class Quoted:
         low, high = _at(told, self.spread) or (None, None)
         if not all(_is_number(one) for one in (value, low, high) if one is not None):
             raise RubbishError(f"{self.path} is {value!r}, and no number")
-        return Figure(value, self.unit, self.better, low, high)
+        return MeasuredFigure(value, self.unit, self.better, low, high)
 
 
 def _is_number(value: object) -> bool:
@@ -106,7 +106,7 @@ def last_line(text: str) -> dict[str, Any]:
     return told
 
 
-def figures_of(told: Mapping[str, Any], quoted: tuple[Quoted, ...]) -> dict[str, Figure]:
+def figures_of(told: Mapping[str, Any], quoted: tuple[Quoted, ...]) -> dict[str, MeasuredFigure]:
     """Returns the quoted figures, and checks the series. Raises RubbishError."""
     found = {one.what: figure for one in quoted if (figure := one.found(told)) is not None}
     if quoted and not found and "skipped" not in told:
@@ -118,7 +118,7 @@ def figures_of(told: Mapping[str, Any], quoted: tuple[Quoted, ...]) -> dict[str,
         raise RubbishError(f"its series cannot be read: {error!r}") from error
 
 
-def points_of(all_series: Any, most: float = math.inf) -> Iterator[tuple[str, Figure]]:
+def points_of(all_series: Any, most: float = math.inf) -> Iterator[tuple[str, MeasuredFigure]]:
     """Yields each point of the lines that have at most so many; what it is, and the figure."""
     for series in all_series:
         for line, points in series["lines"].items():
@@ -127,17 +127,17 @@ def points_of(all_series: Any, most: float = math.inf) -> Iterator[tuple[str, Fi
                 if not all(map(math.isfinite, (x, value, low, high))):
                     raise ValueError(f"{line} at {x} is not finite")
                 what = f"{series['title']}: {line}, {x:,} {series['x']}"
-                yield what, Figure(value, series["unit"], "less", low, high)
+                yield what, MeasuredFigure(value, series["unit"], "less", low, high)
 
 
-def write_result(folder: Path, result: Result) -> Path:
+def write_result(folder: Path, result: BenchResult) -> Path:
     """Writes NAME.json, and returns its path."""
     path = folder / f"{result.name}.json"
     path.write_text(json.dumps({"form": FORM, **asdict(result)}, indent=1) + "\n", encoding="utf-8")
     return path
 
 
-def read_results(folder: Path) -> dict[str, Result]:
+def read_results(folder: Path) -> dict[str, BenchResult]:
     """Reads all results of a folder, by name. Files of another form are left out."""
     found = {}
     for path in sorted(folder.glob("*.json")):
@@ -145,9 +145,9 @@ def read_results(folder: Path) -> dict[str, Result]:
             content = json.loads(path.read_text(encoding="utf-8"))
             if not isinstance(content, dict) or content.pop("form", None) != FORM:
                 continue
-            content["figures"] = {what: Figure(**one) for what, one in content["figures"].items()}
+            content["figures"] = {what: MeasuredFigure(**one) for what, one in content["figures"].items()}
             content["series"] = tuple(content["series"])
-            found[path.stem] = Result(**content)
+            found[path.stem] = BenchResult(**content)
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             continue
     return found

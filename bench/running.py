@@ -15,7 +15,16 @@ from statistics import median
 
 from bench.benches import OUT, Bench
 from bench.machine import ROOT, describe_run
-from bench.result import FAILED, RAN, SKIPPED, Figure, Result, RubbishError, figures_of, last_line
+from bench.result import (
+    FAILED,
+    RAN,
+    SKIPPED,
+    BenchResult,
+    MeasuredFigure,
+    RubbishError,
+    figures_of,
+    last_line,
+)
 
 SLACK = 60.0
 """Seconds that any benchmark may take beyond three times what it usually takes."""
@@ -25,7 +34,7 @@ _READ = 4 << 20
 """Bytes at the end of an output that are read, at most."""
 
 
-def run(name: str, bench: Bench, out: Path, *, quick: bool = False, rounds: int = 1) -> Result:
+def run(name: str, bench: Bench, out: Path, *, quick: bool = False, rounds: int = 1) -> BenchResult:
     """Runs a benchmark so often; its output goes to NAME.log and NAME.err in `out`, a folder.
 
     Its deadline is three times what it takes, and `SLACK`. With several rounds each figure is the median,
@@ -35,14 +44,14 @@ def run(name: str, bench: Bench, out: Path, *, quick: bool = False, rounds: int 
     arguments = bench.quick if quick else bench.arguments
     asked = ["-m", bench.module, *(arguments or ())]
     typed = shlex.join(["python", *asked]).replace(OUT, "OUT")
-    result = Result(name, bench.measures, typed, quick, SKIPPED, "", 0.0, describe_run())
+    result = BenchResult(name, bench.measures, typed, quick, SKIPPED, "", 0.0, describe_run())
     if arguments is None:
         return replace(result, why=f"has no quick form: python -m bench {name}")
     if missing := bench.needs():
         return replace(result, why=missing)
     command = [sys.executable, *(one.replace(OUT, str(out)) for one in asked)]
     begun = time.monotonic()
-    taken: list[Result] = []
+    taken: list[BenchResult] = []
     for _ in range(rounds):
         taken.append(_once(result, bench, command, out, quick=quick))
         if taken[-1].state != RAN:
@@ -51,7 +60,7 @@ def run(name: str, bench: Bench, out: Path, *, quick: bool = False, rounds: int 
     return replace(taken[-1], figures=_together(taken), seconds=seconds)
 
 
-def _once(result: Result, bench: Bench, command: list[str], out: Path, *, quick: bool) -> Result:
+def _once(result: BenchResult, bench: Bench, command: list[str], out: Path, *, quick: bool) -> BenchResult:
     deadline = SLACK + 3 * 60.0 * bench.minutes[quick]
     log, errors = out / f"{result.name}.log", out / f"{result.name}.err"
     code = _process(command, log, errors, deadline)
@@ -119,7 +128,7 @@ def _last_words(errors: Path, code: int) -> str:
     return f": {lines[-1][:300]}" if lines else ""
 
 
-def _together(rounds: list[Result]) -> dict[str, Figure]:
+def _together(rounds: list[BenchResult]) -> dict[str, MeasuredFigure]:
     if len(rounds) == 1:
         return dict(rounds[0].figures)
     found = {}

@@ -33,7 +33,7 @@ class Slope(NamedTuple):
 
 
 @dataclass
-class Series:
+class PlottedSeries:
     """Holds lines over one axis. title: of the plot. x: what grows. unit: of the points.
 
     lines: name -> points [x, median, lower quartile, upper quartile].

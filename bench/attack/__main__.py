@@ -31,12 +31,12 @@ from bench.attack.files import files
 from bench.attack.floods import RATES, flood
 from bench.attack.gate import gate
 from bench.attack.identities import identities
-from bench.attack.outcome import Outcome
+from bench.attack.outcome import AttackOutcome
 from bench.attack.recordings import recordings
 from bench.attack.secrets import secrets
 from bench.attack.stations import stations
 
-KINDS: Mapping[str, Callable[..., Outcome]] = {
+KINDS: Mapping[str, Callable[..., AttackOutcome]] = {
     **{name: partial(flood, name) for name in RATES},
     "gate": gate,
     "identities": identities,
@@ -53,7 +53,7 @@ def main() -> int:
     """Attack in each way that is named, print the figures; returns 1 where a promise was broken."""
     given = _arguments()
     logging.disable(logging.CRITICAL)
-    outcomes: dict[str, Outcome] = {}
+    outcomes: dict[str, AttackOutcome] = {}
     for name in given.kinds or KINDS:
         with tempfile.TemporaryDirectory(prefix="ata-") as folder:
             outcomes[name] = KINDS[name](Path(folder), quick=given.quick)
@@ -62,7 +62,7 @@ def main() -> int:
     return 0 if all(one.good for one in outcomes.values()) else 1
 
 
-def figures(outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
+def figures(outcomes: Mapping[str, AttackOutcome]) -> dict[str, Any]:
     """Return the figures of all kinds as JSON values."""
     return {
         "worst_heartbeat_gap_s": max(one.gap for one in outcomes.values()),

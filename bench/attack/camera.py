@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from bench.attack.hostile_camera import GOOD, WAYS, HostileCamera
-from bench.attack.outcome import Outcome, peak_memory, watched
+from bench.attack.outcome import AttackOutcome, peak_memory, watched
 from bench.faults.standing import Standing
 from bench.processes import children
 from companion.wire.ids import State
@@ -19,9 +19,9 @@ BACK_WITHIN, MOST_MB = 10.0, 500
 FFmpeg with its copy."""
 
 
-def camera(folder: Path, *, quick: bool) -> Outcome:
+def camera(folder: Path, *, quick: bool) -> AttackOutcome:
     """Be hostile in each of `WAYS`, and good again. While the camera is hostile no frame need be judged."""
-    outcome, longest, most = Outcome(), 0.0, 0
+    outcome, longest, most = AttackOutcome(), 0.0, 0
     names = list(WAYS)[QUICK_WAYS] if quick else list(WAYS)
     with closing(HostileCamera()) as hostile, Standing(folder, camera=hostile.source) as rover:
         rover.start()

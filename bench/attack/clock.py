@@ -13,7 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord
-from bench.attack.outcome import Outcome, watched
+from bench.attack.outcome import AttackOutcome, watched
 from bench.faults.standing import Standing
 from bench.faults.standing_wire import SYSTEM
 from companion.storage.journal_copy import read_stored_memory
@@ -37,13 +37,13 @@ computer.SYNCHRONISED = Path({path!r})
 """A sitecustomize.py, by which the companion looks for timesyncd's file elsewhere."""
 
 
-def clock(folder: Path, *, quick: bool) -> Outcome:
+def clock(folder: Path, *, quick: bool) -> AttackOutcome:
     """Attack a companion whose clock the network has set, and one whose clock it has not.
 
     The first one must hear new stations, too, also after a restart. The second one cannot tell whose clock is
     right, so that it must only hear those that it knows.
     """
-    outcome = Outcome()
+    outcome = AttackOutcome()
     for name, is_set in (("set", True), ("not set", False)):
         place = folder / name.replace(" ", "-")
         place.mkdir()
@@ -75,14 +75,14 @@ def clock(folder: Path, *, quick: bool) -> Outcome:
     return outcome
 
 
-def _attack(rover: Standing, attacker: socket.socket, seconds: float, outcome: Outcome) -> bytes:
+def _attack(rover: Standing, attacker: socket.socket, seconds: float, outcome: AttackOutcome) -> bytes:
     """Be a year ahead; and half a day ahead, to be played back once as many as are remembered have spoken.
 
     Returns what was played back.
     """
     assert rover.key is not None
-    near, far = Sender(rover.key, DAY / 2, 250), Sender(rover.key, 365 * DAY, 251)
-    crowd = cycle([Sender(rover.key, 0.0, 252, 1 + number) for number in range(MAX_STREAMS)])
+    near, far = AheadSender(rover.key, DAY / 2, 250), AheadSender(rover.key, 365 * DAY, 251)
+    crowd = cycle([AheadSender(rover.key, 0.0, 252, 1 + number) for number in range(MAX_STREAMS)])
     said = [near.weight(_WEIGHT), near.weight(_TAKEN_BACK)]
     for frame in said:
         attacker.send(frame)
@@ -97,7 +97,7 @@ def _attack(rover: Standing, attacker: socket.socket, seconds: float, outcome: O
     return said[0]
 
 
-class Sender:
+class AheadSender:
     """Signs with the key by a clock that is so many s ahead."""
 
     def __init__(self, key: SigningKey, ahead: float, system: int, component: int = 1) -> None:

@@ -6,7 +6,7 @@ import time
 from itertools import product
 from pathlib import Path
 
-from bench.attack.outcome import Outcome, watched
+from bench.attack.outcome import AttackOutcome, watched
 from bench.faults.standing import Standing
 from bench.faults.standing_wire import SYSTEM
 from gcs_plugin.client.fetch import FetchStatus
@@ -17,9 +17,9 @@ _NAMES = ("secret", "companion.toml", "signing.key", "state/journal.db", "etc/pa
 _SERVED_WITHIN, QUICK_PATHS = 120.0, 12
 
 
-def files(folder: Path, *, quick: bool) -> Outcome:
+def files(folder: Path, *, quick: bool) -> AttackOutcome:
     """Ask for all paths, and for links in served folders."""
-    outcome = Outcome()
+    outcome = AttackOutcome()
     (folder / "secret").write_bytes(SECRET)
     with Standing(folder, signs=False) as rover:
         rover.start()

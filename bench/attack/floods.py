@@ -13,7 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord
-from bench.attack.outcome import Outcome, watched
+from bench.attack.outcome import AttackOutcome, watched
 from bench.faults.standing import Standing
 from bench.link.frame import framed
 from companion.wire.answers import Answer
@@ -29,9 +29,9 @@ RATES = {"answers": 2000.0, "torrent": 6000.0, "heartbeats": 2000.0, "noise": 50
 """Datagrams a second of each flood."""
 
 
-def flood(name: str, folder: Path, *, quick: bool) -> Outcome:
+def flood(name: str, folder: Path, *, quick: bool) -> AttackOutcome:
     """Run one flood of `RATES`. Its answers set words, which makes vision judge its frames again."""
-    outcome = Outcome()
+    outcome = AttackOutcome()
     seconds = QUICK if quick else SECONDS
     with Standing(folder, listens=True, perceiver="builtin") as rover:
         rover.start()

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from bench.attack.outcome import Outcome, watched
+from bench.attack.outcome import AttackOutcome, watched
 from bench.faults.standing import Standing
 
 TOKEN = "0123456789abcdef-TOKEN"
@@ -20,9 +20,9 @@ _WAITED_TOO_LONG = 5.0
 SECONDS, QUICK = 30.0, 8.0
 
 
-def gate(folder: Path, *, quick: bool) -> Outcome:
+def gate(folder: Path, *, quick: bool) -> AttackOutcome:
     """Ask with huge cookies and headers, wrong tokens and rubbish, and hold idle connections."""
-    outcome = Outcome()
+    outcome = AttackOutcome()
     with Standing(folder, web=f'listen = "127.0.0.1:0"\ntoken = "{TOKEN}"') as rover:
         rover.start()
         rover.wait("the page", lambda: bool(rover.status().get("web", {}).get("url")), 30.0)
@@ -65,7 +65,7 @@ class Owner(threading.Thread):
         self.longest = max(self.longest, time.monotonic() - since)
 
 
-def _repeat(deed: object, address: tuple[str, int], over: threading.Event, outcome: Outcome) -> None:
+def _repeat(deed: object, address: tuple[str, int], over: threading.Event, outcome: AttackOutcome) -> None:
     assert callable(deed)
     while not over.is_set():
         with contextlib.suppress(OSError, http.client.HTTPException):

@@ -13,7 +13,7 @@ from itertools import chain, count, cycle, repeat
 
 import cv2
 
-from bench.faults.standing import Picture
+from bench.faults.standing import StandingPicture
 
 GOOD = "good"
 _PERIOD = 0.1
@@ -21,9 +21,9 @@ _SIZES = ((96, 128), (1080, 1920), (16, 16), (480, 640), (2000, 3000), (8, 1600)
 """Rows and columns."""
 
 
-def jpeg_of(rows: int = 96, columns: int = 128, picture: Picture | None = None) -> bytes:
+def jpeg_of(rows: int = 96, columns: int = 128, picture: StandingPicture | None = None) -> bytes:
     """Return a picture of grass."""
-    small = (picture or Picture(0)).draw(thing=False)[..., ::-1]
+    small = (picture or StandingPicture(0)).draw(thing=False)[..., ::-1]
     large = cv2.resize(small, (columns, rows), interpolation=cv2.INTER_NEAREST)
     return bytes(cv2.imencode(".jpg", large)[1])
 
@@ -48,7 +48,7 @@ def _parts(pictures: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def _good() -> Iterator[bytes]:
-    picture = Picture(1)
+    picture = StandingPicture(1)
     return _parts(jpeg_of(picture=picture) for _ in count())
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord
-from bench.attack.outcome import Outcome, watched
+from bench.attack.outcome import AttackOutcome, watched
 from bench.faults.standing import Standing
 from bench.faults.standing_wire import HOLD, SYSTEM
 from bench.link.frame import framed
@@ -22,9 +22,9 @@ _OPERATOR = 255, 190
 SECONDS, QUICK = 20.0, 6.0
 
 
-def identities(folder: Path, *, quick: bool) -> Outcome:
+def identities(folder: Path, *, quick: bool) -> AttackOutcome:
     """Attack on the first connection, and on a second one, where an autopilot needs the key."""
-    outcome, port = Outcome(), free_port()
+    outcome, port = AttackOutcome(), free_port()
     with (
         Standing(folder, policy="hold", signs=True, listens=True, link=_LINK.format(port=port)) as rover,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker,

@@ -18,7 +18,7 @@ MOST_GAP, MOST_BLIND = 1.5, 3.0
 
 
 @dataclass
-class Outcome:
+class AttackOutcome:
     """Holds the results of one kind of attack.
 
     gap: longest s between two heartbeats. blind: longest s in which no frame was judged, as status.json says
@@ -39,7 +39,7 @@ class Outcome:
 
 
 def watched(
-    rover: Standing, outcome: Outcome, running: Callable[[], bool], limit: float, *, sees: bool = True
+    rover: Standing, outcome: AttackOutcome, running: Callable[[], bool], limit: float, *, sees: bool = True
 ) -> None:
     """Let the rover go on while `running`, `limit` s at most, and note the longest gaps.
 

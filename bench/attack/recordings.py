@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from bench.attack.outcome import Outcome, peak_memory
+from bench.attack.outcome import AttackOutcome, peak_memory
 from companion.observers.recording.contents import as_json, image
 from companion.observers.recording.topics import TOPICS, Topic
 
@@ -48,9 +48,9 @@ _EVIL_WORDS = '[words]\n"\\u001b]0;gotcha\\u0007\\u001b[2J" = 1.0\n'
 _JPEG = bytes(cv2.imencode(".jpg", np.full((120, 160, 3), 90, np.uint8))[1])
 
 
-def recordings(folder: Path, *, quick: bool) -> Outcome:
+def recordings(folder: Path, *, quick: bool) -> AttackOutcome:
     """Replay, rehearse and repair each one: all must end, in little memory, and tell nothing."""
-    outcome, longest, most, runs = Outcome(), 0.0, 0, 0
+    outcome, longest, most, runs = AttackOutcome(), 0.0, 0, 0
     canary = folder / "canary.toml"
     canary.write_text(f'words = {{ "{CANARY}" = 1.0 }}\n', encoding="utf-8")
     (folder / "companion.toml").write_text(_OWN, encoding="utf-8")

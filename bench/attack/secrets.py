@@ -15,7 +15,7 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from bench.attack.outcome import Outcome
+from bench.attack.outcome import AttackOutcome
 from companion.sim.demo.rehearsal import free_port
 
 PASSWORD, TOKEN = "hunter2-Xyzzy", "sesame-open-sesame"
@@ -71,9 +71,9 @@ folder = "state"
 """
 
 
-def secrets(folder: Path, *, quick: bool) -> Outcome:
+def secrets(folder: Path, *, quick: bool) -> AttackOutcome:
     """Check, run and pack a companion with each of `FORMS`, and look through all that is left of it."""
-    outcome = Outcome()
+    outcome = AttackOutcome()
     for number, form in enumerate(FORMS[:: len(FORMS) // QUICK] if quick else FORMS):
         place = folder / str(number)
         place.mkdir()

@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 from bench.attack.gate import Owner
 from bench.attack.hostile_rover import INCIDENT, SYSTEM, HostilePage, HostileRover
-from bench.attack.outcome import Outcome, peak_memory
+from bench.attack.outcome import AttackOutcome, peak_memory
 from bench.console.stage import start_console
 from companion.sim.demo.rehearsal import free_port
 from gcs_plugin.terminal.session import HELP
@@ -41,9 +41,9 @@ _TYPED = ("status", "calls", "words", f"rover {SYSTEM} picture 1")
 _ASKS_EVERY = 2.0
 
 
-def stations(folder: Path, *, quick: bool) -> Outcome:
+def stations(folder: Path, *, quick: bool) -> AttackOutcome:
     """Serve hostile files, then flood as well, and look at all that a person would see."""
-    outcome, over, problems = Outcome(), threading.Event(), dict[str, str]()
+    outcome, over, problems = AttackOutcome(), threading.Event(), dict[str, str]()
     page, ports = HostilePage(QUICK_MEMBERS if quick else MEMBERS), (free_port(), free_port())
     kept, token = folder / "kept", folder / "token"
     token.write_text("0123456789abcdef")

@@ -23,7 +23,7 @@ import sys
 from pathlib import Path
 
 from anytraverse.evaluation.spreading import spread
-from bench.calls.jobs import PARTS, Done, jobs_of, told, work
+from bench.calls.jobs import PARTS, JobResult, jobs_of, told, work
 from bench.perception.frames import DATA
 
 PROCESSES = 2
@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _say(_number: int, done: Done) -> None:
+def _say(_number: int, done: JobResult) -> None:
     print(f"{done.job.title}: {done.seconds:g} s", flush=True)
 
 

@@ -43,7 +43,7 @@ class Beside:
 
 
 @dataclass(frozen=True)
-class Trial:
+class _Trial:
     """One approach. side: of the first thing, 1 for the left. at: metres along the trail."""
 
     answer: str
@@ -52,7 +52,7 @@ class Trial:
     at: float
 
 
-def drive(job: Beside) -> list[tuple[Trial, bool | None]]:
+def drive(job: Beside) -> list[tuple[_Trial, bool | None]]:
     """Make all approaches, each with the second thing and without it. Return whether that was noticed.
 
     None where the first thing was not answered in time, or asks again before the second is noticed.
@@ -62,8 +62,8 @@ def drive(job: Beside) -> list[tuple[Trial, bool | None]]:
     things = {thing.kind: thing for thing in film.world.things.values() if thing.surprise}
     for thing in things.values():
         film.world.remove(thing.id)
-    found: list[tuple[Trial, bool | None]] = []
-    for trial in starmap(Trial, product(ANSWERS, SECONDS, (1, -1), job.places)):
+    found: list[tuple[_Trial, bool | None]] = []
+    for trial in starmap(_Trial, product(ANSWERS, SECONDS, (1, -1), job.places)):
         runs = []
         for second in (things[trial.second], None):
             new = AnyTraverse(engine.perceiver, engine.settings, engine.memory)
@@ -72,7 +72,7 @@ def drive(job: Beside) -> list[tuple[Trial, bool | None]]:
     return found
 
 
-def outcome(answer: str, both: Run, alone: Run) -> bool | None:
+def outcome(answer: str, both: ApproachRun, alone: ApproachRun) -> bool | None:
     """Return whether the second thing was noticed, from the approach with both and with the first alone."""
     if both.since is None or alone.since is None:
         return None
@@ -84,7 +84,7 @@ def outcome(answer: str, both: Run, alone: Run) -> bool | None:
 
 
 @dataclass
-class Run:
+class ApproachRun:
     """Holds one approach. since: the frame from which the second thing lay there, None: never.
 
     called, stopped: frame in which a call opened since then, or the rover would have stood anew. holds:
@@ -100,13 +100,13 @@ class Run:
 class _Approach:
     """Drives up to a thing, answers its call, and puts a second one beside it."""
 
-    def __init__(self, judge: DriveJudge, film: FilmedField, trial: Trial) -> None:
+    def __init__(self, judge: DriveJudge, film: FilmedField, trial: _Trial) -> None:
         self._judge, self._film, self._trial = judge, film, trial
         self._operator = operator(trial.answer, film.operator, DRIVABLE)
 
-    def run(self, first: FieldThing, second: FieldThing | None) -> Run:
+    def run(self, first: FieldThing, second: FieldThing | None) -> ApproachRun:
         """Drive the whole approach. second: None for one with the first thing alone."""
-        run, world, trial = Run(), self._film.world, self._trial
+        run, world, trial = ApproachRun(), self._film.world, self._trial
         answered: int | None = None
         held = False
         world.things["first"] = self._placed(first, "first", trial.side)
@@ -156,7 +156,7 @@ class _Approach:
             self._judge.go_where_uncovered(call.id, frame.at)
 
 
-def figures(found: Sequence[tuple[Trial, bool | None]]) -> dict[str, Any]:
+def figures(found: Sequence[tuple[_Trial, bool | None]]) -> dict[str, Any]:
     """Return the figures as JSON values. void: approaches that say nothing."""
     counted = [(trial, hit) for trial, hit in found if hit is not None]
     hits = [hit for _, hit in counted]

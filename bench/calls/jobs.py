@@ -33,7 +33,7 @@ EVERY = 2
 
 
 @dataclass(frozen=True)
-class Job:
+class PartJob:
     """A piece of work of a part, for one process."""
 
     part: str
@@ -42,24 +42,24 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Done:
+class JobResult:
     """What a job found, and the seconds that it took."""
 
-    job: Job
+    job: PartJob
     found: Any
     seconds: float
 
 
-def work(job: Job) -> Done:
+def work(job: PartJob) -> JobResult:
     """Do a job."""
     began = time.monotonic()
     found = DRIVES[job.part](job.what)
-    return Done(job, found, round(time.monotonic() - began, 1))
+    return JobResult(job, found, round(time.monotonic() - began, 1))
 
 
 def jobs_of(
     parts: Sequence[str], given_seeds: Sequence[int], data: Path, *, quick: bool
-) -> tuple[list[Job], dict[str, str]]:
+) -> tuple[list[PartJob], dict[str, str]]:
     """Return the jobs, the longest first, and why parts are left out.
 
     given_seeds: of the trail; empty for `SEEDS` and `UNTUNED`. data: the folder of labelled frames.
@@ -69,36 +69,36 @@ def jobs_of(
     if given_seeds or quick:
         seeds["trail_untuned"] = ()
     left_out = dict[str, str]()
-    jobs = list[Job]()
+    jobs = list[PartJob]()
     if "route" in parts:
         for again in (True, False):
             title = "route, after a rehearsal" if again else "route, two laps"
-            jobs.append(Job("route", title, route.Route(QUICK_KM if quick else KM, rehearsed=again)))
+            jobs.append(PartJob("route", title, route.Route(QUICK_KM if quick else KM, rehearsed=again)))
     if not (data / "trail").is_dir():
         needed = [part for part in ("real", "noticed") if part in parts]
         left_out = dict.fromkeys(needed, f"needs the labelled frames trail/ and abroad/ in {data}")
         parts = [part for part in parts if part not in needed]
     if "real" in parts:
-        jobs.append(Job("real", "real frames", real.Passes(data / "trail", EVERY if quick else 1)))
+        jobs.append(PartJob("real", "real frames", real.Passes(data / "trail", EVERY if quick else 1)))
     if "noticed" in parts:
         states = noticed.states(data, noticed.QUICK_COUNT if quick else noticed.COUNT)
-        jobs += [Job("noticed", f"noticed, {one.name}", one) for one in states]
+        jobs += [PartJob("noticed", f"noticed, {one.name}", one) for one in states]
     if "beside" in parts:
         of = beside.Beside
         chosen = [of(s, beside.AT_S[:1]) for s in QUICK_SEEDS] if quick else [of(s) for s in SEEDS]
-        jobs += [Job("beside", f"beside, seed {one.seed}", one) for one in chosen]
+        jobs += [PartJob("beside", f"beside, seed {one.seed}", one) for one in chosen]
     if "passing" in parts:
         runs = passing.approaches(QUICK_SEEDS[:1], passing.WAYS[:2]) if quick else passing.approaches(SEEDS)
         jobs += [
-            Job("passing", f"passing, seed {one.seed}, {one.speed:g} m/s, {one.way}", one) for one in runs
+            PartJob("passing", f"passing, seed {one.seed}, {one.speed:g} m/s, {one.way}", one) for one in runs
         ]
     if "trail" in parts:
         for part, each in seeds.items():
-            jobs += [Job(part, f"trail, seed {seed}", trail.Lap(seed, rate)) for seed in each]
+            jobs += [PartJob(part, f"trail, seed {seed}", trail.Lap(seed, rate)) for seed in each]
     return jobs, left_out
 
 
-def told(done: list[Done], left_out: dict[str, str]) -> dict[str, Any]:
+def told(done: list[JobResult], left_out: dict[str, str]) -> dict[str, Any]:
     """Return the last line."""
     found: dict[str, Any] = {}
     for part in dict.fromkeys(one.job.part for one in done):

@@ -23,7 +23,7 @@ About = tuple[ThingId | None, str | None]
 
 
 @dataclass
-class Asked:
+class AnsweredCall:
     """A call and its answer. at: seconds of the drive. at_m: metres driven, 0 where not known.
 
     repeat: it asks again, as of `AskedBefore`. words: whether the answer brings a word, or a tap.
@@ -96,7 +96,7 @@ class Listed:
 
     operator: Operator
     about: Callable[[Call, DriveFrame], About]
-    calls: list[Asked] = field(default_factory=list)
+    calls: list[AnsweredCall] = field(default_factory=list)
     _before: AskedBefore = field(default_factory=AskedBefore)
 
     def __call__(self, judge: DriveJudge, call: Call, frame: DriveFrame) -> Answer:
@@ -105,6 +105,6 @@ class Listed:
         repeat = self._before.asks_again(at_m, *about)
         answer = self.operator(judge, call, frame)
         reasons = tuple(sorted(reason.value for reason in call.reasons))
-        self.calls.append(Asked(frame.at, at_m, reasons, about, repeat, bool(answer.operations)))
+        self.calls.append(AnsweredCall(frame.at, at_m, reasons, about, repeat, bool(answer.operations)))
         self._before.answered(at_m, *about)
         return answer

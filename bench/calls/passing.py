@@ -35,7 +35,7 @@ _BRAKES = 2.0
 
 
 @dataclass(frozen=True)
-class Approach:
+class _Approach:
     """One run: a world, a speed in m/s, and a way to drive on."""
 
     seed: int
@@ -58,7 +58,7 @@ class Passed:
 class _Drive:
     """A rover that drives up to a drum, in the time of its frames."""
 
-    def __init__(self, job: Approach) -> None:
+    def __init__(self, job: _Approach) -> None:
         self._job, self._field = job, FilmedField(World(job.seed, ("drum",)))
         config = of_the_field(RATE, job.speed)
         self._engine = alone(config)
@@ -155,17 +155,17 @@ class _Drive:
         return True
 
 
-def drive(job: Approach) -> Passed:
+def drive(job: _Approach) -> Passed:
     """Do one run."""
     return _Drive(job).run()
 
 
-def approaches(seeds: Sequence[int], ways: Sequence[str] = WAYS) -> list[Approach]:
+def approaches(seeds: Sequence[int], ways: Sequence[str] = WAYS) -> list[_Approach]:
     """Return all runs: each way at each speed."""
-    return [Approach(seed, speed, way) for seed in seeds for speed in SPEEDS for way in ways]
+    return [_Approach(seed, speed, way) for seed in seeds for speed in SPEEDS for way in ways]
 
 
-def figures(jobs: Sequence[Approach], found: Sequence[Passed]) -> dict[str, Any]:
+def figures(jobs: Sequence[_Approach], found: Sequence[Passed]) -> dict[str, Any]:
     """Return the figures as JSON values: after how many of all answers the same thing held again."""
     own = [(job, one) for job, one in zip(jobs, found, strict=True) if one.asked]
     return {

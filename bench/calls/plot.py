@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse import line_plot
-from bench.calls.operators import OPERATORS, Asked
-from bench.series import Series
+from bench.calls.operators import OPERATORS, AnsweredCall
+from bench.series import PlottedSeries
 
 TITLE = "Calls up to each frame of the real drive, which is driven twice"
 SHARES = {"15 %": 0.15, "5 %": 0.05}
@@ -25,9 +25,11 @@ _COLOURS = {
 _LOOK = {"var(--faint)": "#57606a", "var(--line)": "#d5dae0", "var(--grey)": "#8a929b"}
 
 
-def series(calls: Mapping[str, Sequence[Asked]], frames: int, rate: float, again: float) -> Series:
+def series(
+    calls: Mapping[str, Sequence[AnsweredCall]], frames: int, rate: float, again: float
+) -> PlottedSeries:
     """Return the calls of both passes up to each frame. again: seconds at which the second pass begins."""
-    found = Series(TITLE, "frames", "calls")
+    found = PlottedSeries(TITLE, "frames", "calls")
     for step in range(_POINTS + 1):
         place = 2 * frames * step // _POINTS
         until = place / rate if place <= frames else again + (place - frames) / rate

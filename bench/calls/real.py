@@ -15,7 +15,7 @@ from anytraverse.evaluation.datasets.splits import ALL
 from anytraverse.frame import Frame, Image
 from anytraverse.look import read_picture
 from bench.calls.engines import engines, shipped
-from bench.calls.operators import OPERATORS, Asked, Listed, nothing_known, operator
+from bench.calls.operators import OPERATORS, AnsweredCall, Listed, nothing_known, operator
 from bench.perception.figures import share
 from bench.perception.frames import DRIVABLE
 from companion.desk.drives.judge import DriveJudge
@@ -50,7 +50,7 @@ class Driven:
     frames: int
     half: float
     again: float
-    calls: dict[str, list[Asked]]
+    calls: dict[str, list[AnsweredCall]]
     remembered: int
     foreign: tuple[bool, ...]
 

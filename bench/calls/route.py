@@ -19,7 +19,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import Memory, first_memory
 from bench.calls.engines import alone, of_the_field
 from bench.calls.field import DRIVABLE, FilmedField
-from bench.calls.operators import Asked, Listed, operator
+from bench.calls.operators import AnsweredCall, Listed, operator
 from companion.calls.decisions import Call
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.drives.judge import DriveJudge
@@ -64,7 +64,7 @@ class Route:
 
 
 @dataclass
-class Lap:
+class LapResult:
     """Holds what a lap led to. due: calls that are the first about a thing or a stretch of ground.
 
     taken: things taken away before the rover. by_hand: times that it was driven on by hand.
@@ -72,7 +72,7 @@ class Lap:
 
     metres: float = 0.0
     seconds: float = 0.0
-    calls: list[Asked] = field(default_factory=list)
+    calls: list[AnsweredCall] = field(default_factory=list)
     due: int = 0
     contacts: list[str] = field(default_factory=list)
     taken: int = 0
@@ -80,7 +80,7 @@ class Lap:
 
 
 @dataclass
-class Clock:
+class RouteClock:
     """Holds the seconds since the begin, and the metres driven, over all worlds and laps."""
 
     at: float = 0.0
@@ -117,7 +117,9 @@ class Worlds:
 class RouteRover:
     """Drives one world of a lap, and stands where it would be held."""
 
-    def __init__(self, film: FilmedField, judge: DriveJudge, lap: Lap, asked: set[str], clock: Clock) -> None:
+    def __init__(
+        self, film: FilmedField, judge: DriveJudge, lap: LapResult, asked: set[str], clock: RouteClock
+    ) -> None:
         """asked: things and stretches of ground that were asked about in any lap."""
         self._film, self._judge, self._lap, self._asked, self._clock = film, judge, lap, asked, clock
         self._rover = Rover(film.world.trail, cruise_speed=SPEED)
@@ -187,17 +189,17 @@ class RouteRover:
         self._touching = touched
 
 
-def drive(job: Route) -> dict[str, Lap]:
+def drive(job: Route) -> dict[str, LapResult]:
     """Drive two laps, "first" and "second"; or film a lap, answer it at the desk, and drive "rehearsed"."""
     config = of_the_field(RATE, SPEED)
     worlds, engine = Worlds(job.kilometres, job.metres), alone(config)
     asked: set[str] = set()
-    clock = Clock()
+    clock = RouteClock()
     if job.rehearsed:
         memory = rehearsed(DriveJudge(config, engine), worlds, clock, config.journal.scenes)
         engine = AnyTraverse(engine.perceiver, engine.settings, memory)
     judge = DriveJudge(config, engine)
-    laps = {name: Lap() for name in (("rehearsed",) if job.rehearsed else ("first", "second"))}
+    laps = {name: LapResult() for name in (("rehearsed",) if job.rehearsed else ("first", "second"))}
     for name, lap in laps.items():
         for film in worlds.each():
             RouteRover(film, judge, lap, asked, clock).drive()
@@ -205,7 +207,7 @@ def drive(job: Route) -> dict[str, Lap]:
     return laps
 
 
-def rehearsed(judge: DriveJudge, worlds: Worlds, clock: Clock, limit: int) -> Memory:
+def rehearsed(judge: DriveJudge, worlds: Worlds, clock: RouteClock, limit: int) -> Memory:
     """Answer a filmed lap at the desk. Return the memory of a new rover that was given its scenes."""
     begun = judge.engine.memory
     for film in worlds.each():
@@ -216,7 +218,7 @@ def rehearsed(judge: DriveJudge, worlds: Worlds, clock: Clock, limit: int) -> Me
     return merged(first, scenes, limit, judge.engine.perceiver.meaning)[0]
 
 
-def _filmed(film: FilmedField, clock: Clock) -> Iterator[DriveFrame]:
+def _filmed(film: FilmedField, clock: RouteClock) -> Iterator[DriveFrame]:
     """Film a lap that a person drives, who has things out of the way in time."""
     trail, begun = film.world.trail, clock.driven
     step = SPEED / RATE
@@ -229,7 +231,7 @@ def _filmed(film: FilmedField, clock: Clock) -> Iterator[DriveFrame]:
         yield film.frame(trail.pose(s), clock.next(), clock.driven)
 
 
-def figures(laps: Mapping[str, Lap]) -> dict[str, Any]:
+def figures(laps: Mapping[str, LapResult]) -> dict[str, Any]:
     """Return the figures of the laps as JSON values."""
     found: dict[str, Any] = {}
     for name, lap in laps.items():

@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.calls.engines import engines, of_the_field
 from bench.calls.field import DRIVABLE, FilmedField, lap
-from bench.calls.operators import OPERATORS, Asked, Listed, operator
+from bench.calls.operators import OPERATORS, AnsweredCall, Listed, operator
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.trial import Combination, Trial, run_trials
 from companion.sim.field.things import World
@@ -26,7 +26,7 @@ class Lap:
     metres: float | None = None
 
 
-def drive(job: Lap) -> tuple[float, dict[str, list[Asked]]]:
+def drive(job: Lap) -> tuple[float, dict[str, list[AnsweredCall]]]:
     """Drive a lap with each operator. Return its metres, and the calls by operator."""
     config = of_the_field(job.rate, SPEED)
     field = FilmedField(World(job.seed))
@@ -38,7 +38,7 @@ def drive(job: Lap) -> tuple[float, dict[str, list[Asked]]]:
     return metres, {name: each.calls for name, each in listed.items()}
 
 
-def figures(laps: Sequence[tuple[float, dict[str, list[Asked]]]]) -> dict[str, Any]:
+def figures(laps: Sequence[tuple[float, dict[str, list[AnsweredCall]]]]) -> dict[str, Any]:
     """Return the figures of some seeds as JSON values."""
     metres = sum(driven for driven, _ in laps)
     found: dict[str, Any] = {}

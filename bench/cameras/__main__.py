@@ -27,7 +27,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from anytraverse.frame import Frame
-from bench.cameras.servers import Server, writer
+from bench.cameras.servers import CameraServer, writer
 from bench.cameras.stamps import age
 from companion.cameras import CameraOptions, open_camera
 from companion.cameras.newest import CameraThread, Patience
@@ -188,7 +188,7 @@ def losses(kind: str, count: int, seed: int) -> dict[str, Any]:
             camera: Losable = program
             connect: Callable[[], Any] = program.open
         else:
-            server = Server(_SCRIPTS[kind])
+            server = CameraServer(_SCRIPTS[kind])
             stack.callback(server.kill)
             camera = server
             connect = partial(open_camera, f"{kind}://127.0.0.1:{server.port}/trail", _OPTIONS)

@@ -33,7 +33,7 @@ def rtsp_missing() -> str:
     return ""
 
 
-class Server:
+class CameraServer:
     """Runs a server in a process of its own, and can freeze, kill and start it again at the same port."""
 
     def __init__(self, script: str, *arguments: str, env: Mapping[str, str] | None = None) -> None:
@@ -72,9 +72,9 @@ class Server:
 
 
 @contextlib.contextmanager
-def serving(script: str, *arguments: str, env: Mapping[str, str] | None = None) -> Iterator[Server]:
+def serving(script: str, *arguments: str, env: Mapping[str, str] | None = None) -> Iterator[CameraServer]:
     """Run a server until the block ends."""
-    server = Server(script, *arguments, env=env)
+    server = CameraServer(script, *arguments, env=env)
     try:
         yield server
     finally:

@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bench.clipseg.contestants import Plan
+from bench.clipseg.contestants import ContestantPlan
 from bench.clipseg.frames import COUNTS, SIZES
 from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE, bundle_of
 from bench.clipseg.measuring import measure
@@ -56,15 +56,15 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _plans(models: Path, threads: int) -> list[Plan]:
+def _plans(models: Path, threads: int) -> list[ContestantPlan]:
     """Returns the plans of the contestants, the reference first."""
     options = {"checkpoint": str(models / "clipseg"), "clip": str(models / "clip"), "threads": threads}
-    plans = [Plan(REFERENCE, "bench.clipseg.reference:make", options)]
+    plans = [ContestantPlan(REFERENCE, "bench.clipseg.reference:make", options)]
     for name in OURS:
         entry = CONTESTANTS[name]
         bundle = str(bundle_of(models, entry.bundle))
         made = {"bundle": bundle, "precision": entry.precision, "threads": threads}
-        plans.append(Plan(name, "bench.clipseg.ours:Ours", made))
+        plans.append(ContestantPlan(name, "bench.clipseg.ours:Ours", made))
     return plans
 
 

@@ -45,7 +45,7 @@ OLD_IDS = {"bos_token_id": 0, "eos_token_id": 2}
 
 
 @dataclass(frozen=True)
-class Architecture:
+class _Architecture:
     """What differs between the published models and their tiny likenesses. Sizes in pixels."""
 
     clipseg_image: int
@@ -55,7 +55,7 @@ class Architecture:
     vocabulary: int
 
 
-PUBLISHED = Architecture(
+PUBLISHED = _Architecture(
     clipseg_image=352,
     clipseg={
         "reduce_dim": 64,
@@ -71,7 +71,7 @@ PUBLISHED = Architecture(
 
 _SMALL = {"hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 4, "num_attention_heads": 2}
 _SMALL_TEXT = {**_SMALL, **OLD_IDS, "vocab_size": 1024, "num_hidden_layers": 2}
-TINY = Architecture(
+TINY = _Architecture(
     clipseg_image=96,
     clipseg={
         "reduce_dim": 16,
@@ -101,7 +101,7 @@ class Checkpoints:
     clip: Path
 
 
-def make_checkpoints(folder: Path, architecture: Architecture = PUBLISHED, seed: int = 0) -> Checkpoints:
+def make_checkpoints(folder: Path, architecture: _Architecture = PUBLISHED, seed: int = 0) -> Checkpoints:
     """Makes the checkpoints of this architecture and seed under `folder` once, about 1.2 GB unless tiny."""
     made = Checkpoints(folder / "clipseg", folder / "clip")
     stamp = json.dumps({"format": FORMAT, "seed": seed, **asdict(architecture)}, sort_keys=True)
@@ -117,7 +117,7 @@ def make_checkpoints(folder: Path, architecture: Architecture = PUBLISHED, seed:
     return made
 
 
-def _write_clipseg(folder: Path, architecture: Architecture, seed: int) -> None:
+def _write_clipseg(folder: Path, architecture: _Architecture, seed: int) -> None:
     import torch
     from transformers import CLIPSegConfig, CLIPSegForImageSegmentation
 
@@ -147,7 +147,7 @@ def _spread_logits(model: Any, side: int) -> None:
         last.bias.copy_(gain * (last.bias - logits.median()))
 
 
-def _write_clip(folder: Path, architecture: Architecture, seed: int) -> None:
+def _write_clip(folder: Path, architecture: _Architecture, seed: int) -> None:
     import torch
     from transformers import CLIPConfig, CLIPModel
 

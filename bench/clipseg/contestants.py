@@ -22,7 +22,7 @@ WARM_UP = 0
 
 
 @dataclass(frozen=True)
-class Figures:
+class StepFigures:
     """A step's results, to see that all contestants do the same: ROI means in [0, 1], a unit vector."""
 
     roi_traversability: float
@@ -38,12 +38,12 @@ class Contestant(Protocol):
     def set_prompts(self, words: Sequence[str], weights: Sequence[float]) -> None:
         """Sets the prompts from the next step on, each word with its weight in [-1, 1]."""
 
-    def figures(self, frame: NDArray[np.uint8]) -> Figures:
+    def figures(self, frame: NDArray[np.uint8]) -> StepFigures:
         """Runs one step on an RGB frame, (height, width, 3) uint8."""
 
 
 @dataclass(frozen=True)
-class Plan:
+class ContestantPlan:
     """How to make a contestant. name: in the tables. factory: "module:callable" that takes `options`."""
 
     name: str
@@ -72,12 +72,12 @@ class Sample:
     cpu: float
     wall: float
     parts: dict[str, float]
-    figures: Figures
+    figures: StepFigures
     peak_mb: float
     """The process's highest resident memory so far, 10^6 bytes."""
 
 
-def serve(connection: Connection, plan: Plan) -> None:
+def serve(connection: Connection, plan: ContestantPlan) -> None:
     """Runs a contestant's process: sends "ready", answers each request with a sample, ends on None.
 
     It answers an error with its text, and ends.

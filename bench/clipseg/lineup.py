@@ -20,7 +20,7 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Contestant:
+class _Contestant:
     """bundle: a key of `BUNDLES`, "" for the reference. label: as people read it.
 
     like: the contestant with whose ROI means its own are compared, "" for none. same_encoder: whether it
@@ -46,23 +46,23 @@ BUNDLES = {
 }
 
 CONTESTANTS = {
-    REFERENCE: Contestant("", "fp32", "authors' step, PyTorch"),
-    "fp32": Contestant("clipseg-352", "fp32", "fp32, shared scene", REFERENCE),
-    "int8": Contestant("clipseg-352", "int8", "int8, shared scene", REFERENCE),
-    "fp32_clip_b32": Contestant(
+    REFERENCE: _Contestant("", "fp32", "authors' step, PyTorch"),
+    "fp32": _Contestant("clipseg-352", "fp32", "fp32, shared scene", REFERENCE),
+    "int8": _Contestant("clipseg-352", "int8", "int8, shared scene", REFERENCE),
+    "fp32_clip_b32": _Contestant(
         "clipseg-352-clip", "fp32", "fp32, CLIP B/32 scene", REFERENCE, same_encoder=True
     ),
-    "int8_clip_b32": Contestant(
+    "int8_clip_b32": _Contestant(
         "clipseg-352-clip", "int8", "int8, CLIP B/32 scene", REFERENCE, same_encoder=True
     ),
-    "fp32_288": Contestant("clipseg-288", "fp32", "fp32, shared scene, 288", "fp32"),
-    "int8_288": Contestant("clipseg-288", "int8", "int8, shared scene, 288", "int8"),
-    "fp32_224": Contestant("clipseg-224", "fp32", "fp32, shared scene, 224", "fp32"),
-    "int8_224": Contestant("clipseg-224", "int8", "int8, shared scene, 224", "int8"),
-    "fp32_siglip2": Contestant("siglip2-256", "fp32", "fp32, SigLIP2-B/16 at 256"),
-    "int8_siglip2": Contestant("siglip2-256", "int8", "int8, SigLIP2-B/16 at 256", "fp32_siglip2"),
-    "fp32_tipsv2": Contestant("tipsv2-448", "fp32", "fp32, TIPSv2-B/14 at 448"),
-    "int8_tipsv2": Contestant("tipsv2-448", "int8", "int8, TIPSv2-B/14 at 448", "fp32_tipsv2"),
+    "fp32_288": _Contestant("clipseg-288", "fp32", "fp32, shared scene, 288", "fp32"),
+    "int8_288": _Contestant("clipseg-288", "int8", "int8, shared scene, 288", "int8"),
+    "fp32_224": _Contestant("clipseg-224", "fp32", "fp32, shared scene, 224", "fp32"),
+    "int8_224": _Contestant("clipseg-224", "int8", "int8, shared scene, 224", "int8"),
+    "fp32_siglip2": _Contestant("siglip2-256", "fp32", "fp32, SigLIP2-B/16 at 256"),
+    "int8_siglip2": _Contestant("siglip2-256", "int8", "int8, SigLIP2-B/16 at 256", "fp32_siglip2"),
+    "fp32_tipsv2": _Contestant("tipsv2-448", "fp32", "fp32, TIPSv2-B/14 at 448"),
+    "int8_tipsv2": _Contestant("tipsv2-448", "int8", "int8, TIPSv2-B/14 at 448", "fp32_tipsv2"),
 }
 """Name in the last line -> contestant, in the order of the tables; the reference is the first."""
 

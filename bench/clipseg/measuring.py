@@ -10,7 +10,7 @@ from functools import partial
 from types import TracebackType
 from typing import TypeVar
 
-from bench.clipseg.contestants import WARM_UP, Plan, Request, Sample, serve
+from bench.clipseg.contestants import WARM_UP, ContestantPlan, Request, Sample, serve
 
 Case = tuple[tuple[int, int], int]
 """Frame size and number of prompts."""
@@ -32,7 +32,7 @@ class ContestantError(Exception):
 class Running:
     """A contestant in a process of its own."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: ContestantPlan) -> None:
         self.name = plan.name
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
@@ -86,7 +86,7 @@ class Running:
 
 
 def measure(
-    plans: Sequence[Plan], cases: Sequence[Case], rounds: int, say: Callable[[str], None]
+    plans: Sequence[ContestantPlan], cases: Sequence[Case], rounds: int, say: Callable[[str], None]
 ) -> tuple[Samples, dict[str, str]]:
     """Measures every contestant; returns the samples, and the reasons why some have none.
 

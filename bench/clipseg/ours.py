@@ -16,7 +16,7 @@ from anytraverse.findings import make_maps, roi_figures
 from anytraverse.judging import Settings
 from anytraverse.perception import Prompt, make_perceiver
 from anytraverse.regions import Box
-from bench.clipseg.contestants import Figures
+from bench.clipseg.contestants import StepFigures
 from bench.clipseg.parts import Parts
 
 REGION = Box(0.333, 0.6, 0.667, 0.95)
@@ -45,7 +45,7 @@ class Ours:
     def set_prompts(self, words: Sequence[str], weights: Sequence[float]) -> None:
         self._prompts, self._weights = [Prompt(word) for word in words], list(weights)
 
-    def figures(self, frame: NDArray[np.uint8]) -> Figures:
+    def figures(self, frame: NDArray[np.uint8]) -> StepFigures:
         height, width = frame.shape[:2]
         with self.parts.time("tower"):
             features = self._perceiver.encode(frame)
@@ -58,4 +58,4 @@ class Ours:
             roi = maps if isinstance(maps, Finding) else roi_figures(maps, width / height, self._settings)
         if isinstance(roi, Finding):
             raise RuntimeError(f"the maps cannot be judged: {roi}")
-        return Figures(roi.traversability, roi.uncertainty, tuple(embedding.tolist()))
+        return StepFigures(roi.traversability, roi.uncertainty, tuple(embedding.tolist()))

@@ -19,7 +19,7 @@ from torch.nn.functional import interpolate, normalize
 from transformers import AutoTokenizer, CLIPSegForImageSegmentation, CLIPVisionModelWithProjection
 
 from bench.clipseg.checkpoints import quieten_transformers
-from bench.clipseg.contestants import Figures
+from bench.clipseg.contestants import StepFigures
 from bench.clipseg.parts import Parts
 from bench.clipseg.pixels import Pixels
 
@@ -136,6 +136,6 @@ class ReferenceContestant:
         self.set_prompts = reference.set_prompts
         self._reference = reference
 
-    def figures(self, frame: NDArray[np.uint8]) -> Figures:
+    def figures(self, frame: NDArray[np.uint8]) -> StepFigures:
         step = self._reference.step(frame)
-        return Figures(step.roi_traversability, step.roi_uncertainty, tuple(step.embedding.tolist()))
+        return StepFigures(step.roi_traversability, step.roi_uncertainty, tuple(step.embedding.tolist()))

@@ -13,7 +13,7 @@ from bench.clipseg.frames import COUNTS, SIZES
 from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE
 from bench.clipseg.measuring import Samples
 from bench.ratios import Spread, ratio, spread
-from bench.series import Series
+from bench.series import PlottedSeries
 
 EMBEDDING_PARTS = ("scene", "tail")
 
@@ -130,9 +130,9 @@ def figures(results: Results) -> dict[str, Any]:
     return line | {"series": [_times(results, size).as_json() for size in results.sizes]}
 
 
-def _times(results: Results, size: tuple[int, int]) -> Series:
+def _times(results: Results, size: tuple[int, int]) -> PlottedSeries:
     """Returns the CPU time of a step by the number of prompts, for a plot."""
-    series = Series(f"A step at {size[0]}x{size[1]}", "prompts", "ms of CPU")
+    series = PlottedSeries(f"A step at {size[0]}x{size[1]}", "prompts", "ms of CPU")
     for name in results.names:
         for count in COUNTS:
             if seconds := results.cpu(name, size, count):

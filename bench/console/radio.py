@@ -47,7 +47,7 @@ setInterval(() => {
 """
 
 
-class Relay:
+class _Relay:
     """Carries datagrams between a console, which speaks first, and `link` as a bad radio would."""
 
     def __init__(self, link: str, weather: LinkConditions, seed: int) -> None:
@@ -122,7 +122,7 @@ def main() -> int:
         rover = Rover(out / "rover", options.seed, network=False, baud=options.baud)
         stack.callback(rover.close)
         weather = LinkConditions(loss=options.loss, rate=options.baud / 10)
-        relay = Relay(rover.link, weather, options.seed)
+        relay = _Relay(rover.link, weather, options.seed)
         stack.callback(relay.close)
         console, url = start_console([relay.link], out)
         stack.callback(console.stop)

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord, Tap
 from anytraverse.preferences import Preferences
-from bench.faults.row import Outcome, Work
+from bench.faults.row import RowOutcome, Work
 from bench.link.lossy import STEP, Clock, Radio, virtual_time
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Rover
@@ -70,7 +70,7 @@ class Errors(logging.Handler):
             self.lines.append(f"{record.getMessage()}: {record.exc_info[1]!r}")
 
 
-class Ground:
+class _Ground:
     """Sends anything to a daemon in virtual time. The rover stands before an unknown thing, with a call."""
 
     def __init__(self, folder: Path, seed: int, clock: Clock) -> None:
@@ -149,13 +149,13 @@ def listed() -> tuple[Parameter, ...]:
 
 
 @contextmanager
-def ground(work: Work) -> Iterator[tuple[Ground, Errors]]:
+def ground(work: Work) -> Iterator[tuple[_Ground, Errors]]:
     """A daemon with an open call, and what it logs with a traceback meanwhile."""
     errors, root = Errors(), logging.getLogger()
     root.addHandler(errors)
     try:
         with virtual_time() as clock:
-            made = Ground(work.folder, work.seed, clock)
+            made = _Ground(work.folder, work.seed, clock)
             try:
                 yield made, errors
             finally:
@@ -164,7 +164,7 @@ def ground(work: Work) -> Iterator[tuple[Ground, Errors]]:
         root.removeHandler(errors)
 
 
-def _unchanged(made: Ground, what: str, send: Callable[[], None], wrong: list[str]) -> None:
+def _unchanged(made: _Ground, what: str, send: Callable[[], None], wrong: list[str]) -> None:
     """Send something that must change nothing."""
     before = made.state()
     send()
@@ -172,7 +172,7 @@ def _unchanged(made: Ground, what: str, send: Callable[[], None], wrong: list[st
         wrong.append(f"{what} changed {before} to {made.state()}")
 
 
-def parameters(work: Work) -> Outcome:
+def parameters(work: Work) -> RowOutcome:
     wrong, runs = list[str](), 0
     with ground(work) as (made, errors):
         chance = Random(work.seed)
@@ -200,10 +200,10 @@ def parameters(work: Work) -> Outcome:
             message = mavlink.MAVLink_param_set_message(1, COMPONENT_ID, name, 0.25, 9)
             _unchanged(made, f"{name!r} = 0.25", partial(made.send, message), wrong)
         wrong += [*errors.lines, *_answers_still(made), *_replied(made, runs // 2)]
-    return Outcome(runs, tuple(wrong), saw=f"{made.replies} replies; a good answer counts")
+    return RowOutcome(runs, tuple(wrong), saw=f"{made.replies} replies; a good answer counts")
 
 
-def _answers_still(made: Ground) -> list[str]:
+def _answers_still(made: _Ground) -> list[str]:
     """Check that a good answer is taken as ever, and that the companion was heard all the time."""
     made.turn(100)
     made.send_answer(Answer(made.call, Motion.GO, (SetWord("thing 1", 1.0),), 77).pack())
@@ -214,12 +214,12 @@ def _answers_still(made: Ground) -> list[str]:
     return []
 
 
-def _replied(made: Ground, least: int) -> list[str]:
+def _replied(made: _Ground, least: int) -> list[str]:
     """Check that what was sent came as far as to be refused with a reply, and was not just dropped."""
     return [] if made.replies >= least else [f"only {made.replies} replies"]
 
 
-def words(work: Work) -> Outcome:
+def words(work: Work) -> RowOutcome:
     wrong, runs = list[str](), 0
     with ground(work) as (made, errors):
         for what, send in _bad_answers(made, work):
@@ -236,14 +236,14 @@ def words(work: Work) -> Outcome:
         if made.sound() or len(_words(made)) != 16:
             wrong.append(f"after 20 more words there are {len(_words(made))}: {made.sound()}")
         wrong += [*errors.lines, *_answers_still(made), *_replied(made, runs // 2)]
-    return Outcome(runs, tuple(wrong), saw=f"{made.replies} replies; a good answer counts")
+    return RowOutcome(runs, tuple(wrong), saw=f"{made.replies} replies; a good answer counts")
 
 
-def _words(made: Ground) -> dict[str, float]:
+def _words(made: _Ground) -> dict[str, float]:
     return dict(made.rover.vision.memory.preferences)
 
 
-def _bad_answers(made: Ground, work: Work) -> Iterator[tuple[str, Callable[[], None]]]:
+def _bad_answers(made: _Ground, work: Work) -> Iterator[tuple[str, Callable[[], None]]]:
     """Yield what an operator should not send, by every door: a name of it, and how it is sent."""
     call, chance = made.call, Random(work.seed)
     found: list[tuple[str, Callable[[], None]]] = []

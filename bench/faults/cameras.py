@@ -10,7 +10,7 @@ from random import Random
 
 from bench.cameras.__main__ import T as PICTURE_OLD
 from bench.cameras.__main__ import losses
-from bench.faults.row import CAMERA_BACK_WITHIN, HOLD_WITHIN, Outcome, Row, Work
+from bench.faults.row import CAMERA_BACK_WITHIN, HOLD_WITHIN, Row, RowOutcome, Work
 from bench.faults.stages import Produce, repeated, stops
 from bench.stopping.faults import BLACK, CAMERA, SLOW, UNPLUGGED
 from bench.stopping.humans import watch
@@ -45,7 +45,7 @@ def _absent_at_boot(stage: Stage, _random: Random) -> Seen:
 
 
 def _lost(kind: str) -> Produce:
-    def produce(work: Work) -> Outcome:
+    def produce(work: Work) -> RowOutcome:
         logging.disable(logging.WARNING)
         figures = losses(kind, 3 if work.short else 100, work.seed)
         noticed = figures["noticed_s"].get("max", 0.0)
@@ -53,7 +53,7 @@ def _lost(kind: str) -> Produce:
         if noticed > _NOTICED_WITHIN and not (work.short and math.isfinite(noticed)):
             wrong.append(f"a loss was noticed after {noticed} s")
         saw = f"{figures['killed']} killed, {figures['frozen']} frozen; noticed within {noticed} s"
-        return Outcome(figures["losses"], tuple(wrong), None, figures["back_s"]["max"], saw)
+        return RowOutcome(figures["losses"], tuple(wrong), None, figures["back_s"]["max"], saw)
 
     return produce
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from anytraverse.operations import SetWord
 from bench.faults.disk import stored_words
-from bench.faults.row import Outcome, Work
+from bench.faults.row import RowOutcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_calls import APPLIED, comes_back, drive_on, held_call, still_open
 from bench.shim import compile_shim, preloading
@@ -44,7 +44,7 @@ def _check_stamps(rover: Standing, wrong: list[str]) -> None:
         wrong.append("a traceback stands in the log")
 
 
-def _jumps_while_running(work: Work) -> Outcome:
+def _jumps_while_running(work: Work) -> RowOutcome:
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed, signs=True) as rover:
         clock = JumpingClock(work.folder)
@@ -72,10 +72,10 @@ def _jumps_while_running(work: Work) -> Outcome:
         lost = {"gravel", "dirt path"} - stored_words(rover.state).keys()
         if lost:
             wrong.append(f"lost: {sorted(lost)}")
-    return Outcome(1, tuple(wrong), saw=f"call {call} stays open; {len(rover.wire.stamps)} signed frames")
+    return RowOutcome(1, tuple(wrong), saw=f"call {call} stays open; {len(rover.wire.stamps)} signed frames")
 
 
-def _jumps_between_runs(work: Work) -> Outcome:
+def _jumps_between_runs(work: Work) -> RowOutcome:
     wrong, back = list[str](), 0.0
     with Standing(work.folder, policy="hold", seed=work.seed, signs=True, listens=True) as rover:
         clock = JumpingClock(work.folder)
@@ -90,10 +90,10 @@ def _jumps_between_runs(work: Work) -> Outcome:
             still_open(rover, call, f"started {ahead} s ahead", wrong)
         drive_on(rover, call, wrong)
         _check_stamps(rover, wrong)
-    return Outcome(2, tuple(wrong), None, back, f"call {call} is open after both starts")
+    return RowOutcome(2, tuple(wrong), None, back, f"call {call} is open after both starts")
 
 
-def _no_clock(work: Work) -> Outcome:
+def _no_clock(work: Work) -> RowOutcome:
     """The board starts in 1970, then its clock is set, then the power goes, and it is 1970 again."""
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed, signs=True, listens=True) as rover:
@@ -111,7 +111,7 @@ def _no_clock(work: Work) -> Outcome:
         back = max(back, comes_back(rover, call, began))
         drive_on(rover, call, wrong)
         _check_stamps(rover, wrong)
-    return Outcome(2, tuple(wrong), None, back, "it signs by the time of the autopilot's signed frames")
+    return RowOutcome(2, tuple(wrong), None, back, "it signs by the time of the autopilot's signed frames")
 
 
 ROWS = (

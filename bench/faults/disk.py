@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from anytraverse.operations import SetWord
-from bench.faults.row import Outcome, Row, Work
+from bench.faults.row import Row, RowOutcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
 from bench.shim import compile_shim, preloading
@@ -57,14 +57,14 @@ def stored_words(state: Path) -> dict[str, float]:
     return {} if memory is None else {word: memory.preferences[word] for word in memory.preferences}
 
 
-def _power_loss(work: Work, *, kills: int, cuts: int) -> Outcome:
+def _power_loss(work: Work, *, kills: int, cuts: int) -> RowOutcome:
     command = [sys.executable, "-m", "bench.faults.power_loss", "--seed", str(work.seed)]
     command += ["--kills", str(kills), "--cuts", str(cuts)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=3600.0, check=False)
     try:
         figures = json.loads(done.stdout.splitlines()[-1])
     except (IndexError, ValueError):
-        return Outcome(0, (f"power_loss ended with {done.returncode}: {done.stderr[-500:]}",))
+        return RowOutcome(0, (f"power_loss ended with {done.returncode}: {done.stderr[-500:]}",))
     killed, cut = figures["killed"], figures["cut"]
     states = [killed, cut["all"], cut["in_part"]]
     wrong = [f"{what}: {times} x" for one in states for what, times in one["wrong"].items()]
@@ -72,18 +72,18 @@ def _power_loss(work: Work, *, kills: int, cuts: int) -> Outcome:
         wrong.append(f"{killed['kills']} kills and {cut['cuts']} cuts instead of {kills} and {cuts}")
     missing = sum(one["frames_missing"] for one in states)
     saw = f"of {killed['changes']} changes; after {missing} the next start takes a newer frame, and says so"
-    return Outcome(kills + 2 * cuts, tuple(wrong), saw=saw)
+    return RowOutcome(kills + 2 * cuts, tuple(wrong), saw=saw)
 
 
-def _kills(work: Work) -> Outcome:
+def _kills(work: Work) -> RowOutcome:
     return _power_loss(work, kills=3 if work.short else 500, cuts=0)
 
 
-def _cuts(work: Work) -> Outcome:
+def _cuts(work: Work) -> RowOutcome:
     return _power_loss(work, kills=0, cuts=5 if work.short else 200)
 
 
-def _unwritable(work: Work, how: str) -> Outcome:
+def _unwritable(work: Work, how: str) -> RowOutcome:
     """A disk becomes full or read-only, or hangs, while the rover drives, meets a thing, and is answered.
 
     All sign: a hanging disk must not keep their timestamps from being used.
@@ -119,10 +119,10 @@ def _unwritable(work: Work, how: str) -> Outcome:
         lost = {"gravel", "dirt path"} - stored_words(rover.state).keys()
         if lost:
             wrong.append(f"lost: {sorted(lost)}")
-    return Outcome(1, tuple(wrong), hold_s, back, f'"{named.text}", "{_FAILS}", "{_WORKS}"')
+    return RowOutcome(1, tuple(wrong), hold_s, back, f'"{named.text}", "{_FAILS}", "{_WORKS}"')
 
 
-def _unwritable_at_start(work: Work, how: str) -> Outcome:
+def _unwritable_at_start(work: Work, how: str) -> RowOutcome:
     """A disk that is full or read-only at the start, with a journal from before."""
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed) as rover:
@@ -154,10 +154,10 @@ def _unwritable_at_start(work: Work, how: str) -> Outcome:
             disk.set("")
             back = rover.start(disk.environment)
         rover.stop()
-    return Outcome(1, tuple(wrong), hold_s, back, saw)
+    return RowOutcome(1, tuple(wrong), hold_s, back, saw)
 
 
-def _slow(work: Work) -> Outcome:
+def _slow(work: Work) -> RowOutcome:
     """A disk on which each sync takes 6 s, while an operator answers."""
     wrong = list[str]()
     with Standing(work.folder, seed=work.seed) as rover:
@@ -186,7 +186,7 @@ def _slow(work: Work) -> Outcome:
         lost = {"gravel", "dirt path"} - stored_words(rover.state).keys()
         if lost:
             wrong.append(f"lost: {sorted(lost)}")
-    return Outcome(1, tuple(wrong), None, back, f'"{answer.text}" after {took:.1f} s')
+    return RowOutcome(1, tuple(wrong), None, back, f'"{answer.text}" after {took:.1f} s')
 
 
 def _said(rover: Standing, text: str, since: int) -> bool:

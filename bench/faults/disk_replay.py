@@ -19,7 +19,7 @@ SECTOR = 512
 """Bytes that a disk writes whole or not at all."""
 
 
-class Change(NamedTuple):
+class DiskChange(NamedTuple):
     """One recorded change.
 
     kind: c create a file, t set its length to `offset`, w write `data` at `offset`, s sync, r rename to
@@ -35,9 +35,9 @@ class Change(NamedTuple):
     end: int
 
 
-def read_record(path: Path) -> list[Change]:
+def read_record(path: Path) -> list[DiskChange]:
     """Read the recorded changes; the last one may be torn and is then left out."""
-    whole, at, changes = path.read_bytes(), 0, list[Change]()
+    whole, at, changes = path.read_bytes(), 0, list[DiskChange]()
     while at + _HEAD.size <= len(whole):
         kind, first, second, offset, length = _HEAD.unpack_from(whole, at)
         at += _HEAD.size
@@ -45,7 +45,7 @@ def read_record(path: Path) -> list[Change]:
         if end > len(whole):
             break
         names = whole[at : at + first].decode(), whole[at + first : at + first + second].decode()
-        changes.append(Change(kind.decode(), *names, offset, whole[end - length : end], end))
+        changes.append(DiskChange(kind.decode(), *names, offset, whole[end - length : end], end))
         at = end
     return changes
 
@@ -54,7 +54,7 @@ def read_record(path: Path) -> list[Change]:
 class _File:
     durable: bytes = b""
     """Content that is on disk for certain."""
-    unsynced: list[Change] = field(default_factory=list)
+    unsynced: list[DiskChange] = field(default_factory=list)
     folder: bool = False
 
 
@@ -70,11 +70,11 @@ class Disk:
         self._root = root.rstrip("/")
         self._seen: dict[str, _File] = {self._root: _File(folder=True)}
         self._durable = dict(self._seen)
-        self._names: list[Change] = []
+        self._names: list[DiskChange] = []
         """Changes of names that are not synced, in order."""
-        self._files: dict[Change, _File] = {}
+        self._files: dict[DiskChange, _File] = {}
 
-    def apply(self, change: Change) -> None:
+    def apply(self, change: DiskChange) -> None:
         """Apply the next change."""
         path = change.path.rstrip("/")
         match change.kind:
@@ -123,7 +123,7 @@ class Disk:
             self._rename(self._durable, change)
         del self._names[: last + 1]
 
-    def _rename(self, names: dict[str, _File], change: Change) -> None:
+    def _rename(self, names: dict[str, _File], change: DiskChange) -> None:
         path = change.path.rstrip("/")
         match change.kind:
             case "c" | "m":
@@ -136,7 +136,7 @@ class Disk:
                 names.pop(path, None)
 
 
-def _in_folder(change: Change, folder: str) -> bool:
+def _in_folder(change: DiskChange, folder: str) -> bool:
     return any(name.rpartition("/")[0] == folder for name in (change.path.rstrip("/"), change.other) if name)
 
 
@@ -147,7 +147,7 @@ def _content(file: _File, chance: random.Random | None) -> bytes:
     return _applied(file.durable, kept)
 
 
-def _parts(change: Change) -> list[Change]:
+def _parts(change: DiskChange) -> list[DiskChange]:
     """Split a write into sectors; any other change is one part."""
     if change.kind != "w":
         return [change]
@@ -160,7 +160,7 @@ def _parts(change: Change) -> list[Change]:
     ]
 
 
-def _applied(content: bytes, changes: Sequence[Change]) -> bytes:
+def _applied(content: bytes, changes: Sequence[DiskChange]) -> bytes:
     whole = bytearray(content)
     for change in changes:
         if change.kind == "t":

@@ -35,8 +35,8 @@ from anytraverse.operations import SetWord
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
-from bench.faults.row import Outcome, Row, Work
-from bench.faults.standing import Picture
+from bench.faults.row import Row, RowOutcome, Work
+from bench.faults.standing import StandingPicture
 from bench.link.lossy import Clock, Radio, virtual_time
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Companion, make_ready
@@ -97,7 +97,7 @@ class Endurance(Companion):
         vision = VisionClient(lambda: self._child, Config(), None, VISION)
         make_ready(vision, self._child)
         super().__init__(folder, lambda: radio.near, vision, pictures=PICTURES)
-        self._picture = Picture(seed)
+        self._picture = StandingPicture(seed)
         self.frames = 0
 
     def frame(self, *, thing: bool) -> None:
@@ -118,7 +118,7 @@ class Endurance(Companion):
         return AnyTraverse(self._perceiver, Settings(thresholds=Thresholds(roi=0.6)), known)
 
 
-class Operator:
+class EnduranceOperator:
     """Answers every call, first with a word that does not cover the thing, then with go."""
 
     def __init__(self, radio: Radio) -> None:
@@ -163,7 +163,7 @@ def own_memory() -> float:
     return int(found[1]) / 1024
 
 
-def pass_period(clock: Clock, radio: CutRadio, rover: Endurance, operator: Operator) -> None:
+def pass_period(clock: Clock, radio: CutRadio, rover: Endurance, operator: EnduranceOperator) -> None:
     """Let the time from one frame to the next pass."""
     for _ in range(TURNS):
         clock.now += PERIOD / TURNS
@@ -187,7 +187,7 @@ def run(frames: int, seed: int, folder: Path) -> dict[str, Any]:
         radio = CutRadio(LinkConditions(), str(seed))
         rover = closed.enter_context(closing(Endurance(folder, radio, seed)))
         closed.enter_context(log_to_file(folder, rover.writer))
-        operator = Operator(radio)
+        operator = EnduranceOperator(radio)
         for number in range(frames):
             radio.cut = number % _CUT_EVERY >= _CUT_EVERY - _CUT_FOR
             rover.frame(thing=number % _THING_EVERY >= _THING_EVERY - _THING_FOR)
@@ -219,7 +219,7 @@ def _wrong(
     memory: Sequence[float],
     files: Sequence[int],
     threads: Sequence[int],
-    operator: Operator,
+    operator: EnduranceOperator,
 ) -> list[str]:
     wrong = list[str]()
     growth = median(memory[-4:]) - median(memory[1:5])
@@ -237,7 +237,7 @@ def _wrong(
     return wrong
 
 
-def _produce(work: Work) -> Outcome:
+def _produce(work: Work) -> RowOutcome:
     frames = 400 if work.short else FRAMES
     command = [
         sys.executable,
@@ -252,13 +252,13 @@ def _produce(work: Work) -> Outcome:
     try:
         told = json.loads(done.stdout.splitlines()[-1])
     except (IndexError, ValueError):
-        return Outcome(0, (f"it ended with {done.returncode}: {done.stderr[-500:]}",))
+        return RowOutcome(0, (f"it ended with {done.returncode}: {done.stderr[-500:]}",))
     memory, files, threads = told["memory_mb"], told["files"][-1], told["threads"][-1]
     saw = (
         f"{told['frames']} frames in {told['seconds']:.0f} s, {told['calls']} calls; "
         f"{median(memory[1:5]):.1f} MB, then {median(memory[-4:]):.1f} MB, {files} files, {threads} threads"
     )
-    return Outcome(told["frames"], tuple(told["wrong"]), saw=saw)
+    return RowOutcome(told["frames"], tuple(told["wrong"]), saw=saw)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.operations import SetWord
 from bench.faults import bad_answers, mutated_configs
 from bench.faults.bad_answers import GROUND
-from bench.faults.row import Outcome, Row, Work
+from bench.faults.row import Row, RowOutcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
 from bench.link.fuzz import Broken, Fuzz
@@ -25,19 +25,19 @@ from companion.wire.parameters import BUDGET, POLICY
 from companion.wire.signing import SigningKey, Timestamps, ticks
 
 
-def _malformed(work: Work) -> Outcome:
+def _malformed(work: Work) -> RowOutcome:
     frames = 4_000 if work.short else 200_000
     try:
         told = Fuzz(work.seed).run(frames)
     except Broken as error:
-        return Outcome(frames, (str(error),))
+        return RowOutcome(frames, (str(error),))
     rejected = sum(told.rejected.values())
-    return Outcome(
+    return RowOutcome(
         told.frames, saw=f"{rejected} rejected, {told.bad} not readable, memory +{told.blocks} blocks"
     )
 
 
-def _forged(work: Work) -> Outcome:
+def _forged(work: Work) -> RowOutcome:
     """Frames that claim to be the operator's or the autopilot's, to a companion that signs."""
     wrong, sent = list[str](), 0
     with Standing(work.folder, policy="hold", seed=work.seed, signs=True) as rover:
@@ -74,7 +74,7 @@ def _forged(work: Work) -> Outcome:
             wrong.append(f"the operator's own go was then {given.result.name}")
         rover.wait("the way back", lambda: rover.wire.mode == AUTO, 10.0)
     counted = ", ".join(f"{count} {why}" for why, count in rejected.items())
-    return Outcome(sent, tuple(wrong), saw=f"refused and counted: {counted}")
+    return RowOutcome(sent, tuple(wrong), saw=f"refused and counted: {counted}")
 
 
 class Forger:

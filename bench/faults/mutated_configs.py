@@ -15,7 +15,7 @@ from random import Random
 from typing import Any
 
 from anytraverse.preferences import clean_word
-from bench.faults.row import Outcome, Row, Work
+from bench.faults.row import Row, RowOutcome, Work
 from companion.cli import main
 from companion.config import Config, load_config
 from companion.config.toml_file import Layer
@@ -136,14 +136,14 @@ def _differing(config: Config, name: str, given: Mapping[str, Any]) -> str:
     return ""
 
 
-def _produce(work: Work) -> Outcome:
+def _produce(work: Work) -> RowOutcome:
     shutil.copytree(_SHIPPED / "vehicles", work.folder / "vehicles")
     text, wrong, accepted, run = shipped(), list[str](), 0, 0
     path = work.folder / "companion.toml"
     path.write_text(text, encoding="utf-8")
     whole = wrong_with(path)
     if whole != (True, ""):
-        return Outcome(0, (f"the file is wrong before anything is changed: {whole[1]}",))
+        return RowOutcome(0, (f"the file is wrong before anything is changed: {whole[1]}",))
     count = 20 if work.short else CONFIGS
     for number in range(count):
         content = mutated(text, Random(f"{work.seed} {number}"), number % 3)
@@ -156,7 +156,7 @@ def _produce(work: Work) -> Outcome:
             run += 1
             wrong += _refused_by_daemon(path, number)
     saw = f"{accepted} valid, taken as they stand; {count - accepted} refused, {run} also by the daemon"
-    return Outcome(count, tuple(wrong), saw=saw)
+    return RowOutcome(count, tuple(wrong), saw=saw)
 
 
 def _refused_by_daemon(path: Path, number: int) -> list[str]:

@@ -30,7 +30,7 @@ import numpy as np
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord
-from bench.faults.disk_replay import Change, Disk, lay_out, read_record
+from bench.faults.disk_replay import Disk, DiskChange, lay_out, read_record
 from bench.link.lossy import Radio, drive_in_virtual_time, virtual_time
 from bench.link.operator import Operator
 from bench.link.radio_model import LinkConditions
@@ -198,7 +198,7 @@ def _wrong_frame(journal: Journal, call: Mapping[str, Any] | None, calls: Mappin
         yield "wrong frame with a call"
 
 
-def written_pictures(changes: Iterable[Change]) -> dict[str, set[bytes]]:
+def written_pictures(changes: Iterable[DiskChange]) -> dict[str, set[bytes]]:
     """Return all contents that were completely written and then got a picture's name."""
     contents: dict[str, set[bytes]] = {}
     disk: Disk | None = None
@@ -261,7 +261,7 @@ def _figures(found: Counter[str]) -> dict[str, Any]:
     return {"wrong": wrong, "frames_missing": found[MISSING]}
 
 
-def _recorded(folder: Path, seed: str) -> list[Change]:
+def _recorded(folder: Path, seed: str) -> list[DiskChange]:
     """Run once without a kill. Checks that the record says what the disk holds."""
     status = work_in_child(folder, seed, 0)
     if status:

@@ -14,7 +14,7 @@ import threading
 import time
 from pathlib import Path
 
-from bench.faults.row import Outcome, Row, Work
+from bench.faults.row import Row, RowOutcome, Work
 from bench.faults.table import ROWS
 
 _RESULT = "outcome.json"
@@ -23,7 +23,7 @@ _LONGEST, _LONGEST_RUN = 2700.0, 150.0
 _LOOK = 0.1
 
 
-def produce(row: Row, work: Work, cancelled: threading.Event) -> Outcome:
+def produce(row: Row, work: Work, cancelled: threading.Event) -> RowOutcome:
     """Runs `main` for a row in a process group of its own. A row that raises or never ends is wrong."""
     work.folder.mkdir(parents=True)
     command = [sys.executable, "-m", "bench.faults.produce", row.fault, str(work.folder), str(work.seed)]
@@ -41,14 +41,14 @@ def produce(row: Row, work: Work, cancelled: threading.Event) -> Outcome:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-            return Outcome(0, (f"did not end within {longest:g} s",))
+            return RowOutcome(0, (f"did not end within {longest:g} s",))
     if process.returncode:
         lines = (work.folder / _LOG).read_text(encoding="utf-8", errors="replace").split("\n")
-        return Outcome(
+        return RowOutcome(
             0, (next((line for line in reversed(lines) if line), f"ended with {process.returncode}"),)
         )
     runs, wrong, *rest = json.loads((work.folder / _RESULT).read_text(encoding="utf-8"))
-    return Outcome(runs, tuple(wrong), *rest)
+    return RowOutcome(runs, tuple(wrong), *rest)
 
 
 def main(fault: str, folder: str, seed: str, short: str, runs: str) -> None:

@@ -8,22 +8,22 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from bench.faults.row import BACK_WITHIN, CAMERA_BACK_WITHIN, Outcome, Row, Work
+from bench.faults.row import BACK_WITHIN, CAMERA_BACK_WITHIN, Row, RowOutcome, Work
 
 RESULTS = Path(__file__).parents[1] / "results"
 _LONGEST_PAUSE = 60.0
 _JITTER = 1.0
 """Seconds by which a pause may be measured shorter than the one before."""
 
-Judge = Callable[[Mapping[str, Any]], Outcome]
+Judge = Callable[[Mapping[str, Any]], RowOutcome]
 
 
-def _service(step: str, judge: Judge) -> Callable[[Work], Outcome]:
+def _service(step: str, judge: Judge) -> Callable[[Work], RowOutcome]:
     return _committed("service.json", step, judge, "make vm" if step == "devices" else "make service")
 
 
-def _committed(file: str, step: str, judge: Judge, by: str) -> Callable[[Work], Outcome]:
-    def produce(_: Work) -> Outcome:
+def _committed(file: str, step: str, judge: Judge, by: str) -> Callable[[Work], RowOutcome]:
+    def produce(_: Work) -> RowOutcome:
         held = json.loads((RESULTS / file).read_text(encoding="utf-8"))
         commits = held.get("commits", {})
         commit = commits.get(step, commits.get("all others", held.get("commit")))
@@ -33,18 +33,18 @@ def _committed(file: str, step: str, judge: Judge, by: str) -> Callable[[Work], 
     return produce
 
 
-def _killed(figures: Mapping[str, Any]) -> Outcome:
-    return Outcome(figures["kills"], (), None, max(figures["back_s"]), "systemd starts it again")
+def _killed(figures: Mapping[str, Any]) -> RowOutcome:
+    return RowOutcome(figures["kills"], (), None, max(figures["back_s"]), "systemd starts it again")
 
 
-def _hung(figures: Mapping[str, Any]) -> Outcome:
+def _hung(figures: Mapping[str, Any]) -> RowOutcome:
     wrong = () if figures["traceback"] else ("no traceback in the journal",)
-    return Outcome(
+    return RowOutcome(
         1, wrong, None, figures["back_s"], "systemd's watchdog ends it, and the journal says where it hung"
     )
 
 
-def _crashes(figures: Mapping[str, Any]) -> Outcome:
+def _crashes(figures: Mapping[str, Any]) -> RowOutcome:
     pauses = figures["pauses_s"]
     rises = (
         all(later > one - _JITTER for one, later in pairwise(pauses))
@@ -52,39 +52,39 @@ def _crashes(figures: Mapping[str, Any]) -> Outcome:
     )
     wrong = () if rises else (f"pauses {pauses}",)
     saw = f"started again after {', '.join(f'{pause:.0f}' for pause in pauses)} s"
-    return Outcome(len(pauses), wrong, None, figures["mended_back_s"], saw)
+    return RowOutcome(len(pauses), wrong, None, figures["mended_back_s"], saw)
 
 
-def _upgraded(figures: Mapping[str, Any]) -> Outcome:
+def _upgraded(figures: Mapping[str, Any]) -> RowOutcome:
     right = figures["answer"] == "applied" and figures["held_by"] == ["companion"] * 2
     saw = f"away for {figures['away_s']} s; the answer to the open call was {figures['answer']}"
-    return Outcome(1, () if right else (str(dict(figures)),), None, figures["away_s"], saw)
+    return RowOutcome(1, () if right else (str(dict(figures)),), None, figures["away_s"], saw)
 
 
-def _booted(figures: Mapping[str, Any]) -> Outcome:
+def _booted(figures: Mapping[str, Any]) -> RowOutcome:
     wrong = () if figures["restarts"] == 0 else (f"{figures['restarts']} restarts",)
     saw = f"fault reported {figures['fault_reported_s']} s after the start"
-    return Outcome(1, wrong, None, figures["sees_after_s"], saw)
+    return RowOutcome(1, wrong, None, figures["sees_after_s"], saw)
 
 
-def _v4l2(figures: Mapping[str, Any]) -> Outcome:
+def _v4l2(figures: Mapping[str, Any]) -> RowOutcome:
     wrong = () if figures["loaded"] and figures["losses"] == 10 else ("not ten losses",)
     saw = f"noticed within {figures['noticed_max_s']} s"
-    return Outcome(figures["losses"], wrong, None, figures["back_max_s"], saw)
+    return RowOutcome(figures["losses"], wrong, None, figures["back_max_s"], saw)
 
 
-def _serial(figures: Mapping[str, Any]) -> Outcome:
+def _serial(figures: Mapping[str, Any]) -> RowOutcome:
     wrong = () if figures["same_process"] else ("another process",)
     saw = f"reported within {figures['loss_reported_s']} s, by the same process"
-    return Outcome(figures["losses"], wrong, None, figures["hears_it_again_s"], saw)
+    return RowOutcome(figures["losses"], wrong, None, figures["hears_it_again_s"], saw)
 
 
-def _without_devices(figures: Mapping[str, Any]) -> Outcome:
+def _without_devices(figures: Mapping[str, Any]) -> RowOutcome:
     right = figures["fault_without_devices"] and figures["probe"]["oak"] == ["opened"]
     saw = (
         "fault at boot; an OAK that appears may be opened. A loss of its streams needs hardware: not verified"
     )
-    return Outcome(1, () if right else (str(dict(figures)),), saw=saw)
+    return RowOutcome(1, () if right else (str(dict(figures)),), saw=saw)
 
 
 ROWS = (

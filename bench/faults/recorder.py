@@ -11,7 +11,7 @@ from typing import Any
 
 from anytraverse.operations import SetWord
 from bench.faults.disk import FailingDisk
-from bench.faults.row import Outcome, Work
+from bench.faults.row import RowOutcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
 from bench.processes import children
@@ -59,10 +59,10 @@ class Restarted(threading.Thread):
             time.sleep(0.05)
 
 
-def _recorder_fails(work: Work, how: str) -> Outcome:
+def _recorder_fails(work: Work, how: str) -> RowOutcome:
     """how: a signal's name, or what `FailingDisk` takes."""
     if why := missing():
-        return Outcome(0, (why,))
+        return RowOutcome(0, (why,))
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed, recorded=_MB) as rover:
         folder = rover.state / FOLDER
@@ -99,7 +99,7 @@ def _recorder_fails(work: Work, how: str) -> Outcome:
         for path, when in ((files[0], "before"), (files[-1], "afterwards")):
             if next(messages(path, {"/camera"}), None) is None:
                 wrong.append(f"nothing that was recorded {when} is left")
-    return Outcome(1, tuple(wrong), hold_s, back, f"{saw}; {lost} messages lost")
+    return RowOutcome(1, tuple(wrong), hold_s, back, f"{saw}; {lost} messages lost")
 
 
 def _in_trouble(rover: Standing) -> bool:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.bounds import told
-from bench.faults.row import Outcome, Row
+from bench.faults.row import Row, RowOutcome
 from bench.faults.table import ROWS
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
@@ -31,7 +31,7 @@ COLUMNS = (
 )
 
 
-def wrong(row: Row, outcome: Outcome, *, short: bool) -> list[str]:
+def wrong(row: Row, outcome: RowOutcome, *, short: bool) -> list[str]:
     """Returns what was wrong: runs that did not end as they must, and in the long form what took too long."""
     found = list(outcome.wrong) if outcome.runs else [*outcome.wrong, "never produced"]
     limits = (("hold", outcome.hold_s, row.hold_within), ("return", outcome.return_s, row.return_within))
@@ -45,7 +45,7 @@ def wrong(row: Row, outcome: Outcome, *, short: bool) -> list[str]:
     return found
 
 
-def judged(row: Row, outcome: Outcome, *, short: bool) -> dict[str, Any]:
+def judged(row: Row, outcome: RowOutcome, *, short: bool) -> dict[str, Any]:
     """Returns a row's figures. safe: it ended as it must, and that is safe."""
     found = wrong(row, outcome, short=short)
     return {

@@ -30,7 +30,7 @@ class Work(NamedTuple):
         return range(self.seed, self.seed + (1 if self.short else self.runs or times))
 
 
-class Outcome(NamedTuple):
+class RowOutcome(NamedTuple):
     """What was seen.
 
     runs: how often the fault was produced. wrong: a line for each run that did not end in the safe state.
@@ -49,7 +49,7 @@ class Outcome(NamedTuple):
 class Row(NamedTuple):
     """A row. fault, produced, safe_state: for a reader, in a few words.
 
-    hold_within, return_within: limits in s of `Outcome.hold_s` and `Outcome.return_s`.
+    hold_within, return_within: limits in s of `RowOutcome.hold_s` and `RowOutcome.return_s`.
     exception: why no safe state follows as shipped, and what can change that. Such a row counts as not
     safe, and is wrong only where something else follows than `safe_state` says. "": it must be safe.
     """
@@ -57,7 +57,7 @@ class Row(NamedTuple):
     fault: str
     produced: str
     safe_state: str
-    produce: Callable[[Work], Outcome]
+    produce: Callable[[Work], RowOutcome]
     hold_within: float | None = None
     return_within: float | None = None
     exception: str = ""

@@ -9,27 +9,29 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from random import Random
 
-from bench.faults.row import Outcome, Work
-from bench.stopping.faults import Fault
+from bench.faults.row import RowOutcome, Work
+from bench.stopping.faults import InjectedFault
 from bench.stopping.jobs import LATE, TRIES, Job
 from bench.stopping.runs import faults
-from bench.stopping.scenes import Scene, Seen
+from bench.stopping.scenes import Seen, StoppingScene
 from bench.stopping.stage import Disturbed, Plan, Stage
 
 SCRIPT_WITHIN = 1.5 + 0.5
 """s from the last heartbeat that the script believed to its order: ATS_TIMEOUT and half a second."""
 
-Produce = Callable[[Work], Outcome]
+Produce = Callable[[Work], RowOutcome]
 
 
-def stops(named: Fault | Mapping[str, Fault], times: int, *, breakable: bool = False) -> Produce:
+def stops(
+    named: InjectedFault | Mapping[str, InjectedFault], times: int, *, breakable: bool = False
+) -> Produce:
     """Causes each fault so often while a rover drives, with a seed each; in the short form only one, once.
 
     breakable: the companion has the perceiver that can be broken.
     """
-    every = {"": named} if isinstance(named, Fault) else named
+    every = {"": named} if isinstance(named, InjectedFault) else named
 
-    def produce(work: Work) -> Outcome:
+    def produce(work: Work) -> RowOutcome:
         own = dict(list(every.items())[:1]) if work.short else every
         seen = []
         for seed in work.seeds(times):
@@ -57,18 +59,18 @@ def repeated(
     What must follow is awaited in `follows`. A run that is disturbed before that is begun anew.
     """
 
-    def produce(work: Work) -> Outcome:
+    def produce(work: Work) -> RowOutcome:
         jobs = (Job(seed, work.folder, threading.Event()) for seed in work.seeds(times))
-        return outcome([_played(job, Scene(plan, play)) for job in jobs])
+        return outcome([_played(job, StoppingScene(plan, play)) for job in jobs])
 
     return produce
 
 
-def outcome(seen: Sequence[Seen], saw: str = "") -> Outcome:
+def outcome(seen: Sequence[Seen], saw: str = "") -> RowOutcome:
     """Sums up runs; what they saw is counted."""
     counted = Counter(one.saw for one in seen if one.saw)
     told = [text if count == len(seen) == 1 else f"{text} ({count})" for text, count in counted.items()]
-    return Outcome(
+    return RowOutcome(
         len(seen),
         tuple(one.wrong for one in seen if one.wrong),
         _most(one.hold_s for one in seen),
@@ -77,7 +79,7 @@ def outcome(seen: Sequence[Seen], saw: str = "") -> Outcome:
     )
 
 
-def _played(job: Job, scene: Scene, attempt: int = 0) -> Seen:
+def _played(job: Job, scene: StoppingScene, attempt: int = 0) -> Seen:
     try:
         return scene.seen(job, job.random(attempt))
     except Disturbed as why:

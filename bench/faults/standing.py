@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.operations import Operation
-from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Outcome, Row, Work
+from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Row, RowOutcome, Work
 from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
 from companion.sim.demo.child import LoggedProcess
@@ -81,7 +81,7 @@ class NotSeen(Exception):  # noqa: N818
     """Raised when something did not come in time, or the daemon ended. The message says what, and its log."""
 
 
-class Picture:
+class StandingPicture:
     """Draws what the camera sees: grass whose grain is new in every frame, with a thing ahead or without."""
 
     def __init__(self, seed: int) -> None:
@@ -132,7 +132,7 @@ class Standing:
         self.client = OperatorClient()
         signing = None if self.key is None else OperatorSigning(self.key)
         self._runner = Runner(self.wire, self.client, signing=signing)
-        self._picture = Picture(seed)
+        self._picture = StandingPicture(seed)
         self._frame_id, self._frame_at = 0, 0.0
         self.config = out / "companion.toml"
         host, port = self._frames.address
@@ -299,14 +299,14 @@ def repeating(
     produced: str,
     safe_state: str,
     times: int,
-    once: Callable[[Work], Outcome],
+    once: Callable[[Work], RowOutcome],
     *,
     holds: bool = False,
     returns: bool = True,
 ) -> Row:
     """Make a row that produces its fault `times` times, each with a folder of its own; once if short."""
 
-    def produce(work: Work) -> Outcome:
+    def produce(work: Work) -> RowOutcome:
         numbers = range(len(work.seeds(times)))
         return _put_together([_once(work, number, once) for number in numbers])
 
@@ -314,17 +314,17 @@ def repeating(
     return Row(fault, produced, safe_state, produce, *limits)
 
 
-def _once(work: Work, number: int, once: Callable[[Work], Outcome]) -> Outcome:
+def _once(work: Work, number: int, once: Callable[[Work], RowOutcome]) -> RowOutcome:
     folder = work.folder / str(number)
     folder.mkdir()
     try:
         return once(Work(folder, work.seed + number, work.short))
     except Exception as error:  # whatever it is, the other rows are still to be produced
-        return Outcome(1, (f"{type(error).__name__}: {error}",))
+        return RowOutcome(1, (f"{type(error).__name__}: {error}",))
 
 
-def _put_together(outcomes: Sequence[Outcome]) -> Outcome:
-    return Outcome(
+def _put_together(outcomes: Sequence[RowOutcome]) -> RowOutcome:
+    return RowOutcome(
         sum(one.runs for one in outcomes),
         tuple(f"run {number}: {line}" for number, one in enumerate(outcomes) for line in one.wrong),
         max((one.hold_s for one in outcomes if one.hold_s is not None), default=None),

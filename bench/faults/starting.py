@@ -9,7 +9,7 @@ from pathlib import Path
 
 from anytraverse.operations import SetWord
 from bench.faults import clocks
-from bench.faults.row import Outcome, Work
+from bench.faults.row import RowOutcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_calls import comes_back, drive_on, held_call, still_open
 from bench.faults.standing_wire import HOLD
@@ -49,7 +49,7 @@ def _stored_version(path: Path) -> int:
         connection.close()
 
 
-def _older_journal(work: Work) -> Outcome:
+def _older_journal(work: Work) -> RowOutcome:
     wrong, back = list[str](), 0.0
     for version in range(1, VERSION):
         folder = work.folder / str(version)
@@ -73,10 +73,12 @@ def _older_journal(work: Work) -> Outcome:
             found = _stored_version(rover.state / "journal.db"), _stored_version(copy)
             if found != (VERSION, version):
                 wrong.append(f"version {version}: journal and copy are of versions {found}")
-    return Outcome(VERSION - 1, tuple(wrong), None, back, "call, picture and words are there; a copy is kept")
+    return RowOutcome(
+        VERSION - 1, tuple(wrong), None, back, "call, picture and words are there; a copy is kept"
+    )
 
 
-def _newer_journal(work: Work) -> Outcome:
+def _newer_journal(work: Work) -> RowOutcome:
     wrong = list[str]()
     with Standing(work.folder, seed=work.seed) as rover:
         rover.start()
@@ -96,7 +98,7 @@ def _newer_journal(work: Work) -> Outcome:
             wrong.append("the newer journal was changed")
         path.unlink()
         back = rover.start()
-    return Outcome(1, tuple(wrong), None, back, said.replace(str(rover.state), "STATE"))
+    return RowOutcome(1, tuple(wrong), None, back, said.replace(str(rover.state), "STATE"))
 
 
 def _shows_picture(rover: Standing, call: int) -> bool:
@@ -104,7 +106,7 @@ def _shows_picture(rover: Standing, call: int) -> bool:
     return bool(record.get("picture") == f"/calls/{call}.jpg")
 
 
-def _unclean_stop(work: Work) -> Outcome:
+def _unclean_stop(work: Work) -> RowOutcome:
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed) as rover:
         rover.start()
@@ -120,10 +122,10 @@ def _unclean_stop(work: Work) -> Outcome:
         rover.wait("its picture in the call's record", lambda: _shows_picture(rover, call), 10.0)
         _answer_with_its_picture(rover, call, "gravel", wrong)
         drive_on(rover, call, wrong)
-    return Outcome(1, tuple(wrong), None, back, f"call {call}, held, with its picture")
+    return RowOutcome(1, tuple(wrong), None, back, f"call {call}, held, with its picture")
 
 
-def _two_on_one_folder(work: Work) -> Outcome:
+def _two_on_one_folder(work: Work) -> RowOutcome:
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed) as rover:
         rover.start()
@@ -139,10 +141,10 @@ def _two_on_one_folder(work: Work) -> Outcome:
         call = held_call(rover)
         hold_s = rover.wire.modes[-1][0] - rover.clear_at
         drive_on(rover, call, wrong)
-    return Outcome(1, tuple(wrong), hold_s, None, said.replace(str(rover.state), "STATE"))
+    return RowOutcome(1, tuple(wrong), hold_s, None, said.replace(str(rover.state), "STATE"))
 
 
-def _two_on_one_link(work: Work) -> Outcome:
+def _two_on_one_link(work: Work) -> RowOutcome:
     """Two daemons under the same ids, and each hears the other. One that speaks is ended at last."""
     wrong = list[str]()
     with Standing(work.folder, policy="hold", seed=work.seed) as rover:
@@ -173,7 +175,7 @@ def _two_on_one_link(work: Work) -> Outcome:
             for one in pair:
                 one.process.kill()
                 one.process.wait(10.0)
-    return Outcome(1, tuple(wrong), hold_s, back, f'"{said}: stop it, or this one stays silent"')
+    return RowOutcome(1, tuple(wrong), hold_s, back, f'"{said}: stop it, or this one stays silent"')
 
 
 ROWS = (

@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.operations import SetWord
 from bench.faults.standing import NotSeen, Standing
 from bench.faults.standing_calls import drive_on, held_call
-from bench.series import Series
+from bench.series import PlottedSeries
 from companion.sim.demo.rehearsal import free_port
 from companion.wire.ids import COMPONENT_ID, Motion
 from companion.wire.parameters import SUMMARY_RATE
@@ -33,20 +33,20 @@ _CALL_EVERY, _SET_EVERY, _SILENT_EVERY, _SILENT_FOR = 20.0, 10.0, 300.0, 6.0
 _WORDS = "gravel", "dirt path", "dry grass"
 
 
-def measure(*, quick: bool, minutes: float | None) -> list[Series]:
+def measure(*, quick: bool, minutes: float | None) -> list[PlottedSeries]:
     """Measures so many minutes; by default `MINUTES`, quick: `QUICK`."""
     with tempfile.TemporaryDirectory(prefix="growth-") as folder:
         return drive(60.0 * (minutes or (QUICK if quick else MINUTES)), Path(folder))
 
 
-def drive(seconds: float, folder: Path) -> list[Series]:
+def drive(seconds: float, folder: Path) -> list[PlottedSeries]:
     """Lets a daemon run for so long, and returns the memory of its main process, its threads and open files.
 
     Its own memory is without the files of libraries. PSS counts them in shares, and rises when another
     program that uses them ends.
     """
-    memory = Series("Memory of a whole daemon's main process", "hours", "MB")
-    held = Series("Threads and open files of a whole daemon's main process", "hours", "")
+    memory = PlottedSeries("Memory of a whole daemon's main process", "hours", "MB")
+    held = PlottedSeries("Threads and open files of a whole daemon's main process", "hours", "")
     port, over = free_port(), threading.Event()
     with Standing(folder, policy="hold", recorded=50, web=f'listen = "127.0.0.1:{port}"') as rover:
         text = rover.config.read_text(encoding="utf-8")

@@ -20,7 +20,7 @@ from anytraverse.perception import Example
 from anytraverse.preferences import Preferences
 from bench.link.rover import Companion, make_engine, make_ready
 from bench.link.synthetic_frames import NumberPerceiver
-from bench.series import Series, cpu_ms
+from bench.series import PlottedSeries, cpu_ms
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.desk.memory.scene_file import Scene, write_scenes
@@ -46,13 +46,13 @@ _LARGEST = 1 << 30
 _MODEL = NumberPerceiver().model_id
 
 
-def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
+def measure(*, quick: bool, bundle: Path | None) -> list[PlottedSeries]:
     """Measures up to 10,000 scenes; quick: up to 1,000. `bundle` is not needed."""
     del bundle
     rounds, counts = (5, COUNTS[:4]) if quick else (11, COUNTS)
-    frame = Series("A frame of a changed scene, and an answer", "remembered scenes", "ms of CPU")
-    start = Series("A start with these scenes", "remembered scenes", "ms of CPU")
-    disk = Series("What remembered scenes take", "remembered scenes", "MB")
+    frame = PlottedSeries("A frame of a changed scene, and an answer", "remembered scenes", "ms of CPU")
+    start = PlottedSeries("A start with these scenes", "remembered scenes", "ms of CPU")
+    disk = PlottedSeries("What remembered scenes take", "remembered scenes", "MB")
     for count in counts:
         memory = _remembering(count)
         _measure_frame(memory, count, rounds, frame)
@@ -97,7 +97,7 @@ def _vector(random: np.random.Generator) -> Embedding:
     return np.asarray(vector / np.linalg.norm(vector), np.float32)
 
 
-def _measure_frame(memory: Memory, count: int, rounds: int, series: Series) -> None:
+def _measure_frame(memory: Memory, count: int, rounds: int, series: PlottedSeries) -> None:
     scene = _vector(np.random.default_rng(count + 1))
     series.add("match", count, cpu_ms(lambda: memory.history.best(scene), rounds))
 
@@ -123,7 +123,13 @@ def _measure_frame(memory: Memory, count: int, rounds: int, series: Series) -> N
 
 
 def _measure_journal(
-    memory: Memory, count: int, rounds: int, folder: Path, frame: Series, start: Series, disk: Series
+    memory: Memory,
+    count: int,
+    rounds: int,
+    folder: Path,
+    frame: PlottedSeries,
+    start: PlottedSeries,
+    disk: PlottedSeries,
 ) -> None:
     scene = _vector(np.random.default_rng(count + 2))
     after = memory.remembering(scene, count + 1, Place(), move=True)
@@ -153,7 +159,7 @@ def _checkpoint(path: Path) -> None:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
 
 
-def _measure_start(memory: Memory, count: int, rounds: int, series: Series) -> None:
+def _measure_start(memory: Memory, count: int, rounds: int, series: PlottedSeries) -> None:
     """Measures what the supervisor sends to a new vision process, and what that does with it."""
     parts = list(_handed_over(memory))
     series.add("supervisor: encode", count, cpu_ms(lambda: list(_handed_over(memory)), rounds))
@@ -184,7 +190,7 @@ class _Sent(SupervisorChannel):
         return [decode_trusted(part[4:]) for part in self._parts]
 
 
-def _measure_turns(memory: Memory, count: int, folder: Path, series: Series) -> None:
+def _measure_turns(memory: Memory, count: int, folder: Path, series: PlottedSeries) -> None:
     """Measures turns of the supervisor's loop with this memory, while nothing is answered."""
     child = LoopbackVision(make_engine)
     vision = VisionClient(lambda: child, Config(), memory, VISION)

@@ -20,10 +20,10 @@ import numpy as np
 
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
-from bench.faults.endurance import CutRadio, Endurance, Operator, bytes_in, own_memory, pass_period
+from bench.faults.endurance import CutRadio, Endurance, EnduranceOperator, bytes_in, own_memory, pass_period
 from bench.link.lossy import virtual_time
 from bench.link.radio_model import LinkConditions
-from bench.series import Series
+from bench.series import PlottedSeries
 from companion.storage.log_file import log_to_file
 
 FRAMES = 36_000
@@ -31,20 +31,20 @@ QUICK = 600
 _SAMPLES = 50
 
 
-def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
+def measure(*, quick: bool, bundle: Path | None) -> list[PlottedSeries]:
     """Measures an hour at ten frames/s; quick: one minute. `bundle` is not needed."""
     del bundle
     with tempfile.TemporaryDirectory(prefix="growth-") as folder:
         return drive(QUICK if quick else FRAMES, Path(folder))
 
 
-def drive(frames: int, folder: Path) -> list[Series]:
+def drive(frames: int, folder: Path) -> list[PlottedSeries]:
     """Judges so many frames, and returns memory, disk and times over them."""
     logging.getLogger().setLevel(logging.INFO)
-    memory = Series("Memory of daemon and engine", "frames", "MB")
-    disk = Series("Files of the rover", "frames", "MB")
-    times = Series("Time of a frame, and of the daemon's turns in it", "frames", "ms of CPU")
-    against = Series("The same, in times of the yardstick", "frames", "times")
+    memory = PlottedSeries("Memory of daemon and engine", "frames", "MB")
+    disk = PlottedSeries("Files of the rover", "frames", "MB")
+    times = PlottedSeries("Time of a frame, and of the daemon's turns in it", "frames", "ms of CPU")
+    against = PlottedSeries("The same, in times of the yardstick", "frames", "times")
     every = max(1, frames // _SAMPLES)
     judged, turned, measured = list[float](), list[float](), list[float]()
     measure_yardstick = _yardstick()
@@ -52,7 +52,7 @@ def drive(frames: int, folder: Path) -> list[Series]:
         radio = CutRadio(LinkConditions(), "1")
         rover = closed.enter_context(closing(Endurance(folder, radio, 1)))
         closed.enter_context(log_to_file(folder, rover.writer))
-        operator = Operator(radio)
+        operator = EnduranceOperator(radio)
         for number in range(1, frames + 1):
             radio.cut = number % 3000 >= 2700
             begun = time.process_time()

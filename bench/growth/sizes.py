@@ -18,7 +18,7 @@ from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from bench.growth.words import judge_new
-from bench.series import Series, cpu_ms
+from bench.series import PlottedSeries, cpu_ms
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 from companion.vision.messages import Encode
@@ -31,7 +31,7 @@ _GRAIN = 3.0
 """Grey values of a sensor's noise: without it a PNG would be smaller than a camera's."""
 
 
-def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
+def measure(*, quick: bool, bundle: Path | None) -> list[PlottedSeries]:
     """Measures up to 3840x2160; quick: up to 1920x1080. `bundle` is not needed."""
     del bundle
     cv2.setNumThreads(1)
@@ -39,8 +39,8 @@ def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
     memory = first_memory(perceiver.model_id, _WORDS)
     engine = AnyTraverse(perceiver, Settings.of(perceiver.defaults), memory)
     engine.step(Frame(1, 0.0, _picture(640, 480)), 0.0)  # which becomes the reference
-    times = Series("Time by frame size", "megapixels", "ms of CPU")
-    bytes_ = Series("Bytes by frame size", "megapixels", "kB")
+    times = PlottedSeries("Time by frame size", "megapixels", "ms of CPU")
+    bytes_ = PlottedSeries("Bytes by frame size", "megapixels", "kB")
     for width, height in SIZES[:4] if quick else SIZES:
         frame = Frame(1, 0.0, _picture(width, height))
         pixels = round(width * height / 1e6, 3)

@@ -22,17 +22,17 @@ from anytraverse.perception.builtin.words import GROUND_WORDS
 from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from bench.clipseg.frames import make_frame
-from bench.series import Series, cpu_ms
+from bench.series import PlottedSeries, cpu_ms
 
 COUNTS = (1, 2, 4, 8, 16)
 _EXPORT_WITHIN = 600.0
 
 
-def measure(*, quick: bool, bundle: Path | None) -> list[Series]:
+def measure(*, quick: bool, bundle: Path | None) -> list[PlottedSeries]:
     """Measures `builtin`, and CLIPSeg in fp32; quick: only the former. bundle: CLIPSeg's, None: random."""
     cv2.setNumThreads(1)
-    times = Series("Time of a 640x480 frame", "words in use", "ms of CPU")
-    kept = Series("Memory that a judged frame keeps, for answers to its call", "words in use", "MB")
+    times = PlottedSeries("Time of a 640x480 frame", "words in use", "ms of CPU")
+    kept = PlottedSeries("Memory that a judged frame keeps, for answers to its call", "words in use", "MB")
     _measure("builtin", 5 if quick else 15, times, kept)
     if not quick:
         with tempfile.TemporaryDirectory(prefix="growth-") as folder:
@@ -47,7 +47,7 @@ def _random_bundle(out: Path) -> Path:
     return out
 
 
-def _measure(name: str, rounds: int, times: Series, kept: Series) -> None:
+def _measure(name: str, rounds: int, times: PlottedSeries, kept: PlottedSeries) -> None:
     perceiver = make_perceiver(name, Runtime(threads=1, precision="fp32"))
     kind = name.partition(":")[0]
     for count in COUNTS:

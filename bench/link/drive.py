@@ -20,7 +20,7 @@ _COUNTS = (Result.APPLIED, Result.APPLIED_NOT_REMEMBERED)
 
 
 @dataclass
-class Outcome:
+class DriveOutcome:
     """What became of `calls` calls.
 
     lost: not answered, or the operator never knew. twice: more than one answer counted. anew: answers that
@@ -66,9 +66,9 @@ def at(values: Iterable[float], share: float) -> float | None:
     return round(ordered[max(0, -int(-share * len(ordered) // 1) - 1)], 2)
 
 
-def drive(rover: Rover, operator: Operator, calls: int, step: Callable[[], None]) -> Outcome:
+def drive(rover: Rover, operator: Operator, calls: int, step: Callable[[], None]) -> DriveOutcome:
     """Drives past things 1 to `calls`; `step` lets a moment pass at both ends."""
-    outcome = Outcome()
+    outcome = DriveOutcome()
     for number in range(1, calls + 1):
         _wait(step, lambda: rover.clear and bool(operator.client.rovers))
         rover.shows = number
@@ -89,7 +89,7 @@ def drive(rover: Rover, operator: Operator, calls: int, step: Callable[[], None]
 
 
 def _count(
-    outcome: Outcome, calls: CountedCalls, operator: Operator, number: int, opened: float, *, whole: bool
+    outcome: DriveOutcome, calls: CountedCalls, operator: Operator, number: int, opened: float, *, whole: bool
 ) -> None:
     applied = [one for one in calls.applied if one.target == number and one.result in _COUNTS]
     known = operator.calls.get(number)

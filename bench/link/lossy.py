@@ -11,7 +11,7 @@ from unittest import mock
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from bench.link.drive import Outcome, drive
+from bench.link.drive import DriveOutcome, drive
 from bench.link.operator import Operator
 from bench.link.radio_model import LinkConditions, RadioModel
 from bench.link.rover import Rover
@@ -52,7 +52,7 @@ def virtual_time() -> Iterator[Clock]:
         yield clock
 
 
-class Autopilot:
+class StreamingAutopilot:
     """An ArduPilot rover in AUTO: it sends heartbeats, and streams what is requested."""
 
     def __init__(self) -> None:
@@ -97,7 +97,7 @@ class Radio:
     def __init__(self, weather: LinkConditions, seed: str) -> None:
         self.near, self._far = pair()
         self.up, self.down = RadioModel(weather, f"up {seed}"), RadioModel(weather, f"down {seed}")
-        self._autopilot = Autopilot()
+        self._autopilot = StreamingAutopilot()
 
     def carry(self, now: float) -> None:
         """Carries frames between rover, radio and autopilot; between rover and autopilot none is lost."""
@@ -125,7 +125,7 @@ class Radio:
 
 def drive_in_virtual_time(
     clock: Clock, radio: Radio, rover: Rover, operator: Operator, calls: int, step_s: float = STEP
-) -> Outcome:
+) -> DriveOutcome:
     """Makes `calls` calls, `step_s` s from one turn of the daemon to the next, and closes the rover."""
 
     def step() -> None:
@@ -141,7 +141,9 @@ def drive_in_virtual_time(
         rover.close()
 
 
-def run(weather: LinkConditions, calls: int, folder: Path, seed: str = "1", step_s: float = STEP) -> Outcome:
+def run(
+    weather: LinkConditions, calls: int, folder: Path, seed: str = "1", step_s: float = STEP
+) -> DriveOutcome:
     """Makes `calls` calls in virtual time, `step_s` s from one turn of the daemon to the next."""
     with virtual_time() as clock:
         radio = Radio(weather, seed)

@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bench.link.drive import Outcome, drive
-from bench.link.lossy import Autopilot, is_for_autopilot
+from bench.link.drive import DriveOutcome, drive
+from bench.link.lossy import StreamingAutopilot, is_for_autopilot
 from bench.link.operator import Operator
 from bench.link.radio_model import LinkConditions, RadioModel
 from bench.link.rover import Rover
@@ -29,7 +29,7 @@ class Relay:
         self._operator = (HOST, port)
         self._near: Any = None
         self._up, self._down = RadioModel(weather, f"up {seed}"), RadioModel(weather, f"down {seed}")
-        self._autopilot = Autopilot()
+        self._autopilot = StreamingAutopilot()
 
     @property
     def port(self) -> int:
@@ -56,7 +56,7 @@ class Relay:
         self._ground.close()
 
 
-def run(weather: LinkConditions, calls: int, folder: Path, seed: str = "1") -> Outcome:
+def run(weather: LinkConditions, calls: int, folder: Path, seed: str = "1") -> DriveOutcome:
     """Makes `calls` calls, a few seconds each."""
     connection = open_connection(f"udpin:{HOST}:0")
     relay = Relay(weather, seed, int(connection.name.rpartition(":")[2]))

@@ -14,7 +14,7 @@ import numpy as np
 
 from anytraverse.judging import Settings, Thresholds
 from bench.link.drive import at
-from bench.link.lossy import Autopilot
+from bench.link.lossy import StreamingAutopilot
 from bench.link.rover import Companion
 from companion.config import Config
 from companion.config.link_settings import Address
@@ -86,7 +86,7 @@ class Stamped:
         self._udp.close()
 
 
-class Ground:
+class _Ground:
     """A listener and the autopilot at one UDP port."""
 
     def __init__(self) -> None:
@@ -94,7 +94,7 @@ class Ground:
         self._socket.bind((HOST, 0))
         self._socket.settimeout(0)
         self._companion: Any = None
-        self._autopilot = Autopilot()
+        self._autopilot = StreamingAutopilot()
 
     @property
     def address(self) -> Address:
@@ -136,7 +136,7 @@ def seeing(rate: float, seconds: float, folder: Path) -> dict[str, Any]:
         perceiver=PerceiverSection("builtin", threads=1),
         words=_WORDS,
     )
-    ground = Ground()
+    ground = _Ground()
     vision, wire = TimedVision(VisionChild, config, None, VISION), Stamped(Udp(ground.address))
     vision.judged = {}
     try:
@@ -184,7 +184,7 @@ def _load(vision: VisionClient) -> None:
         time.sleep(0.02)
 
 
-def _run_for(seconds: float, companion: Companion, ground: Ground) -> None:
+def _run_for(seconds: float, companion: Companion, ground: _Ground) -> None:
     until = time.monotonic() + seconds
     while (now := time.monotonic()) < until:
         ground.step(now)

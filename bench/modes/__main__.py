@@ -20,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from bench.modes.judging import Outcome, Setting, figures, line
+from bench.modes.judging import ModeOutcome, ModeSetting, figures, line
 from bench.modes.trials import play_all
 
 DELAYS, QUICK_DELAYS = (0, 20, 100, 500), (20,)
@@ -34,7 +34,7 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end)
     settings = [
-        Setting(script, delay / 1000, busy)
+        ModeSetting(script, delay / 1000, busy)
         for busy in BOTH[given.busy]
         for delay in given.delay
         for script in BOTH[given.script]
@@ -42,10 +42,10 @@ def main() -> int:
     share, more = divmod(given.trials, len(settings))
     todo = [(setting, share + (place < more)) for place, setting in enumerate(settings)]
     cancelled = threading.Event()
-    outcomes: list[Outcome] = []
+    outcomes: list[ModeOutcome] = []
     void: list[str] = []
 
-    def one(setting: Setting, number: int) -> None:
+    def one(setting: ModeSetting, number: int) -> None:
         name = f"{'script' if setting.script else 'none'}-{round(1000 * setting.delay)}"
         folder = out / f"{name}-{'busy' if setting.busy else 'idle'}"
         for found in play_all(setting, number, given.seed, folder, cancelled):

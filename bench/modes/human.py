@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 
-from bench.modes.judging import Trial
-from bench.stopping.ground import Ground
+from bench.modes.judging import ModeTrial
+from bench.stopping.ground import SecondPort
 from bench.stopping.stage import Stage
 
 EXPECTED = {"hold": 1.1, "resume": 0.9}
@@ -25,7 +25,7 @@ class Human:
     left_at: when the command left the companion. set_at: when the mode was set, both in monotonic s.
     """
 
-    def __init__(self, stage: Stage, trial: Trial, latency: float) -> None:
+    def __init__(self, stage: Stage, trial: ModeTrial, latency: float) -> None:
         self._stage, self._trial = stage, trial
         arrives = trial.moment == "arrives"
         self._lead = trial.offset + (stage.plan.delay if arrives else 0.0) + trial.kept
@@ -79,7 +79,7 @@ class Human:
     def _act(self) -> None:
         try:
             if self._trial.mode == "HOLD":
-                with closing(Ground(self._stage.gcs)) as ground:
+                with closing(SecondPort(self._stage.gcs)) as ground:
                     ground.press_hold()
                 self.set_at = time.monotonic()
             else:

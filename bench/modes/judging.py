@@ -14,7 +14,7 @@ SLACK = 0.5
 
 
 @dataclass(frozen=True)
-class Setting:
+class ModeSetting:
     """How a trial was set up. script: on the autopilot. delay: s, each way. busy: beside two busy loops."""
 
     script: bool
@@ -23,7 +23,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Trial:
+class ModeTrial:
     """A human's mode round one command of the companion.
 
     command: hold or resume. mode: the human's; HOLD is pressed at a ground station, inside our HOLD. offset:
@@ -40,15 +40,15 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ModeOutcome:
     """What came out. measured: s from the command's leaving to the human's mode; None: no command left.
 
     changes: modes that the autopilot entered after the human's and by no hand. overridden: there was one.
     drove: longest s for which a driving mode stood then; None: none did. ended: no such mode stands now.
     """
 
-    setting: Setting
-    trial: Trial
+    setting: ModeSetting
+    trial: ModeTrial
     measured: float | None
     changes: tuple[str, ...]
     drove: float | None
@@ -99,7 +99,7 @@ def drove(after: Sequence[Mapping[str, Any]], until: float) -> tuple[float | Non
     return max(stood, default=None), not after or after[-1]["mode"] not in DRIVING
 
 
-def figures(outcomes: Sequence[Outcome], disturbed: int = 0) -> dict[str, Any]:
+def figures(outcomes: Sequence[ModeOutcome], disturbed: int = 0) -> dict[str, Any]:
     """Sums up. longest_override_s: of a driving mode; an override by HOLD leaves the rover standing."""
     driven = [one for one in outcomes if one.drove is not None]
     found = {
@@ -119,7 +119,7 @@ def figures(outcomes: Sequence[Outcome], disturbed: int = 0) -> dict[str, Any]:
     }
 
 
-def _of(setting: Setting, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def _of(setting: ModeSetting, outcomes: Sequence[ModeOutcome]) -> dict[str, Any]:
     own = [one for one in outcomes if one.setting == setting]
     driven = [one for one in own if one.drove is not None]
     return {
@@ -133,11 +133,11 @@ def _of(setting: Setting, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def _worst(driven: Sequence[Outcome]) -> float | None:
+def _worst(driven: Sequence[ModeOutcome]) -> float | None:
     return max((round(one.over_round_trip or 0.0, 3) for one in driven), default=None)
 
 
-def line(outcome: Outcome) -> str:
+def line(outcome: ModeOutcome) -> str:
     """Formats a trial as a line for a reader."""
     setting, trial = outcome.setting, outcome.trial
     measured = "no command" if outcome.measured is None else f"{1000 * outcome.measured:+.0f} ms"

@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 
 from bench.modes.human import EXPECTED, Human
-from bench.modes.judging import DRIVING, Outcome, Setting, Trial, drove, since_human
+from bench.modes.judging import DRIVING, ModeOutcome, ModeSetting, ModeTrial, drove, since_human
 from bench.stopping.stage import Disturbed, Plan, Stage
 from companion.sim.field.trail import Trail
 
@@ -25,18 +25,18 @@ TRIES_HERE, TRIES = 4, 12
 HUMANS = "MANUAL", "LOITER", "STEERING", "RTL"
 
 
-def draw(random: Random, setting: Setting) -> Trial:
+def draw(random: Random, setting: ModeSetting) -> ModeTrial:
     """Draws a trial. HOLD inside our HOLD is pressed only where the script runs, which alone sees it."""
     command = random.choice(["hold", "resume"])
     modes = (*HUMANS, "HOLD") if command == "resume" and setting.script else HUMANS
     moment, offset = random.choice(["leaves", "arrives"]), random.uniform(EARLY, LATE)
     kept = max(-setting.delay - offset, 0.0) if moment == "arrives" else 0.0
-    return Trial(command, random.choice(modes), moment, round(offset, 3), round(kept, 3))
+    return ModeTrial(command, random.choice(modes), moment, round(offset, 3), round(kept, 3))
 
 
 def play_all(
-    setting: Setting, number: int, seed: int, out: Path, cancelled: threading.Event
-) -> Iterator[Outcome | str]:
+    setting: ModeSetting, number: int, seed: int, out: Path, cancelled: threading.Event
+) -> Iterator[ModeOutcome | str]:
     """Plays so many trials; yields each outcome, or why a trial was void.
 
     Raises Disturbed after `TRIES` void ones in a row.
@@ -62,14 +62,16 @@ def play_all(
         raise Disturbed(f"{void} void trials in a row: {setting}")
 
 
-def _play_or_why(stage: Stage, setting: Setting, trial: Trial, latencies: dict[str, float]) -> Outcome | str:
+def _play_or_why(
+    stage: Stage, setting: ModeSetting, trial: ModeTrial, latencies: dict[str, float]
+) -> ModeOutcome | str:
     try:
         return play(stage, setting, trial, latencies)
     except Disturbed as why:
         return str(why)
 
 
-def play(stage: Stage, setting: Setting, trial: Trial, latencies: dict[str, float]) -> Outcome:
+def play(stage: Stage, setting: ModeSetting, trial: ModeTrial, latencies: dict[str, float]) -> ModeOutcome:
     """Plays one trial. latencies: s from the cause of each command until it leaves; it updates them."""
     stage.freeze_camera(on=False)
     stage.control.mode("MANUAL")
@@ -103,7 +105,7 @@ def play(stage: Stage, setting: Setting, trial: Trial, latencies: dict[str, floa
             latencies[trial.command] = 0.7 * latencies[trial.command] + 0.3 * taken
 
 
-def _judged(stage: Stage, setting: Setting, trial: Trial, human: Human, begun: float) -> Outcome:
+def _judged(stage: Stage, setting: ModeSetting, trial: ModeTrial, human: Human, begun: float) -> ModeOutcome:
     status = stage.status()
     assert human.set_at is not None
     log = status["mode_log"]
@@ -113,7 +115,7 @@ def _judged(stage: Stage, setting: Setting, trial: Trial, human: Human, begun: f
     longest, ended = drove(after, status["t"])
     measured = None if human.left_at is None else round(human.set_at - human.left_at, 3)
     changes = tuple(f"{row['mode']} by {row['by']}" for row in after)
-    return Outcome(setting, trial, measured, changes, longest, ended)
+    return ModeOutcome(setting, trial, measured, changes, longest, ended)
 
 
 def _wait_for_end(stage: Stage) -> None:

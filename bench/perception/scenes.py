@@ -71,7 +71,7 @@ class Replay:
 
 
 @dataclass(eq=False)
-class Seen:
+class EmbeddedFrame:
     """Holds a frame's number, which is -1 where it does not matter, and its embedding."""
 
     number: int
@@ -81,7 +81,7 @@ class Seen:
 class Rover:
     """A rover that remembers scenes; asks the engine, with its threshold, which of them a frame matches."""
 
-    def __init__(self, perceiver: Perceiver, remembered: Sequence[Seen]) -> None:
+    def __init__(self, perceiver: Perceiver, remembered: Sequence[EmbeddedFrame]) -> None:
         self._replay = Replay(perceiver)
         words = Preferences.parse(ROVER)
         memory = first_memory(perceiver.model_id, words)
@@ -93,7 +93,7 @@ class Rover:
         self._remembered = remembered
         self._engine = AnyTraverse(self._replay, shipped(perceiver), self._memory)
 
-    def matched(self, embedding: Embedding) -> Seen | None:
+    def matched(self, embedding: Embedding) -> EmbeddedFrame | None:
         """Return the remembered scene that the engine takes for a frame's, or None."""
         self._engine.memory = self._memory
         self._replay.embedding = embedding
@@ -105,8 +105,8 @@ def measure_scenes(perceiver: Perceiver, frames: Frames, seed: int) -> dict[str,
     """Measure foreign matches and near recall at 40 scenes of one drive, and at 256 of many."""
     rng = np.random.default_rng([seed, 9])
 
-    def seen(image: Image, number: int = -1) -> Seen:
-        return Seen(number, np.asarray(perceiver.embed(perceiver.encode(image)), dtype=np.float32))
+    def seen(image: Image, number: int = -1) -> EmbeddedFrame:
+        return EmbeddedFrame(number, np.asarray(perceiver.embed(perceiver.encode(image)), dtype=np.float32))
 
     foreign = [seen(frame.image) for one in frames.abroad for frame in one.frames]
     foreign += [seen(image) for image in frames.strange]
@@ -179,7 +179,10 @@ def _corners(image: Image) -> tuple[Sequence[cv2.KeyPoint], NDArray[np.uint8] | 
 
 
 def _verified(
-    perceiver: Perceiver, frames: Sequence[LabelledFrame], drive: Sequence[Seen], rng: np.random.Generator
+    perceiver: Perceiver,
+    frames: Sequence[LabelledFrame],
+    drive: Sequence[EmbeddedFrame],
+    rng: np.random.Generator,
 ) -> list[bool]:
     """Match the later frame of each pair of one place, where the earlier one and others are remembered."""
     hits = []
@@ -193,11 +196,11 @@ def _verified(
     return hits
 
 
-def _matches(rover: Rover, one: Seen) -> bool:
+def _matches(rover: Rover, one: EmbeddedFrame) -> bool:
     return rover.matched(one.embedding) is not None
 
 
-def _finds(rover: Rover, one: Seen) -> bool:
+def _finds(rover: Rover, one: EmbeddedFrame) -> bool:
     """Return whether a frame matches its own place: a wrong place is as bad as none."""
     match = rover.matched(one.embedding)
     return match is not None and abs(match.number - one.number) <= _NEAR

@@ -20,23 +20,23 @@ LARGE, SMALL, OTHER = "person, vehicle, barrel", "rock, log, animal", "wall, tar
 
 
 @dataclass(frozen=True)
-class Kind:
+class _Kind:
     """Holds a kind's height (of a tarp: its depth along the ground) in metres, and the group it counts in."""
 
     height: float
     group: str
 
 
-KINDS: dict[str, Kind] = {
-    "person": Kind(1.7, LARGE),
-    "vehicle": Kind(1.5, LARGE),
-    "barrel": Kind(0.9, LARGE),
-    "rock": Kind(0.45, SMALL),
-    "log": Kind(0.3, SMALL),
-    "animal": Kind(0.6, SMALL),
-    "wall": Kind(1.0, OTHER),
-    "tarp": Kind(1.2, OTHER),
-    "thing": Kind(0.35, OTHER),
+KINDS: dict[str, _Kind] = {
+    "person": _Kind(1.7, LARGE),
+    "vehicle": _Kind(1.5, LARGE),
+    "barrel": _Kind(0.9, LARGE),
+    "rock": _Kind(0.45, SMALL),
+    "log": _Kind(0.3, SMALL),
+    "animal": _Kind(0.6, SMALL),
+    "wall": _Kind(1.0, OTHER),
+    "tarp": _Kind(1.2, OTHER),
+    "thing": _Kind(0.35, OTHER),
 }
 PHOTOGRAPH, SPRITE, MADE = "photograph", "simulation's sprite", "made"
 REGION, CHIP = "region of a frame abroad", "rock's surface of a frame abroad, made outline"

@@ -23,7 +23,7 @@ from typing import Any
 from bench.commit import commit_of
 from bench.service.apart import stand_in, vision
 from bench.service.container import ROOT, Container, ContainerError, base, require, wheel, wheels
-from bench.service.rover import Field
+from bench.service.rover import FieldProcess
 from bench.service.steps import (
     Figures,
     Service,
@@ -93,7 +93,7 @@ def _prove(cache: Path, only: Sequence[str], figures: Figures) -> None:
         shared = [(needed, "/wheels"), (own.parent, "/own"), (checkout, "/checkout")]
         with Container(root, read_only=shared) as container:
             figures["boot"] = {"running_s": round(container.boot(), 1)}
-            service = Service(container, Field())
+            service = Service(container, FieldProcess())
             try:
                 _take_steps(service, own, only, figures)
             finally:

@@ -22,7 +22,7 @@ FPS = 6.0
 _ANNOUNCED_WITHIN = 30.0
 
 
-class Field:
+class FieldProcess:
     """The simulated trail, rover and autopilot, as a process. `pause` and `go_on` stop and continue it."""
 
     def __init__(self) -> None:

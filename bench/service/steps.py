@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.service.container import Container, ContainerError
-from bench.service.rover import Field, answer
+from bench.service.rover import FieldProcess, answer
 
 CONFIG = "etc/anytraverse/companion.toml"
 STATE = "var/lib/anytraverse"
@@ -39,7 +39,7 @@ Figures = dict[str, Any]
 class Service:
     """The service in the container."""
 
-    def __init__(self, container: Container, field: Field) -> None:
+    def __init__(self, container: Container, field: FieldProcess) -> None:
         self.container, self.field = container, field
 
     def sh(self, command: str, *, timeout: float = 60.0, check: bool = True) -> str:
@@ -233,7 +233,7 @@ def upgrade(service: Service, wheel: Path) -> Figures:
     # The companion is stopped meanwhile: a fault's hold would come first.
     service.sh("systemctl stop companion")
     service.field.close()
-    service.field = Field()
+    service.field = FieldProcess()
     service.configure()
     service.sh("systemctl start companion")
     service.until("it judges", service.judges, 20.0)

@@ -16,7 +16,7 @@ AUTOPILOT_SILENT = Numbers().heartbeat_lost
 
 
 @dataclass(frozen=True)
-class Fault:
+class InjectedFault:
     """How a fault begins and ends."""
 
     begin: Act
@@ -66,38 +66,40 @@ def _break(how: str) -> Act:
     return lambda stage: stage.break_perceiver(how)
 
 
-CAMERA: Mapping[str, Fault] = {
-    "frozen_camera": Fault(_freeze(on=True), _freeze(on=False)),
-    "frozen_with_clock": Fault(_freeze(on=True, clock=True), _freeze(on=False)),
-    "silent_camera": Fault(_cover(on=True), _cover(on=False)),
+CAMERA: Mapping[str, InjectedFault] = {
+    "frozen_camera": InjectedFault(_freeze(on=True), _freeze(on=False)),
+    "frozen_with_clock": InjectedFault(_freeze(on=True, clock=True), _freeze(on=False)),
+    "silent_camera": InjectedFault(_cover(on=True), _cover(on=False)),
 }
-UNPLUGGED = Fault(_plug(on=False), _plug(on=True))
-BLACK = Fault(_set("black", 1), _set("black", 0), alone=True)
-SLOW = Fault(_set("pause", 2.5), _set("pause", 0.0))
+UNPLUGGED = InjectedFault(_plug(on=False), _plug(on=True))
+BLACK = InjectedFault(_set("black", 1), _set("black", 0), alone=True)
+SLOW = InjectedFault(_set("pause", 2.5), _set("pause", 0.0))
 """A picture every 2.5 s, where T is 1 s."""
-SILENCE: Mapping[str, Fault] = {
-    "sigstop": Fault(_signal(signal.SIGSTOP), _signal(signal.SIGCONT), silences=True),
-    "dead_link": Fault(_cut("mute", "unheard", on=True), _cut("mute", "unheard", on=False), silences=True),
-    "one_way_wire": Fault(
+SILENCE: Mapping[str, InjectedFault] = {
+    "sigstop": InjectedFault(_signal(signal.SIGSTOP), _signal(signal.SIGCONT), silences=True),
+    "dead_link": InjectedFault(
+        _cut("mute", "unheard", on=True), _cut("mute", "unheard", on=False), silences=True
+    ),
+    "one_way_wire": InjectedFault(
         _cut("mute", on=True), _cut("mute", on=False), noticed=AUTOPILOT_SILENT, silences=True
     ),
-    "kill_9": Fault(_signal(signal.SIGKILL), lambda stage: stage.start_daemon(), silences=True),
+    "kill_9": InjectedFault(_signal(signal.SIGKILL), lambda stage: stage.start_daemon(), silences=True),
 }
-UNHEARD = Fault(_cut("unheard", on=True), _cut("unheard", on=False), silences=True)
+UNHEARD = InjectedFault(_cut("unheard", on=True), _cut("unheard", on=False), silences=True)
 """Nothing reaches the autopilot from the companion, which hears it."""
-BREAKABLE: Mapping[str, Fault] = {
-    "nan_maps": Fault(_break("nan"), _break("")),
-    "hung_perceiver": Fault(_break("hang"), _break(""), returns=True, alone=True),
-    "vision_segfault": Fault(_break("segfault"), _break(""), alone=True),
-    "vision_lock_hang": Fault(_break("lock"), _break(""), returns=True, alone=True),
-    "vision_out_of_memory": Fault(_break("memory"), _break(""), alone=True),
+BREAKABLE: Mapping[str, InjectedFault] = {
+    "nan_maps": InjectedFault(_break("nan"), _break("")),
+    "hung_perceiver": InjectedFault(_break("hang"), _break(""), returns=True, alone=True),
+    "vision_segfault": InjectedFault(_break("segfault"), _break(""), alone=True),
+    "vision_lock_hang": InjectedFault(_break("lock"), _break(""), returns=True, alone=True),
+    "vision_out_of_memory": InjectedFault(_break("memory"), _break(""), alone=True),
     # Two of such pictures take a little longer than T, 1 s, with what they take anyway.
-    "slow_frames": Fault(_break("slow 0.45"), _break(""), noticed=BAD_FOR + 1.0),
+    "slow_frames": InjectedFault(_break("slow 0.45"), _break(""), noticed=BAD_FOR + 1.0),
 }
 """Faults of a companion whose perceiver can be broken."""
-WRONG_SHAPES: Mapping[str, Fault] = {
-    name: Fault(_break(f"shape {name}"), _break("")) for name in (*SHAPES, "embedding")
+WRONG_SHAPES: Mapping[str, InjectedFault] = {
+    name: InjectedFault(_break(f"shape {name}"), _break("")) for name in (*SHAPES, "embedding")
 }
-NO_MEMORY = Fault(_break("no memory"), _break(""), alone=True)
-FAINT = {"nan_maps": Fault(_break("one nan"), _break(""))}
+NO_MEMORY = InjectedFault(_break("no memory"), _break(""), alone=True)
+FAINT = {"nan_maps": InjectedFault(_break("one nan"), _break(""))}
 """The same faults in their smallest form, for every other seed."""

@@ -17,7 +17,7 @@ GROUND = 255, 190
 REAL32 = 9
 
 
-class Ground:
+class SecondPort:
     """Sends to the autopilot's second port; only `press_hold` reads what comes back."""
 
     def __init__(self, url: str) -> None:

@@ -9,11 +9,11 @@ from functools import partial
 from random import Random
 
 from bench.stopping.disturbances import PRESSURES, Pressure
-from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, Fault
+from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, InjectedFault
 from bench.stopping.humans import STATES, take_over
 from bench.stopping.jobs import FAST, SLOW, TRIES, Job, Run, retried, verdict
 from bench.stopping.limits import Limit, script_timeout
-from bench.stopping.scenes import SCENES, Scene
+from bench.stopping.scenes import SCENES, StoppingScene
 from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage
 from bench.stopping.stops import Stop, stopped
 from companion.sim.field.rover import STANDSTILL
@@ -42,7 +42,7 @@ def broken(job: Job) -> Iterator[Run]:
     yield from faults(job, named, job.random("broken"), breakable=True)
 
 
-def faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: bool) -> Iterator[Run]:
+def faults(job: Job, named: Mapping[str, InjectedFault], random: Random, *, breakable: bool) -> Iterator[Run]:
     """Causes each fault once, in a random order, on as few stages as possible."""
     kinds = sorted(named, key=lambda _: random.random())
     disturbed = 0
@@ -64,7 +64,7 @@ def faults(job: Job, named: Mapping[str, Fault], random: Random, *, breakable: b
                 disturbed = 0
 
 
-def one_fault(stage: Stage, fault: Fault, random: Random) -> Stop:
+def one_fault(stage: Stage, fault: InjectedFault, random: Random) -> Stop:
     """Causes a fault while the rover drives, ends it, and waits until the companion is well again."""
     stage.set_speed(random.uniform(SLOW, FAST))
     stage.wait_until_well()
@@ -150,7 +150,7 @@ def by_hand(job: Job) -> Iterator[Run]:
         yield retried(job, kind, partial(_played, job, kind, scene))
 
 
-def _played(job: Job, kind: str, scene: Scene, random: Random) -> Run:
+def _played(job: Job, kind: str, scene: StoppingScene, random: Random) -> Run:
     seen = scene.seen(job, random)
     return Run(kind, job.seed, seen.wrong, saw=seen.saw)
 

@@ -41,7 +41,7 @@ _COMPLETE_WITHIN = 60.0
 
 
 class Seen(NamedTuple):
-    """What one run showed, as in `Outcome`. wrong: "" for nothing."""
+    """What one run showed, as in `RowOutcome`. wrong: "" for nothing."""
 
     wrong: str = ""
     hold_s: float | None = None
@@ -53,7 +53,7 @@ class _Missing(Exception):  # noqa: N818 - it is caught here
     """Raised when what must follow a fault did not."""
 
 
-class Scene(NamedTuple):
+class StoppingScene(NamedTuple):
     """What is done on one stage. plan: how that is set up. play: what is done on it.
 
     What must follow is awaited in `follows`.
@@ -241,9 +241,9 @@ def _on_serial(job: Job, random: Random) -> Plan:
     return replace(with_and_without_script(job, random), serial=True)
 
 
-SCENES: Mapping[str, Scene] = {
-    "driven_on": Scene(Job.plan, _driven_on),
-    "mode_at_resume": Scene(with_and_without_script, _in_the_moment),
-    "mission_complete": Scene(_ends, _complete),
-    "serial_stuck": Scene(_on_serial, _stuck),
+SCENES: Mapping[str, StoppingScene] = {
+    "driven_on": StoppingScene(Job.plan, _driven_on),
+    "mode_at_resume": StoppingScene(with_and_without_script, _in_the_moment),
+    "mission_complete": StoppingScene(_ends, _complete),
+    "serial_stuck": StoppingScene(_on_serial, _stuck),
 }

@@ -17,7 +17,7 @@ from typing import Any
 
 from bench.stopping import perceivers
 from bench.stopping.camera_relay import CameraRelay
-from bench.stopping.ground import Ground
+from bench.stopping.ground import SecondPort
 from bench.stopping.limits import Limit, script_timeout
 from bench.stopping.serial_device import SerialDevice
 from bench.stopping.slow_disk import SlowDisk
@@ -140,7 +140,7 @@ class Stage:
         self.disk = SlowDisk(self.out) if plan.slow_disk else None
         self.camera = self._closing.enter_context(closing(CameraRelay(ports["frames"], plugged=plan.plugged)))
         self.gcs = ports["gcs"]
-        self.ground = self._closing.enter_context(closing(Ground(self.gcs)))
+        self.ground = self._closing.enter_context(closing(SecondPort(self.gcs)))
         self.config = self._write_config(self.camera.source, url)
         if plan.deadman:
             self.control.ask("transmitter", on=False)
@@ -251,7 +251,7 @@ class Stage:
         return bool(status["speed"] > 0.95 * self.speed)
 
     def measure(self, fault: Callable[[], None], noticed: float = 0.0, *, silences: bool = False) -> Stop:
-        """Measures the stop after a fault that begins now. noticed, silences: as of `Fault`."""
+        """Measures the stop after a fault that begins now. noticed, silences: as of `InjectedFault`."""
         before = self.status()
         if before["mode"] != self._driving:
             raise Disturbed(f"it stood already: {before['mode_log'][-1]}")

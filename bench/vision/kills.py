@@ -54,7 +54,7 @@ AGAIN_AFTER = 0.4
 PATIENCE = 30.0
 
 
-class Operator:
+class _Operator:
     """Sends answers as 255/190 and receives the acknowledgements."""
 
     def __init__(self) -> None:
@@ -134,7 +134,7 @@ def vision_pid() -> int | None:
 def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
     """Kills vision `count` times and returns the figures."""
     register()
-    chance, operator = random.Random(seed), Operator()
+    chance, operator = random.Random(seed), _Operator()
     frames = folder / "frames"
     frames.mkdir()
     cv2.imwrite(str(frames / "0.png"), picture(0)[..., ::-1])
@@ -186,7 +186,7 @@ def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
 
 
 def _answered(
-    operator: Operator,
+    operator: _Operator,
     transaction: int,
     word: str,
     weight: float,
@@ -223,7 +223,7 @@ def _is_ready(status: Path, returns: Returns, killed: int) -> bool:
     return status.is_file() and returns.count >= killed
 
 
-def _until_ready(operator: Operator, ready: Callable[[], bool]) -> None:
+def _until_ready(operator: _Operator, ready: Callable[[], bool]) -> None:
     """Waits for the process that follows the last one that was killed."""
     until = time.monotonic() + PATIENCE
     while not operator.heard() or not ready():

@@ -11,7 +11,7 @@ from bench.attack.__main__ import KINDS, figures
 from bench.attack.files import _climbing
 from bench.attack.floods import RATES, _datagrams
 from bench.attack.identities import _forged
-from bench.attack.outcome import MOST_BLIND, MOST_GAP, Outcome
+from bench.attack.outcome import MOST_BLIND, MOST_GAP, AttackOutcome
 from bench.attack.secrets import FORMS, PASSWORD
 from companion.wire.answers import Answer
 
@@ -19,17 +19,17 @@ from companion.wire.answers import Answer
 @pytest.mark.parametrize(
     "broken",
     [
-        Outcome(gap=MOST_GAP + 0.01),
-        Outcome(blind=MOST_BLIND + 0.01),
-        Outcome(gap=math.inf),
-        Outcome(reached=["a file"]),
-        Outcome(secrets=["a password"]),
+        AttackOutcome(gap=MOST_GAP + 0.01),
+        AttackOutcome(blind=MOST_BLIND + 0.01),
+        AttackOutcome(gap=math.inf),
+        AttackOutcome(reached=["a file"]),
+        AttackOutcome(secrets=["a password"]),
     ],
 )
-def test_a_broken_promise_is_told(broken: Outcome) -> None:
-    assert Outcome(gap=MOST_GAP, blind=MOST_BLIND).good
+def test_a_broken_promise_is_told(broken: AttackOutcome) -> None:
+    assert AttackOutcome(gap=MOST_GAP, blind=MOST_BLIND).good
     assert not broken.good
-    told = figures({"kept": Outcome(gap=1.0, blind=1.0), "broken": broken})
+    told = figures({"kept": AttackOutcome(gap=1.0, blind=1.0), "broken": broken})
     assert [told["kinds"][name]["good"] for name in ("kept", "broken")] == [True, False]
     assert told["reached"] == len(broken.reached)
     assert told["secrets"] == len(broken.secrets)

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 from bench.calls import beside, plot, real, route, trail
 from bench.calls.engines import alone, of_the_field
-from bench.calls.jobs import Done, Job, told
-from bench.calls.operators import OPERATORS, Asked
+from bench.calls.jobs import JobResult, PartJob, told
+from bench.calls.operators import OPERATORS, AnsweredCall
 from companion.desk.drives.judge import DriveJudge
 
-SCENE = Asked(1.0, 2.0, ("unknown_scene",), (None, "forest"), repeat=False, words=True)
-THING = Asked(2.0, 4.0, ("unknown_object",), ("drum-1", None), repeat=False, words=True)
+SCENE = AnsweredCall(1.0, 2.0, ("unknown_scene",), (None, "forest"), repeat=False, words=True)
+THING = AnsweredCall(2.0, 4.0, ("unknown_object",), ("drum-1", None), repeat=False, words=True)
 
 
-def answered(calls: list[Asked]) -> dict[str, list[Asked]]:
+def answered(calls: list[AnsweredCall]) -> dict[str, list[AnsweredCall]]:
     """The same calls for every operator."""
     return {name: list(calls) for name in OPERATORS}
 
@@ -51,7 +51,10 @@ def test_foreign_frames_that_pass_as_known_are_a_share_beside_the_count_of_remem
 
 def test_the_last_line_holds_each_part_and_says_what_is_left_out() -> None:
     lap = (10.0, answered([THING]))
-    done = [Done(Job("trail", "", None), lap, 1.5), Done(Job("trail_untuned", "", None), lap, 2.0)]
+    done = [
+        JobResult(PartJob("trail", "", None), lap, 1.5),
+        JobResult(PartJob("trail_untuned", "", None), lap, 2.0),
+    ]
     line = told(done, {"real": "needs frames"})
     assert line["trail"] == line["trail_untuned"] == trail.figures([lap])
     assert line["left_out"] == {"real": "needs frames"}
@@ -59,18 +62,24 @@ def test_the_last_line_holds_each_part_and_says_what_is_left_out() -> None:
 
 
 def test_a_second_thing_counts_as_noticed_only_where_the_first_alone_does_not_call_again() -> None:
-    noticed, again, quiet = beside.Run(10, stopped=12), beside.Run(10, stopped=11), beside.Run(10)
+    noticed, again, quiet = (
+        beside.ApproachRun(10, stopped=12),
+        beside.ApproachRun(10, stopped=11),
+        beside.ApproachRun(10),
+    )
     assert beside.outcome("go", noticed, quiet) is True
     assert beside.outcome("go", quiet, quiet) is False
     assert beside.outcome("go", noticed, again) is None
-    assert beside.outcome("go", beside.Run(), quiet) is None
+    assert beside.outcome("go", beside.ApproachRun(), quiet) is None
     assert beside.outcome("tap", replace(quiet, holds=True), quiet) is True
     assert beside.outcome("tap", quiet, quiet) is False
 
 
 def test_a_route_counts_what_is_asked_beyond_one_call_a_thing_and_one_a_place() -> None:
-    lap = route.Lap(500.0, 400.0, [THING, SCENE, replace(THING, repeat=True)], due=2, contacts=["drum-1"])
-    found = route.figures({"first": lap, "second": route.Lap(500.0)})
+    lap = route.LapResult(
+        500.0, 400.0, [THING, SCENE, replace(THING, repeat=True)], due=2, contacts=["drum-1"]
+    )
+    found = route.figures({"first": lap, "second": route.LapResult(500.0)})
     assert found["first"]["calls_per_km"] == 6.0
     assert found["first"]["operator_s_per_km"] == 60.0
     assert found["first"]["surplus_share"] == 0.333
@@ -80,10 +89,10 @@ def test_a_route_counts_what_is_asked_beyond_one_call_a_thing_and_one_a_place() 
 
 def test_a_rover_on_the_route_asks_about_what_lies_there_and_touches_nothing() -> None:
     config = of_the_field(route.RATE, route.SPEED)
-    film, lap = next(route.Worlds(1, 120.0).each()), route.Lap()
+    film, lap = next(route.Worlds(1, 120.0).each()), route.LapResult()
     pose = film.world.trail.pose(film.world.trail.start + 14.0)
     film.world.move("drum-1", pose.x, pose.y)
-    route.RouteRover(film, DriveJudge(config, alone(config)), lap, set(), route.Clock()).drive(17.0)
+    route.RouteRover(film, DriveJudge(config, alone(config)), lap, set(), route.RouteClock()).drive(17.0)
     assert lap.metres == 17.0
     assert lap.calls
     assert lap.taken == 1

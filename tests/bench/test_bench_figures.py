@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from bench.clipseg.contestants import Figures, Sample
+from bench.clipseg.contestants import Sample, StepFigures
 from bench.clipseg.frames import COUNTS, SIZES
 from bench.clipseg.lineup import CONTESTANTS, OURS, REFERENCE
 from bench.clipseg.measuring import Samples
@@ -20,7 +20,7 @@ WORK = {name: {"tower": 1e9, "scene": 1e8} for name in ALL}
 
 def sample(cpu: float = 1.0, peak: float = 100.0, uncertainty: float = 0.5, **parts: float) -> Sample:
     """A sample of so many CPU seconds, so that the figures quoted from it can be worked out by hand."""
-    return Sample(cpu, cpu, parts, Figures(0.25, uncertainty, (0.6, 0.8)), peak)
+    return Sample(cpu, cpu, parts, StepFigures(0.25, uncertainty, (0.6, 0.8)), peak)
 
 
 def samples_of(seconds: Mapping[str, Sequence[float]]) -> Samples:

@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from bench.modes.judging import Outcome, Setting, Trial, drove, figures, since_human
+from bench.modes.judging import ModeOutcome, ModeSetting, ModeTrial, drove, figures, since_human
 from bench.modes.trials import EARLY, HUMANS, LATE, draw, play_all
 from bench.stopping.wire import Wire
 
 ROOT = Path(__file__).parents[2]
-SCRIPT, NONE = (Setting(script=script, delay=0.1, busy=False) for script in (True, False))
-TRIAL = Trial("resume", "MANUAL", "leaves", 0.02)
+SCRIPT, NONE = (ModeSetting(script=script, delay=0.1, busy=False) for script in (True, False))
+TRIAL = ModeTrial("resume", "MANUAL", "leaves", 0.02)
 
 
 def log(*changes: str) -> list[dict[str, Any]]:
@@ -30,9 +30,9 @@ def log(*changes: str) -> list[dict[str, Any]]:
     ]
 
 
-def outcome(setting: Setting, after: list[dict[str, Any]], until: float) -> Outcome:
+def outcome(setting: ModeSetting, after: list[dict[str, Any]], until: float) -> ModeOutcome:
     longest, ended = drove(after, until)
-    return Outcome(setting, TRIAL, 0.02, tuple(row["mode"] for row in after), longest, ended)
+    return ModeOutcome(setting, TRIAL, 0.02, tuple(row["mode"] for row in after), longest, ended)
 
 
 def test_what_the_companion_sets_after_the_human_counts_and_what_it_set_before_does_not() -> None:
@@ -122,8 +122,8 @@ def test_a_human_is_not_overridden_where_the_script_runs(
 ) -> None:
     pytest.importorskip("lupa.lua53", reason="the script on the autopilot runs in Lua 5.3")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    setting = Setting(script=True, delay=0.02, busy=False)
+    setting = ModeSetting(script=True, delay=0.02, busy=False)
     found = list(play_all(setting, 2, 5, tmp_path, threading.Event()))
-    outcomes = [one for one in found if isinstance(one, Outcome)]
+    outcomes = [one for one in found if isinstance(one, ModeOutcome)]
     assert len(outcomes) == 2, found
     assert not any(one.overridden for one in outcomes), outcomes

@@ -12,8 +12,8 @@ import bench.__main__
 from bench.benches import BENCHES, Bench
 from bench.comparing import ALIKE, BETTER, UNKNOWN, WORSE, changes, other_machine
 from bench.page import page
-from bench.result import FAILED, RAN, SKIPPED, Figure, Quoted, Result, read_results
-from bench.series import Series
+from bench.result import FAILED, RAN, SKIPPED, BenchResult, MeasuredFigure, Quoted, read_results
+from bench.series import PlottedSeries
 
 MACHINE = {
     "cpu": "a fast one",
@@ -23,18 +23,18 @@ MACHINE = {
     "commit": "abc",
     "when": "T",
 }
-RESULT = Result(
+RESULT = BenchResult(
     "link", "a radio", "python -m bench.link", quick=False, state=RAN, why="", seconds=3.0, run=MACHINE
 )
 LINES: dict[str, list[list[float]]] = {"built in": [[1, 5, 4, 6], [2, 5, 5, 5], [16, 80, 70, 90]]}
 
 
-def result(name: str = "link", /, **figures: Figure) -> Result:
+def result(name: str = "link", /, **figures: MeasuredFigure) -> BenchResult:
     return replace(RESULT, name=name, figures=figures)
 
 
-def figure(value: float, low: float | None, high: float | None, better: str = "less") -> Figure:
-    return Figure(value, "ms", better, low, high)
+def figure(value: float, low: float | None, high: float | None, better: str = "less") -> MeasuredFigure:
+    return MeasuredFigure(value, "ms", better, low, high)
 
 
 @pytest.mark.parametrize(
@@ -51,15 +51,19 @@ def figure(value: float, low: float | None, high: float | None, better: str = "l
     ],
 )
 def test_a_figure_is_worse_only_beyond_the_spread_of_both_and_what_runs_differ_by(
-    before: Figure, now: Figure, verdict: str
+    before: MeasuredFigure, now: MeasuredFigure, verdict: str
 ) -> None:
     (change,) = changes({"link": result(step=now)}, {"link": result(step=before)})
     assert change.verdict == verdict
 
 
 def test_only_figures_of_the_same_command_and_unit_that_have_a_better_side_are_compared() -> None:
-    now = result(step=figure(5, 4, 6), count=Figure(7, "frames"), other=Figure(1, "s", "less"))
-    before = result(step=figure(5, 4, 6), count=Figure(9, "frames"), other=Figure(1, "ms", "less"))
+    now = result(
+        step=figure(5, 4, 6), count=MeasuredFigure(7, "frames"), other=MeasuredFigure(1, "s", "less")
+    )
+    before = result(
+        step=figure(5, 4, 6), count=MeasuredFigure(9, "frames"), other=MeasuredFigure(1, "ms", "less")
+    )
     assert [one.what for one in changes({"link": now}, {"link": before})] == ["step"]
     assert not list(changes({"link": now}, {"link": replace(before, command="python -m bench.link --quick")}))
     assert not list(changes({"link": now}, {"link": replace(before, state=FAILED)}))
@@ -67,9 +71,9 @@ def test_only_figures_of_the_same_command_and_unit_that_have_a_better_side_are_c
 
 
 def test_points_of_plots_are_compared_but_not_samples_over_time() -> None:
-    def plotted(factor: float, count: int) -> Result:
+    def plotted(factor: float, count: int) -> BenchResult:
         points = [[float(x), x * factor, x * factor, x * factor] for x in range(1, count + 1)]
-        return replace(RESULT, series=(Series("T", "words", "ms", {"a": points}).as_json(),))
+        return replace(RESULT, series=(PlottedSeries("T", "words", "ms", {"a": points}).as_json(),))
 
     changed = list(changes({"link": plotted(2, 3)}, {"link": plotted(1, 3)}))
     assert [one.what for one in changed] == ["T: a, 1.0 words", "T: a, 2.0 words", "T: a, 3.0 words"]
@@ -84,7 +88,7 @@ def test_another_machine_is_told() -> None:
 
 
 def test_the_page_tells_what_ran_what_was_skipped_and_what_failed_and_needs_no_network() -> None:
-    plotted = Series("<Time>", "words", "ms", LINES).as_json()
+    plotted = PlottedSeries("<Time>", "words", "ms", LINES).as_json()
     results = {
         "link": replace(result(step=figure(5, 4, 6)), series=(plotted,)),
         "service": replace(RESULT, name="service", state=SKIPPED, why="needs root: <type> sudo"),

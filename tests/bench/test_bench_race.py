@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.clipseg.contestants import Plan, Request
+from bench.clipseg.contestants import ContestantPlan, Request
 from bench.clipseg.measuring import ContestantError, Running, measure
 
 PRETENDER = """
@@ -44,8 +44,8 @@ def diary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "diary"
 
 
-def plan(diary: Path, name: str, fails: str = "") -> Plan:
-    return Plan(name, "pretender:Pretender", {"diary": str(diary), "name": name, "fails": fails})
+def plan(diary: Path, name: str, fails: str = "") -> ContestantPlan:
+    return ContestantPlan(name, "pretender:Pretender", {"diary": str(diary), "name": name, "fails": fails})
 
 
 def test_they_take_turns_on_the_same_frames_after_one_that_does_not_count(diary: Path) -> None:

@@ -26,7 +26,7 @@ from bench.stopping.figures import figures, good
 from bench.stopping.jobs import FAST, LATE, Job, Run
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
 from bench.stopping.runs import GROUPS, untested
-from bench.stopping.scenes import SCENES, Scene, Seen, follows
+from bench.stopping.scenes import SCENES, Seen, StoppingScene, follows
 from bench.stopping.serial_device import FAR_BUFFER, SerialDevice
 from bench.stopping.stage import Disturbed, Plan, Stage
 from bench.stopping.stops import Stop, stopped
@@ -197,7 +197,7 @@ def test_a_scene_that_is_disturbed_is_begun_anew_and_what_does_not_follow_is_wro
 ) -> None:
     played: list[str] = []
 
-    def scene(name: str, *ends: str) -> Scene:
+    def scene(name: str, *ends: str) -> StoppingScene:
         def play(_stage: Stage, _random: Random) -> Seen:
             played.append(name)
             end = ends[min(played.count(name), len(ends)) - 1]
@@ -206,7 +206,7 @@ def test_a_scene_that_is_disturbed_is_begun_anew_and_what_does_not_follow_is_wro
                     raise Disturbed(end)
             return Seen(saw=end)
 
-        return Scene(Job.plan, play)
+        return StoppingScene(Job.plan, play)
 
     monkeypatch.setattr(Job, "stage", lambda *_: nullcontext())
     scenes = {"well": scene("well", "held", "well"), "missing": scene("missing", "missing")}

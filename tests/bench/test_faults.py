@@ -17,7 +17,7 @@ import pytest
 
 from bench.faults.produce import produce
 from bench.faults.report import RESULTS, document, judged, keep, read, summed
-from bench.faults.row import HOLD_WITHIN, Outcome, Row, Work
+from bench.faults.row import HOLD_WITHIN, Row, RowOutcome, Work
 from bench.faults.stages import SCRIPT_WITHIN, repeated
 from bench.faults.table import ROWS, chosen
 from bench.stopping.jobs import TRIES, Job
@@ -84,42 +84,42 @@ def test_the_limits_are_of_what_the_stages_and_the_script_have(tmp_path: Path) -
 
 
 def row(**more: Any) -> Row:
-    return Row("fault", "how", "what follows", lambda _: Outcome(1), 2.0, 12.0, **more)
+    return Row("fault", "how", "what follows", lambda _: RowOutcome(1), 2.0, 12.0, **more)
 
 
 @pytest.mark.parametrize(
     ("outcome", "wrong"),
     [
-        (Outcome(3, (), 1.2, 4.0), None),
-        (Outcome(3, (), 2.1, 4.0), ["hold after 2.10 s, limit 2 s"]),
-        (Outcome(3, (), 1.2, 12.5), ["return after 12.50 s, limit 12 s"]),
-        (Outcome(3, (), None, 4.0), ["no hold was measured"]),
-        (Outcome(3, ("not stopped",), 1.2, 4.0), ["not stopped"]),
-        (Outcome(0, (), 1.2, 4.0), ["never produced"]),
+        (RowOutcome(3, (), 1.2, 4.0), None),
+        (RowOutcome(3, (), 2.1, 4.0), ["hold after 2.10 s, limit 2 s"]),
+        (RowOutcome(3, (), 1.2, 12.5), ["return after 12.50 s, limit 12 s"]),
+        (RowOutcome(3, (), None, 4.0), ["no hold was measured"]),
+        (RowOutcome(3, ("not stopped",), 1.2, 4.0), ["not stopped"]),
+        (RowOutcome(0, (), 1.2, 4.0), ["never produced"]),
     ],
 )
 def test_a_row_is_safe_where_every_run_ended_in_its_state_and_in_time(
-    outcome: Outcome, wrong: list[str] | None
+    outcome: RowOutcome, wrong: list[str] | None
 ) -> None:
     found = judged(row(), outcome, short=False)
     assert (found["safe"], found.get("wrong")) == (wrong is None, wrong)
 
 
 def test_the_short_form_judges_no_times() -> None:
-    assert judged(row(), Outcome(1, (), 9.0, None), short=True)["safe"]
-    assert not judged(row(), Outcome(1, ("not stopped",), 1.0, 1.0), short=True)["safe"]
+    assert judged(row(), RowOutcome(1, (), 9.0, None), short=True)["safe"]
+    assert not judged(row(), RowOutcome(1, ("not stopped",), 1.0, 1.0), short=True)["safe"]
 
 
 def test_a_stated_exception_is_not_safe_and_not_wrong_while_it_is_as_stated() -> None:
     px4 = next(one for one in ROWS if one.exception)
     assert px4.fault == "companion dead on PX4"
-    as_stated = judged(px4, Outcome(3, (), None, 2.0, "DRIVES ON"), short=False)
+    as_stated = judged(px4, RowOutcome(3, (), None, 2.0, "DRIVES ON"), short=False)
     assert not as_stated["safe"]
     assert "wrong" not in as_stated
-    assert judged(px4, Outcome(3, ("it stopped",), None, 2.0), short=False)["wrong"] == ["it stopped"]
+    assert judged(px4, RowOutcome(3, ("it stopped",), None, 2.0), short=False)["wrong"] == ["it stopped"]
     assert "🔴 **NOT SAFE**: DRIVES ON" in document([px4], [as_stated])
-    assert summed([as_stated, judged(row(), Outcome(1, (), 1.5, 3.0), short=False)]) == {
-        "rows": [as_stated, judged(row(), Outcome(1, (), 1.5, 3.0), short=False)],
+    assert summed([as_stated, judged(row(), RowOutcome(1, (), 1.5, 3.0), short=False)]) == {
+        "rows": [as_stated, judged(row(), RowOutcome(1, (), 1.5, 3.0), short=False)],
         "safe": 1,
         "worst_hold_s": 1.5,
         "worst_return_s": 3.0,
@@ -127,11 +127,11 @@ def test_a_stated_exception_is_not_safe_and_not_wrong_while_it_is_as_stated() ->
 
 
 def test_a_row_says_how_often_it_may_fail_at_most() -> None:
-    clean = judged(row(), Outcome(59, (), 1.2, 4.0), short=False)
+    clean = judged(row(), RowOutcome(59, (), 1.2, 4.0), short=False)
     assert "| 59, < 4.96 % |" in document([row()], [clean])
-    spoilt = judged(row(), Outcome(5, ("not stopped",), 1.2, 4.0), short=False)
+    spoilt = judged(row(), RowOutcome(5, ("not stopped",), 1.2, 4.0), short=False)
     assert "| 5, < 65.8 % |" in document([row()], [spoilt])
-    never = judged(row(), Outcome(0, ("did not end",), None, None), short=False)
+    never = judged(row(), RowOutcome(0, ("did not end",), None, None), short=False)
     assert "| 0 |" in document([row()], [never])
 
 
@@ -145,7 +145,7 @@ def test_results_keep_the_rows_of_earlier_runs_and_forget_faults_that_are_not_in
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "faults.json"
-    first, second = (judged(one, Outcome(1, (), 1.0, 1.0), short=False) for one in ROWS[:2])
+    first, second = (judged(one, RowOutcome(1, (), 1.0, 1.0), short=False) for one in ROWS[:2])
     keep(path, [second, {**second, "fault": "of an earlier table"}], "one")
     keep(path, [first], "two")
     assert [one["fault"] for one in read(path)] == [ROWS[0].fault, ROWS[1].fault]

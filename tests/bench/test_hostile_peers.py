@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from anytraverse.picture_size import jpeg_size
-from bench.attack.clock import DAY, Sender, _environment
+from bench.attack.clock import DAY, AheadSender, _environment
 from bench.attack.hostile_camera import GOOD, HostileCamera
 from bench.attack.hostile_rover import EVIL, INCIDENT, SYSTEM, HostilePage, HostileRover
 from bench.attack.outcome import peak_memory
@@ -35,9 +35,9 @@ KEY = SigningKey(bytes(range(32)))
 
 def test_senders_are_as_far_ahead_as_they_say_and_sign_with_the_key() -> None:
     now, timestamps = ticks(time.time()), Timestamps()
-    near = Sender(KEY, DAY / 2, 250).weight(-1.0)
+    near = AheadSender(KEY, DAY / 2, 250).weight(-1.0)
     assert [refusal(near, KEY, timestamps, now, synchronised=True) for _ in range(2)] == ["", REPLAY]
-    far = Sender(KEY, 365 * DAY, 251)
+    far = AheadSender(KEY, 365 * DAY, 251)
     assert refusal(far.beat(), KEY, timestamps, now, synchronised=True) == AHEAD
     assert refusal(far.beat(), KEY, timestamps, now) == ""
 

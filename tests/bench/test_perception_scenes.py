@@ -8,7 +8,7 @@ import pytest
 from anytraverse.frame import Image
 from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.perception.runtime import Runtime
-from bench.perception.scenes import Replay, Rover, Seen, revisited, same_place
+from bench.perception.scenes import EmbeddedFrame, Replay, Rover, revisited, same_place
 
 RNG = np.random.default_rng(5)
 
@@ -30,7 +30,7 @@ def picture(seed: int) -> Image:
 
 
 def test_a_frame_matches_the_scene_that_it_resembles_most_and_no_other(perceiver: Perceiver) -> None:
-    rover = Rover(perceiver, [Seen(7, unit(1, 0, 0)), Seen(8, unit(0, 1, 0))])
+    rover = Rover(perceiver, [EmbeddedFrame(7, unit(1, 0, 0)), EmbeddedFrame(8, unit(0, 1, 0))])
     found = rover.matched(unit(0.02, 1, 0))
     assert found is not None
     assert found.number == 8
@@ -39,7 +39,7 @@ def test_a_frame_matches_the_scene_that_it_resembles_most_and_no_other(perceiver
 
 def test_asking_changes_nothing(perceiver: Perceiver) -> None:
     """The engine adopts a scene after two matches; the next frame must meet the same memory."""
-    rover = Rover(perceiver, [Seen(7, unit(1, 0, 0)), Seen(8, unit(0, 1, 0))])
+    rover = Rover(perceiver, [EmbeddedFrame(7, unit(1, 0, 0)), EmbeddedFrame(8, unit(0, 1, 0))])
     for _ in range(4):
         found = rover.matched(unit(1, 0.01, 0))
         assert found is not None

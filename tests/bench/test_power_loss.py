@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from bench.faults.disk_replay import SECTOR, Change, Disk, read_record
+from bench.faults.disk_replay import SECTOR, Disk, DiskChange, read_record
 
 
 def _disk(*changes: tuple[str, str, str, int, bytes]) -> Disk:
     disk = Disk("/root")
     for change in changes:
-        disk.apply(Change(*change, end=0))
+        disk.apply(DiskChange(*change, end=0))
     return disk
 
 

@@ -13,7 +13,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from bench.cameras.servers import Server, rtsp_missing, serving
+from bench.cameras.servers import CameraServer, rtsp_missing, serving
 from bench.cameras.stamps import age
 from companion.cameras import (
     BadFrame,
@@ -46,7 +46,7 @@ def _script(scheme: str) -> str:
     return {"http": "mjpeg_server", "rtsp": "rtsp_server"}[scheme]
 
 
-def _url(scheme: str, server: Server, login: str = "") -> str:
+def _url(scheme: str, server: CameraServer, login: str = "") -> str:
     return f"{scheme}://{login}127.0.0.1:{server.port}/trail"
 
 

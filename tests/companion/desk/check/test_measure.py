@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
-from bench.stopping.ground import Ground
+from bench.stopping.ground import SecondPort
 from companion.desk.check.measure import ENOUGH, StopRecorder, too_seldom
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.field.control import FieldControl
@@ -245,7 +245,7 @@ def test_where_speeds_come_too_seldom_it_says_what_to_set_before_anybody_drives(
         f'[web]\nlisten = ""\n[vehicle]\nfile = ""\n[journal]\nfolder = "{tmp_path / "state"}"\n'
     )
     host, _, port = ports["control"].rpartition(":")
-    with closing(Ground(ports["gcs"])) as ground, FieldControl(host, int(port)) as control:
+    with closing(SecondPort(ports["gcs"])) as ground, FieldControl(host, int(port)) as control:
         ground.set_of_autopilot("MAV2_POSITION", 1.0)
         time.sleep(0.5)
         control.ask("reboot", seconds=0.5)
@@ -271,7 +271,7 @@ def test_a_person_s_holds_on_the_field_become_lines_for_the_configuration(
     check = children("check", ["companion", "check", "--measure", "--link", ports["companion"], str(config)])
     assert "Nothing is commanded" in check.first_line(PATIENCE)
     host, _, port = ports["control"].rpartition(":")
-    with closing(Ground(ports["gcs"])) as ground, FieldControl(host, int(port)) as control:
+    with closing(SecondPort(ports["gcs"])) as ground, FieldControl(host, int(port)) as control:
         for number, speed in enumerate((1.4, 0.7), start=1):
             ground.set_speed(speed)
             control.start()

@@ -1,8 +1,14 @@
-"""The rooms of companion/: imports run one way, in the order of the table in docs/architecture.md."""
+"""The rooms of companion/: imports run one way, in the order of the table in docs/architecture.md.
+
+Besides, each class of the product has a name of its own.
+"""
 
 from __future__ import annotations
 
+import ast
 import re
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 from bench.house import circles, imports, rooms_of
@@ -43,3 +49,18 @@ def test_every_file_that_the_page_names_is_there() -> None:
     for name in named:
         places = [ROOT / name, ROOT / "companion" / name, ROOT / "anytraverse" / name]
         assert any(p.exists() or p.with_suffix(".py").exists() for p in places), name
+
+
+def _classes() -> Iterator[str]:
+    """Yield the public classes of the product's modules, without the simulation's."""
+    for package in ("anytraverse", "companion", "gcs_plugin"):
+        for path in (ROOT / package).rglob("*.py"):
+            if not path.is_relative_to(ROOT / "companion" / "sim"):
+                body = ast.parse(path.read_text()).body
+                yield from (one.name for one in body if isinstance(one, ast.ClassDef) and one.name[0] != "_")
+
+
+def test_no_two_public_classes_of_the_product_share_a_name() -> None:
+    classes = Counter(_classes())
+    assert len(classes) > 500
+    assert [name for name, places in classes.items() if places > 1] == []

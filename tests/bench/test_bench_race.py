@@ -11,7 +11,7 @@ from bench.clipseg.measuring import ContestantError, Running, measure
 
 PRETENDER = """
 import os, time
-from bench.clipseg.contestants import Figures
+from bench.clipseg.contestants import StepFigures
 from bench.clipseg.parts import Parts
 
 class Pretender:
@@ -32,7 +32,7 @@ class Pretender:
             diary.write(f"{self.name} {frame.shape[1]} {self.count}\\n")
         with self.parts.time("all"):
             pass
-        return Figures(0.0, float(frame.mean()), (1.0,))
+        return StepFigures(0.0, float(frame.mean()), (1.0,))
 """
 SMALL = (32, 24)
 

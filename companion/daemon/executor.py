@@ -78,7 +78,8 @@ class DecisionExecutor:
         if at_once:
             self.send_hold_now(now)
         for decision in decisions:
-            self.events.append(self._decided(decision, now))
+            with self.error_guard.survived(Decided.__name__, now):
+                self.events.append(self._decided(decision, now))
             with self.error_guard.survived(type(decision).__name__, now):
                 self._do(decision, now)
         if at_once:

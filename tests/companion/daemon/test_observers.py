@@ -101,34 +101,42 @@ def test_an_error_of_the_supervision_itself_is_not_survived(
         rig.step(None)
 
 
+def commands_at_a_hold(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many modes were commanded when observers are first told of a hold."""
+    found, see = list[int](), rig.daemon.observers.see
+
+    def note(turn: Turn) -> None:
+        if any(kind_of(event) is HoldStarted for event in turn.events):
+            rig.stage.collect(rig.stage.now)
+            found.append(sum(message.command == 176 for message in rig.stage.sent("COMMAND_LONG")))
+        see(turn)
+
+    monkeypatch.setattr(rig.daemon.observers, "see", note)
+    return found
+
+
 def test_a_hold_is_sent_before_the_first_observer_sees_the_turn(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    orders, see = list[int](), rig.daemon.observers.see
-
-    def note(turn: Turn) -> None:
-        if any(kind_of(event) is HoldStarted for event in turn.events):
-            rig.stage.collect(rig.stage.now)
-            orders.append(sum(message.command == 176 for message in rig.stage.sent("COMMAND_LONG")))
-        see(turn)
-
-    monkeypatch.setattr(rig.daemon.observers, "see", note)
+    commands = commands_at_a_hold(rig, monkeypatch)
     rig.see(1.0, "drum")
-    assert orders == [1]
+    assert commands == [1]
 
 
 def test_a_hold_for_a_fault_is_too(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    orders, see = list[int](), rig.daemon.observers.see
-
-    def note(turn: Turn) -> None:
-        if any(kind_of(event) is HoldStarted for event in turn.events):
-            rig.stage.collect(rig.stage.now)
-            orders.append(sum(message.command == 176 for message in rig.stage.sent("COMMAND_LONG")))
-        see(turn)
-
-    monkeypatch.setattr(rig.daemon.observers, "see", note)
+    commands = commands_at_a_hold(rig, monkeypatch)
     rig.wait(3.0)
-    assert orders == [1]
+    assert commands == [1]
+
+
+def test_a_decision_that_cannot_be_told_is_carried_out(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.fails = True
+    monkeypatch.setattr(rig.loop._executor, "_fault_name", lambda _now: 1 / 0)
+    rig.see(1.0, "drum")
+    assert rig.stage.mode == HOLD
+    assert rig.calls.call is not None
+    assert rig.loop._vision.has_stored_frame(rig.calls.call.frame_id), "an answer may refer to it"
+    assert ERROR in rig.texts
 
 
 def test_what_observers_are_told_of_is_queued_for_the_disk(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

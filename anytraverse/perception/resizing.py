@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -132,6 +131,8 @@ def _kernel(x: NDArray[np.float64], name: str) -> NDArray[np.float64]:
 
 def _turned(image: Image) -> Image:
     """Transpose rows and columns."""
+    import cv2  # here, since a bundle's manifest is also read where no OpenCV may be loaded
+
     return np.asarray(cv2.transpose(image), dtype=np.uint8)
 
 

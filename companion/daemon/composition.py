@@ -168,8 +168,9 @@ def compose(
         pointing,
         video_pictures,
         live_picture,
+        recording,
     )
-    observers = Observers((*told, recording), guard)
+    observers = Observers(told, guard)
     supervisor = Supervisor(
         daemon=Daemon(link, vision, calls, executor, deciders, observers),
         calls=calls,

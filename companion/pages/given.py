@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from anytraverse.operations import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, Tap
+from anytraverse.operations import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, Tap, weights_of
 from companion.pages.wording import without_box
 from companion.wire.answers import Answer, AnyOperation
 from companion.wire.delivery import DeliveryStatus, Pending
@@ -85,9 +85,7 @@ class OwnAnswers:
         undoing = self.undoing()
         return {
             "answers": [one.document() for one in self.answers],
-            "undo": {one.word: one.weight for one in undoing if isinstance(one, SetWord)}
-            if undoing
-            else None,
+            "undo": weights_of(undoing) if undoing else None,
             "undone": None if self.undone is None else self.undone.told,
         }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import grp
-import json
 import os
 import pwd
 from collections.abc import Iterator
@@ -11,7 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from anytraverse.regular_file import read_regular
+from anytraverse.bundle.manifest import MANIFEST, read_manifest
+from anytraverse.errors import BundleError
 from companion.cameras import CameraError, split_source
 from companion.config.link_settings import LinkSettingError
 from companion.config.reading import SERVICE
@@ -21,7 +21,6 @@ from companion.system.computer import is_folder
 from companion.vision.network_limit import OF_PATHS, is_limited, needs_of
 
 RIGHTS, REACH = "rights", "reach"
-_MANIFEST, _LARGEST = "manifest.json", 16 << 20
 _UNIFIED = Path("/sys/fs/cgroup/cgroup.controllers")
 """Only there systemd can limit which addresses a process reaches."""
 _BY_NUMBER = "write the camera's numeric address into [camera] source"
@@ -130,17 +129,12 @@ def _used_by_vision(rover: CheckedRover) -> Iterator[tuple[Path, int]]:
 
 
 def _bundle_files(rover: CheckedRover) -> Iterator[Path]:
-    """Yield the files of the perceiver's bundle, as far as its manifest can be read.
-
-    `anytraverse.bundle` would import OpenCV, which the daemon, where these checks run, too, must not.
-    """
+    """Yield the files of the perceiver's bundle, as far as its manifest can be read."""
     bundle = Path(rover.config.perceiver.name.partition(":")[2])
     if bundle.is_absolute():
-        yield bundle / _MANIFEST
-        with suppress(OSError, ValueError, TypeError, KeyError):  # told by the row of the perceiver
-            yield from (
-                bundle / name for name in json.loads(read_regular(bundle / _MANIFEST, _LARGEST))["files"]
-            )
+        yield bundle / MANIFEST
+        with suppress(BundleError):  # told by the row of the perceiver
+            yield from (bundle / name for name in read_manifest(bundle).files)
 
 
 def _vision_user() -> _User:

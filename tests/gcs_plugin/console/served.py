@@ -115,7 +115,7 @@ class Served:
         except subprocess.TimeoutExpired:
             self.process.kill()
             raise
-        assert (self.process.returncode, errors) == (0, "")
+        assert (self.process.returncode, errors) == (0, ""), (self.process.returncode, errors)
 
 
 def _may_be_for(system: int, frame: bytes) -> bool:

@@ -153,6 +153,7 @@ def test_answers_on_the_page_lead_to_what_the_same_answers_in_a_file_do(
     tap = {"tap": "drum", "weight": -1, "box": [0.40123, 0.5, 0.6, 0.8], "frame": call["frame"]}
     words = [{"word": "dirt path", "weight": 1}, {"word": "tree", "weight": -0.5}, tap]
     assert person.post("/answer", call=call["id"], motion="go", changes=words)[0] == 200
+    person.until(lambda news: news["state"] == "over" or news["names"])  # until it was taken
     while (news := person.until(lambda news: news["state"] in ("asking", "over")))["state"] != "over":
         assert ["drum", -1.0] in news["names"]
         (waiting,) = (one for one in news["calls"] if one["open"])

@@ -324,6 +324,7 @@ def test_a_console_that_ended_is_said_and_nothing_looks_live(
     served.process.terminate()
     served.until(lambda: tab.locator("#title").inner_text() == "NO CONNECTION")
     assert "grayscale" in tab.locator("main").evaluate("part => getComputedStyle(part).filter")
+    served.process.wait(10.0)  # a second signal, at its end, would be one that kills
 
 
 def test_hostile_text_is_text(served: Served, open_page: Callable[..., Any], rover: Any) -> None:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -25,6 +24,7 @@ from companion.cli import main
 from companion.config import load_config
 from companion.wire import notices
 from tests.anytraverse.clipseg.pictures import picture
+from tests.companion.processes import heard, painted_config
 
 PATIENCE = 10.0
 
@@ -34,11 +34,8 @@ class Site:
 
     def __init__(self, folder: Path, radio: socket.socket) -> None:
         self.folder, self.radio = folder, radio
-        (folder / "pictures").mkdir()
         random = np.random.default_rng(0)
-        for number in range(3):
-            picture = random.integers(0, 256, (48, 64, 3), dtype=np.uint8)
-            cv2.imwrite(str(folder / "pictures" / f"{number}.png"), picture)
+        self.pictures = [random.integers(0, 256, (48, 64, 3), dtype=np.uint8) for _ in range(3)]
 
     def bundle(self, precisions: Sequence[str] = ("fp32",), broken: str = "") -> None:
         """Make the bundle, perhaps with a weight that overflows."""
@@ -54,36 +51,9 @@ class Site:
 
     def configure(self, perceiver: str = "", kind: str = "clipseg") -> Path:
         """The file, with the bundle beside it."""
-        path = self.folder / "companion.toml"
-        path.write_text(
-            f"""
-            [camera]
-            source = "folder:{self.folder / "pictures"}"
-            loop = true
-            [perceiver]
-            name = "{kind}:tiny"
-            threads = 1
-            {perceiver}
-            [web]
-            listen = ""
-            [recording]
-            size = 0
-            [vehicle]
-            file = ""
-            [link]
-            url = "udpout:127.0.0.1:{self.radio.getsockname()[1]}"
-            [journal]
-            folder = "{self.folder / "state"}"
-            [call]
-            policy = "hold"
-            [stopping]
-            unchecked = true
-            [words]
-            grass = 1.0
-            rock = -1.0
-            """
-        )
-        return path
+        hold = 'rock = -1.0\n[call]\npolicy = "hold"\n[stopping]\nunchecked = true'
+        lines = {"perceiver": f'name = "{kind}:tiny"\nthreads = 1\n{perceiver}', "more": hold}
+        return painted_config(self.folder, self.radio.getsockname()[1], self.pictures, **lines)
 
     def run(self, fits: Callable[[dict[str, Any]], bool]) -> list[dict[str, Any]]:
         """Run the daemon until its status fits; all that it wrote."""
@@ -99,22 +69,10 @@ class Site:
         assert fits(seen[-1]), seen[-1]
         return seen
 
-    def heard(self) -> bytes:
-        """All that came over the air."""
-        found = b""
-        try:
-            while True:
-                found += self.radio.recv(300)
-        except TimeoutError:
-            return found
-
 
 @pytest.fixture
-def site(tmp_path: Path) -> Any:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        ground.settimeout(0.1)
-        yield Site(tmp_path, ground)
+def site(tmp_path: Path, radio: socket.socket) -> Site:
+    return Site(tmp_path, radio)
 
 
 def judged(status: dict[str, Any]) -> bool:
@@ -135,7 +93,7 @@ def test_what_runs_and_why_stands_in_the_status_with_the_time_that_it_takes(
     assert "carries no int8 variant" in told["why"]
     assert told["step_ms"] > 0
     assert f"perceiver: {told['model']}, fp32: the bundle carries no int8 variant" in caplog.text
-    assert notices.int8_idle().encode() not in site.heard()
+    assert notices.int8_idle().encode() not in heard(site.radio)
 
 
 def test_an_int8_that_is_not_used_is_told_once(site: Site, caplog: pytest.LogCaptureFixture) -> None:
@@ -144,7 +102,7 @@ def test_an_int8_that_is_not_used_is_told_once(site: Site, caplog: pytest.LogCap
     site.configure()
     statuses = site.run(judged)
     assert statuses[-1]["perceiver"]["precision"] == "fp32"
-    assert site.heard().count(notices.int8_idle().encode()) == 1
+    assert heard(site.radio).count(notices.int8_idle().encode()) == 1
     assert "anytraverse bundle check" in caplog.text, "the log says how to get it"
 
 
@@ -152,7 +110,7 @@ def test_nothing_is_told_of_int8_to_who_asked_for_fp32(site: Site) -> None:
     site.bundle(("fp32", "int8"))
     site.configure('precision = "fp32"')
     site.run(judged)
-    assert notices.int8_idle().encode() not in site.heard()
+    assert notices.int8_idle().encode() not in heard(site.radio)
 
 
 def test_an_int8_that_was_never_checked_cannot_be_demanded(site: Site) -> None:
@@ -169,7 +127,7 @@ def test_weights_that_overflow_end_in_a_fault_that_is_told(site: Site, broken: s
     statuses = site.run(lambda status: judged(status) and status["state"] == "fault")
     assert "ok" not in {status["state"] for status in statuses}
     assert {status["policy"] for status in statuses} == {"hold"}, "it may hold the rover for it"
-    assert b"Companion FAULT" in site.heard()
+    assert b"Companion FAULT" in heard(site.radio)
 
 
 def test_a_check_of_the_configuration_says_what_would_run_and_why(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import threading
-import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,15 +23,16 @@ from companion.wire.answers import Answer, PackIncident
 from companion.wire.call_report import CallReport
 from companion.wire.ids import COMPONENT_ID, TUNNEL_ANSWER, TUNNEL_CALL, Motion
 from companion.wire.incidents import Incidents, read_incidents
-from tests.companion.daemon.painted_drive import to_a_drum
+from tests.companion.processes import painted_config
 from tests.companion.vision import painted
+from tests.waiting import wait_for
 
 
 @pytest.fixture
 def ground(tmp_path: Path) -> Iterator[Any]:
     """A ground station's connection to a companion before whose wheels lies a drum without a word."""
     master = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, source_component=190)
-    config = to_a_drum(tmp_path, master.port.getsockname()[1], "budget = 0\nasked_budget = 0")
+    config = painted_config(tmp_path, master.port.getsockname()[1], link="budget = 0\nasked_budget = 0")
     painted.register()
     over = threading.Event()
     given = (load_config(str(config)), over.is_set, painted.COMMAND)
@@ -73,13 +73,9 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
     folders = {"@PARAM", "calls", "maps", "scenes", "logs", "incidents"}
     assert listed("/").keys() == files | folders
     number = call.id
-    wanted, deadline = (
-        {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg", f"{number}-raw.jpg"},
-        time.monotonic() + 10.0,
-    )
-    while not listed("/calls").keys() >= wanted and time.monotonic() < deadline:
-        time.sleep(0.1)  # a picture is named when it is drawn, and there a moment later
-    assert listed("/calls").keys() >= wanted
+    wanted = {f"{number}.json", f"{number}.jpg", f"{number}-large.jpg", f"{number}-raw.jpg"}
+    # A picture is named when it is drawn, and there a moment later.
+    wait_for(lambda: listed("/calls").keys() >= wanted, 10.0)
     assert listed("/logs").keys() == {"companion.log"}
     state = json.loads(fetched("/state.json"))
     assert (state["state"], state["open"]["id"], state["words"]) == ("calling", number, {"grass": 1.0})
@@ -91,10 +87,7 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
     assert read_incidents(fetched("/incidents.json")) == Incidents()
     asked = Answer(0, Motion.NONE, (PackIncident(number),), 4711).pack()
     ground.mav.tunnel_send(1, COMPONENT_ID, TUNNEL_ANSWER, len(asked), asked.ljust(128, b"\0"))
-    deadline = time.monotonic() + 20.0
-    while not (packed := read_incidents(fetched("/incidents.json"))).packed and time.monotonic() < deadline:
-        time.sleep(0.1)
-    (incident,) = packed.packed
+    (incident,) = wait_for(lambda: read_incidents(fetched("/incidents.json")).packed, 20.0)
     assert (incident.call, incident.note) == (
         number,
         "without a recording: switched off by [recording] size",

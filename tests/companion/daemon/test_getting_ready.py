@@ -46,6 +46,7 @@ from companion.wire.answers import Answer
 from companion.wire.ids import Policy
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import MakeRig
+from tests.companion.processes import heard, painted_config
 from tests.companion.vision import painted
 from tests.companion.vision.played import loading
 
@@ -174,35 +175,9 @@ def test_too_slow_is_told_with_figures_and_remedies() -> None:
 @pytest.fixture
 def config(tmp_path: Path, radio: socket.socket) -> Config:
     """A camera that shows nothing, and a wish to hold: T = 0.2 s at 50 frames/s."""
-    path = tmp_path / "companion.toml"
-    path.write_text(
-        f"""
-        vocabulary = ["drum"]
-        [camera]
-        source = "folder:{tmp_path / "none"}"
-        rate = 50
-        [perceiver]
-        name = "painted"
-        [web]
-        listen = ""
-        [recording]
-        size = 0
-        [vehicle]
-        file = ""
-        [link]
-        url = "udpout:127.0.0.1:{radio.getsockname()[1]}"
-        [journal]
-        folder = "{tmp_path / "state"}"
-        [call]
-        policy = "hold"
-        freshness = 0.2
-        [stopping]
-        unchecked = true
-        [words]
-        grass = 1.0
-        rock = -1.0
-        """
-    )
+    hold = 'rock = -1.0\n[call]\npolicy = "hold"\nfreshness = 0.2\n[stopping]\nunchecked = true'
+    lines = {"top": 'vocabulary = ["drum"]', "camera": "rate = 50", "more": hold}
+    path = painted_config(tmp_path, radio.getsockname()[1], [], **lines)
     painted.register()
     return load_config(str(path))
 
@@ -221,16 +196,6 @@ def run_until_status(
     status = json.loads(path.read_text())
     assert isinstance(status, dict)
     return status
-
-
-def heard(radio: socket.socket) -> bytes:
-    """All that came over the air."""
-    found = b""
-    try:
-        while True:
-            found += radio.recv(300)
-    except TimeoutError:
-        return found
 
 
 def test_a_perceiver_that_cannot_keep_t_lowers_no_policy_and_hold_is_refused_to_who_asks(

@@ -12,7 +12,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import cv2
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -26,6 +25,7 @@ from companion.vision.messages import Ready
 from companion.wire.answers import Answer
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion
 from tests.companion.daemon.rig import picture
+from tests.companion.processes import painted_config
 from tests.companion.vision import painted
 
 PATIENCE = 30.0
@@ -147,20 +147,12 @@ class Ground(threading.Thread):
 
 
 def test_no_turn_touches_the_disk(tmp_path: Path, radio: socket.socket, watch: Watch) -> None:
-    pictures, key, secret = tmp_path / "frames", tmp_path / "signing.key", bytes(range(100, 132))
-    pictures.mkdir()
+    key, secret = tmp_path / "signing.key", bytes(range(100, 132))
     key.touch(0o600)
     key.write_bytes(secret)
-    for number in range(5):
-        cv2.imwrite(str(pictures / f"{number}.png"), picture()[..., ::-1])
-    path = tmp_path / "companion.toml"
-    path.write_text(
-        f'[camera]\nsource = "folder:{pictures}"\nloop = true\n'
-        f'[perceiver]\nname = "painted"\n[web]\nlisten = "127.0.0.1:0"\n'
-        f'[vehicle]\nfile = ""\n[link]\nurl = "udpout:127.0.0.1:{radio.getsockname()[1]}"\n'
-        f'signing_key = "signing.key"\n'
-        f'[journal]\nfolder = "{tmp_path / "state"}"\n[words]\ngrass = 1.0\nrock = -1.0\n'
-    )
+    web, link = 'listen = "127.0.0.1:0"', 'signing_key = "signing.key"'
+    lines = {"web": web, "link": link, "recorded": "1000", "more": "rock = -1.0"}
+    path = painted_config(tmp_path, radio.getsockname()[1], [picture()] * 5, **lines)
     painted.register()
     ground = Ground(radio, secret, tmp_path / "state")
     ground.start()

@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -38,6 +37,7 @@ from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, Motion, Policy, Result
 from companion.wire.signing import SigningKey, Timestamps, refusal
 from tests.companion.daemon.rig import picture
+from tests.companion.processes import heard, painted_config
 from tests.companion.vision import painted
 from tests.companion.vision.played import loading
 
@@ -47,33 +47,7 @@ PATIENCE = 10.0
 @pytest.fixture
 def config(tmp_path: Path, radio: socket.socket) -> Config:
     """Ten frames a second of painted grass."""
-    pictures = tmp_path / "frames"
-    pictures.mkdir()
-    for number in range(5):
-        cv2.imwrite(str(pictures / f"{number}.png"), picture()[..., ::-1])
-    path = tmp_path / "companion.toml"
-    path.write_text(
-        f"""
-        [camera]
-        source = "folder:{pictures}"
-        loop = true
-        [perceiver]
-        name = "painted"
-        [web]
-        listen = ""
-        [recording]
-        size = 0
-        [vehicle]
-        file = ""
-        [link]
-        url = "udpout:127.0.0.1:{radio.getsockname()[1]}"
-        [journal]
-        folder = "{tmp_path / "state"}"
-        [words]
-        grass = 1.0
-        rock = -1.0
-        """
-    )
+    path = painted_config(tmp_path, radio.getsockname()[1], [picture()] * 5, more="rock = -1.0")
     painted.register()
     return load_config(str(path))
 
@@ -320,13 +294,7 @@ def test_an_error_of_the_supervision_ends_it_with_a_farewell(
     with pytest.raises(ZeroDivisionError):
         start(config, until(lambda: False))
     assert left() == (set(), set())
-    heard = b""
-    try:
-        while True:
-            heard += radio.recv(300)
-    except TimeoutError:
-        pass
-    assert b"Companion STOPS" in heard
+    assert b"Companion STOPS" in heard(radio)
 
 
 def test_a_signal_while_loading_ends_it_and_the_vision_process(left: Left, config: Config) -> None:

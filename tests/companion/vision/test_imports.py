@@ -10,9 +10,8 @@ import sys
 from pathlib import Path
 
 from companion.observers.page.page import missing
-from tests.companion.daemon.painted_drive import to_a_drum
+from tests.companion.processes import ROOT, painted_config
 
-ROOT = Path(__file__).resolve().parents[3]
 SCRIPT = """
 import json, sys, time
 from pathlib import Path
@@ -38,7 +37,7 @@ print(json.dumps({"code": code, "modules": sorted(sys.modules), "page": page}))
 def test_the_supervisor_never_imports_opencv_or_onnx_runtime(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
         ground.bind(("127.0.0.1", 0))
-        path = to_a_drum(tmp_path, ground.getsockname()[1], listen="127.0.0.1:0")
+        path = painted_config(tmp_path, ground.getsockname()[1], web='listen = "127.0.0.1:0"')
         ran = subprocess.run(
             [sys.executable, "-c", SCRIPT, str(path), str(tmp_path / "state" / "status.json")],
             cwd=ROOT,

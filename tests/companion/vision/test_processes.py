@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import signal
 import socket
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -30,102 +26,47 @@ from companion.vision.memory_copy import MemoryCopy
 from companion.vision.messages import Scenes, Start
 from companion.vision.process import SupervisorChannel, _Lines, receive_start
 from tests.companion.daemon.rig import picture
-from tests.waiting import fill
+from tests.companion.processes import PATIENCE, Companion
+from tests.waiting import fill, is_gone, wait_for
 
-ROOT = Path(__file__).resolve().parents[3]
-PATIENCE = 20.0
 GONE_WITHIN = 1.0
-SCRIPT = """
-import sys
-from tests.companion.vision.painted import COMMAND, register
-register()
-from companion.cli import main
-sys.exit(main(["run", "--config", sys.argv[1]], vision=COMMAND))
-"""
 
 
-class Companion:
-    """`companion run` with painted eyes that do what `orders` says."""
+def obedient(folder: Path, stderr: int = subprocess.DEVNULL) -> Companion:
+    """A companion whose eyes do what the file `orders` says."""
+    pictures = [picture(scene=number) for number in range(4)]
+    return Companion(folder, pictures, stderr, perceiver=f'name = "painted:{folder}/orders"')
 
-    def __init__(self, folder: Path, port: int, stderr: int = subprocess.DEVNULL) -> None:
-        frames = folder / "frames"
-        frames.mkdir()
-        for number in range(4):
-            cv2.imwrite(str(frames / f"{number}.png"), picture(scene=number)[..., ::-1])
-        self.orders, self.status = folder / "orders", folder / "state" / "status.json"
-        config = folder / "companion.toml"
-        config.write_text(
-            f'[camera]\nsource = "folder:{frames}"\nloop = true\n'
-            f'[perceiver]\nname = "painted:{self.orders}"\n'
-            f'[web]\nlisten = ""\n[recording]\nsize = 0\n'
-            f'[vehicle]\nfile = ""\n[link]\nurl = "udpout:127.0.0.1:{port}"\n'
-            f'[journal]\nfolder = "{folder / "state"}"\n[words]\ngrass = 1.0\n'
-        )
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SCRIPT, str(config)],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stderr=stderr,
-        )
 
-    def told(self) -> dict[str, Any]:
-        """The status file."""
-        with suppress(OSError, ValueError):
-            return dict(json.loads(self.status.read_text()))
-        return {}
-
-    def vision(self) -> int | None:
-        """The process id of its vision process."""
-        return next(iter(children(self.process.pid)), None)
-
-    def until(self, what: str, fits: Callable[[], bool], seconds: float = PATIENCE) -> None:
-        """Wait for it."""
-        deadline = time.monotonic() + seconds
-        while not fits():
-            assert time.monotonic() < deadline, (what, self.told())
-            assert self.process.poll() is None, what
-            time.sleep(0.01)
+def vision_of(companion: Companion) -> int | None:
+    """The process id of its vision process."""
+    return next(iter(children(companion.process.pid)), None)
 
 
 @pytest.fixture
 def companion(tmp_path: Path) -> Iterator[Companion]:
     """One that sees."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        companion = Companion(tmp_path, ground.getsockname()[1])
-        try:
-            companion.until("it sees", lambda: companion.told().get("state") == "ok")
-            yield companion
-        finally:
-            companion.process.kill()
-            companion.process.wait()
+    with closing(obedient(tmp_path)) as companion:
+        companion.until(lambda: companion.told().get("state") == "ok", "it sees")
+        yield companion
+
+
+@pytest.fixture
+def orders(tmp_path: Path) -> Path:
+    return tmp_path / "orders"
 
 
 def test_a_daemon_whose_log_nobody_reads_sees_tells_and_ends_in_good_order(tmp_path: Path) -> None:
     reader, stderr = os.pipe()
     fill(stderr)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        ground.settimeout(PATIENCE)
-        companion = Companion(tmp_path, ground.getsockname()[1], stderr)
-        try:
-            companion.until("it sees", lambda: companion.told().get("state") == "ok")
-            assert ground.recv(300)[0] == 0xFD
-            companion.process.terminate()
-            assert companion.process.wait(PATIENCE) == 0
-        finally:
-            companion.process.kill()
-            companion.process.wait()
-            os.close(reader)
-            os.close(stderr)
-
-
-def is_gone(pid: int) -> bool:
-    """Whether the process has ended, reaped or not."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in ("Z", "X")
-    except OSError:
-        return True
+    with closing(obedient(tmp_path, stderr)) as companion:
+        companion.ground.settimeout(PATIENCE)
+        companion.until(lambda: companion.told().get("state") == "ok", "it sees")
+        assert companion.ground.recv(300)[0] == 0xFD
+        companion.process.terminate()
+        assert companion.process.wait(PATIENCE) == 0
+    os.close(reader)
+    os.close(stderr)
 
 
 def test_a_line_of_the_log_that_cannot_be_made_costs_that_line_only(
@@ -161,33 +102,32 @@ def test_a_new_vision_process_waits_until_it_has_all_remembered_scenes() -> None
 
 @pytest.mark.parametrize("order", ["", "lock"], ids=["well", "hung with the lock"])
 def test_when_the_supervisor_is_killed_its_vision_process_is_gone_at_once(
-    companion: Companion, order: str
+    companion: Companion, orders: Path, order: str
 ) -> None:
-    vision = companion.vision()
+    vision = vision_of(companion)
     assert vision is not None
-    companion.orders.write_text(order)
-    companion.until("a fault", lambda: not order or companion.told().get("state") == "fault")
+    orders.write_text(order)
+    companion.until(lambda: not order or companion.told().get("state") == "fault", "a fault")
     companion.process.send_signal(signal.SIGKILL)
     companion.process.wait()
-    deadline = time.monotonic() + GONE_WITHIN
-    while not is_gone(vision) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert is_gone(vision)
+    wait_for(lambda: is_gone(vision), GONE_WITHIN)
 
 
 @pytest.mark.parametrize("order", ["die", "hang", "lock", "exit"])
-def test_a_vision_process_that_fails_is_started_again_and_sees(companion: Companion, order: str) -> None:
-    before = companion.vision()
-    companion.orders.write_text(order)
-    companion.until("another process", lambda: companion.vision() not in (before, None))
-    companion.orders.unlink()
-    companion.until("it sees again", lambda: companion.told().get("vision", {}).get("restarts", 0) > 0)
-    companion.until("it sees again", lambda: companion.told().get("state") == "ok")
+def test_a_vision_process_that_fails_is_started_again_and_sees(
+    companion: Companion, orders: Path, order: str
+) -> None:
+    before = vision_of(companion)
+    orders.write_text(order)
+    companion.until(lambda: vision_of(companion) not in (before, None), "another process")
+    orders.unlink()
+    companion.until(lambda: companion.told().get("vision", {}).get("restarts", 0) > 0, "it sees again")
+    companion.until(lambda: companion.told().get("state") == "ok", "it sees again")
     assert companion.process.poll() is None
 
 
 def test_the_vision_process_steps_back_for_the_supervisor(companion: Companion) -> None:
-    vision = companion.vision()
+    vision = vision_of(companion)
     assert vision is not None
     own = int(Path(f"/proc/{companion.process.pid}/stat").read_text().rpartition(")")[2].split()[16])
     nice = int(Path(f"/proc/{vision}/stat").read_text().rpartition(")")[2].split()[16])
@@ -197,18 +137,20 @@ def test_the_vision_process_steps_back_for_the_supervisor(companion: Companion) 
     )
 
 
-def test_a_slow_vision_process_judges_less_often_and_sees_all_the_same(companion: Companion) -> None:
-    companion.orders.write_text("slow")
-    companion.until("fewer frames", lambda: companion.told().get("judging", {}).get("rate") == 5.0)
+def test_a_slow_vision_process_judges_less_often_and_sees_all_the_same(
+    companion: Companion, orders: Path
+) -> None:
+    orders.write_text("slow")
+    companion.until(lambda: companion.told().get("judging", {}).get("rate") == 5.0, "fewer frames")
     before, began = companion.told()["frames"], time.monotonic()
-    companion.until("two seconds", lambda: time.monotonic() - began > 2.0)
+    companion.until(lambda: time.monotonic() - began > 2.0, "two seconds")
     told = companion.told()
     assert (told["state"], told["judging"]["lowered_by"]) == ("ok", "slow computer")
     assert told["frames"] - before <= 5.0 * 3.5 + 1
 
 
 def test_a_signal_ends_both_in_good_order(companion: Companion) -> None:
-    vision = companion.vision()
+    vision = vision_of(companion)
     assert vision is not None
     companion.process.terminate()
     assert companion.process.wait(PATIENCE) == 0

@@ -7,45 +7,25 @@ import json
 import os
 import signal
 import socket
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
-from bench.processes import children
 from companion.observers.page.page import missing
 from companion.wire.ids import PAGE_SENDER
-from tests.companion.daemon.painted_drive import to_a_drum
 from tests.companion.observers.page.played import TOKEN
-from tests.companion.vision.test_processes import ROOT, SCRIPT, is_gone
+from tests.companion.processes import Companion
+from tests.waiting import is_gone, wait_for
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not installed")
-PATIENCE = 20.0
+PAGE = "companion.observers.page"
 
 
-class Companion:
-    """`companion run` with painted eyes, and a page on any free port."""
-
-    def __init__(self, folder: Path, port: int) -> None:
-        self.status = folder / "state" / "status.json"
-        config = to_a_drum(folder, port, listen="127.0.0.1:0", token=TOKEN)
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SCRIPT, str(config)],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stderr=subprocess.DEVNULL,
-        )
-
-    def told(self) -> dict[str, Any]:
-        with suppress(OSError, ValueError):
-            return dict(json.loads(self.status.read_text()))
-        return {}
+class WithPage(Companion):
+    """`companion run`, and what its page answers."""
 
     def post(self, path: str, content: Any) -> tuple[int, bytes]:
         """Post JSON as the page itself does."""
@@ -71,31 +51,15 @@ class Companion:
         finally:
             connection.close()
 
-    def page(self) -> int:
-        """The process id of the page, 0 without one."""
-        found = children(self.process.pid).items()
-        return next((child for child, command in found if "companion.observers.page" in command), 0)
-
-    def until(self, fits: Callable[[], object]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not fits():
-            assert time.monotonic() < deadline, self.told()
-            time.sleep(0.05)
-
 
 @pytest.fixture(scope="module")
-def companion(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Companion]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        running = Companion(tmp_path_factory.mktemp("rover"), ground.getsockname()[1])
-        try:
-            yield running
-        finally:
-            running.process.kill()
-            running.process.wait()
+def companion(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WithPage]:
+    web = f'listen = "127.0.0.1:0"\ntoken = "{TOKEN}"'
+    with closing(WithPage(tmp_path_factory.mktemp("rover"), web=web)) as running:
+        yield running
 
 
-def test_a_call_is_answered_on_the_page_and_the_answer_stands_in_its_record(companion: Companion) -> None:
+def test_a_call_is_answered_on_the_page_and_the_answer_stands_in_its_record(companion: WithPage) -> None:
     companion.until(lambda: json.loads(companion.get("/state.json")[1] or b"{}").get("open"))
     opened = json.loads(companion.get("/state.json")[1])["open"]
     box = opened["worst_tile_box"]
@@ -120,7 +84,7 @@ def test_a_call_is_answered_on_the_page_and_the_answer_stands_in_its_record(comp
     assert companion.post("/undo", {"call": opened["id"] + 1})[0] == 409
 
 
-def test_it_judges_on_while_its_page_is_killed_and_the_page_returns(companion: Companion) -> None:
+def test_it_judges_on_while_its_page_is_killed_and_the_page_returns(companion: WithPage) -> None:
     companion.until(lambda: companion.get("/healthz")[0] == 200)
     state = json.loads(companion.get("/state.json")[1])
     assert state["words"]["grass"] == 1.0
@@ -131,17 +95,14 @@ def test_it_judges_on_while_its_page_is_killed_and_the_page_returns(companion: C
         )
         companion.until(lambda: companion.get("/live.jpg")[1].startswith(b"\xff\xd8\xff"))
     companion.until(lambda: json.loads(companion.get("/calls.json")[1] or b"[]"))
-    frames, first = companion.told()["frames"], companion.page()
+    frames, first = companion.told()["frames"], companion.child(PAGE)
     os.kill(first, signal.SIGKILL)
-    companion.until(lambda: companion.page() not in (0, first) and companion.get("/healthz")[0] == 200)
+    companion.until(lambda: companion.child(PAGE) not in (0, first) and companion.get("/healthz")[0] == 200)
     companion.until(lambda: companion.told()["web"]["restarts"] == 1)
     said = companion.told()
     assert said["frames"] > frames
     assert said["vision"] == {"trouble": "", "restarts": 0}
-    last = companion.page()
+    last = companion.child(PAGE)
     companion.process.send_signal(signal.SIGKILL)
     companion.process.wait()
-    deadline = time.monotonic() + 1.0
-    while not is_gone(last) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert is_gone(last), "it ends with the supervisor"
+    wait_for(lambda: is_gone(last), 1.0, lambda: "it ends with the supervisor")

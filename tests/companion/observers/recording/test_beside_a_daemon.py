@@ -5,16 +5,11 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
-import subprocess
-import sys
-import time
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,65 +18,27 @@ pytest.importorskip("mcap")
 from mcap.reader import NonSeekingReader, make_reader
 
 from anytraverse.perception import KINDS
-from bench.processes import children
 from companion.cli import main
 from companion.observers.recording.reading import whole
-from tests.companion.daemon.painted_drive import to_a_drum
-from tests.companion.vision.test_processes import ROOT, SCRIPT, is_gone
+from tests.companion.processes import Companion
+from tests.waiting import is_gone
 
-PATIENCE = 20.0
+RECORDER = "companion.observers.recording"
 PAINTED = ("tests.companion.vision.painted", "Obedient")
-
-
-class Companion:
-    """`companion run` with painted eyes, and a recorder."""
-
-    def __init__(self, folder: Path, port: int) -> None:
-        self.state = folder / "state"
-        self.config = to_a_drum(folder, port, recorded=20)
-        self.start()
-
-    def start(self) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SCRIPT, str(self.config)],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stderr=subprocess.DEVNULL,
-        )
-
-    def told(self) -> dict[str, Any]:
-        with suppress(OSError, ValueError):
-            return dict(json.loads((self.state / "status.json").read_text()))
-        return {}
-
-    def recorded(self) -> int:
-        return int(self.told().get("recording", {}).get("written", 0))
-
-    def recorder(self) -> int:
-        """The process id of the recorder, 0 without one."""
-        found = children(self.process.pid).items()
-        return next((child for child, command in found if "companion.observers.recording" in command), 0)
-
-    def files(self) -> list[Path]:
-        return sorted((self.state / "recordings").glob("*.mcap"))
-
-    def until(self, fits: Callable[[], object]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not fits():
-            assert time.monotonic() < deadline, self.told()
-            time.sleep(0.05)
 
 
 @pytest.fixture
 def companion(tmp_path: Path) -> Iterator[Companion]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        running = Companion(tmp_path, ground.getsockname()[1])
-        try:
-            yield running
-        finally:
-            running.process.kill()
-            running.process.wait()
+    with closing(Companion(tmp_path, recorded="20")) as running:
+        yield running
+
+
+def recorded(companion: Companion) -> int:
+    return int(companion.told().get("recording", {}).get("written", 0))
+
+
+def files(companion: Companion) -> list[Path]:
+    return sorted((companion.state / "recordings").glob("*.mcap"))
 
 
 def counted(path: Path) -> Counter[str]:
@@ -97,11 +54,11 @@ def counted(path: Path) -> Counter[str]:
 def test_what_is_recorded_fits_what_happened_and_a_killed_recorder_harms_nothing(
     companion: Companion, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    companion.until(lambda: companion.told().get("current_id") and companion.recorded() > 40)
-    first, frames = companion.recorder(), companion.told()["frames"]
-    companion.until(lambda: companion.files()[0].stat().st_size > 10_000)
+    companion.until(lambda: companion.told().get("current_id") and recorded(companion) > 40)
+    first, frames = companion.child(RECORDER), companion.told()["frames"]
+    companion.until(lambda: files(companion)[0].stat().st_size > 10_000)
     os.kill(first, signal.SIGKILL)
-    companion.until(lambda: companion.recorder() not in (0, first) and len(companion.files()) > 1)
+    companion.until(lambda: companion.child(RECORDER) not in (0, first) and len(files(companion)) > 1)
     companion.until(lambda: companion.told().get("recording", {}).get("restarts") == 1)
     companion.until(lambda: companion.told().get("frames", 0) > frames)
     assert companion.told()["vision"] == {"trouble": "", "restarts": 0}
@@ -110,15 +67,15 @@ def test_what_is_recorded_fits_what_happened_and_a_killed_recorder_harms_nothing
     assert main(["incident", "C1", "--config", str(companion.config)]) == 0, "while it runs"
     companion.process.send_signal(signal.SIGTERM)
     companion.process.wait(10.0)
-    assert all(whole(path) for path in companion.files())
-    found = sum((counted(path) for path in companion.files()), Counter[str]())
+    assert all(whole(path) for path in files(companion))
+    found = sum((counted(path) for path in files(companion)), Counter[str]())
     last = companion.told()
     assert found["/decisions"] >= 1
     maps, boxes = found["/maps/uncertainty"], found["/camera/annotations"]
     assert 5 <= boxes <= maps <= found["/camera"] <= boxes + 1, "a chunk that was lost may begin with maps"
     assert found["/camera"] < found["/assessment"] <= last["frames"]
     assert found["/setup"] == found["/words"] == 2, "each recording begins with what holds"
-    with companion.files()[-1].open("rb") as file:
+    with files(companion)[-1].open("rb") as file:
         judged = [json.loads(one[2].data) for one in make_reader(file).iter_messages(["/assessment"])]
     numbers = [one["frame"] for one in judged]
     assert numbers == sorted(set(numbers))
@@ -131,14 +88,14 @@ def test_what_is_recorded_fits_what_happened_and_a_killed_recorder_harms_nothing
 def test_with_its_companion_killed_a_recorder_is_gone_and_its_torn_file_is_read(
     companion: Companion, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    companion.until(lambda: companion.told().get("current_id") and companion.recorded() > 40)
-    companion.until(lambda: companion.files()[0].stat().st_size > 10_000)
-    recorder = companion.recorder()
+    companion.until(lambda: companion.told().get("current_id") and recorded(companion) > 40)
+    companion.until(lambda: files(companion)[0].stat().st_size > 10_000)
+    recorder = companion.child(RECORDER)
     os.kill(recorder, signal.SIGSTOP)  # else it may finish its file before the kernel ends it
     companion.process.send_signal(signal.SIGKILL)
     companion.process.wait()
     companion.until(lambda: is_gone(recorder))
-    (path,) = companion.files()
+    (path,) = files(companion)
     assert not whole(path)
     assert counted(path)["/assessment"] > 5, "mcap's own reader reads it, too"
     monkeypatch.setitem(KINDS, "painted", PAINTED)

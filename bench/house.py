@@ -15,37 +15,25 @@ import sys
 import tempfile
 import tokenize
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-import numpy as np
-from pymavlink.dialects.v20 import development as mavlink
-
-from anytraverse.frame import Frame
-from anytraverse.operations import SetWord
-from bench.link.lossy import STEP, Clock, virtual_time
-from bench.link.rover import Companion, make_engine, make_ready
-from bench.link.synthetic_frames import picture, thing
-from companion.cameras.newest import CameraState, CameraStatus
-from companion.config import Config
-from companion.sim.loopback_link import Wire
-from companion.sim.loopback_vision import LoopbackVision
-from companion.tasks import VISION
-from companion.vision.client import VisionClient
-from companion.wire.answers import Answer
-from companion.wire.ids import TUNNEL_ACKNOWLEDGEMENT, TUNNEL_ANSWER, TUNNEL_SUMMARY, Motion
+from bench.link.lossy import STEP
+from bench.virtual_time import virtual_time
+from companion.wire.ids import TUNNEL_SUMMARY, Motion
+from tests.companion.daemon.rig import HOLD, PERIOD, Rig
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("anytraverse", "companion", "gcs_plugin", "tests", "bench")
 SIMULATOR = "sim"
-_TURNS = 400
+_STEPS = 100
 _IDLE_TURNS = 15
 """Short enough for the last frame to stay fresh."""
 _EMPTY = frozenset(
     getattr(tokenize, name) for name in ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER")
 )
-_HOLD, _DO_SET_MODE = 4, 176
 Graph = Mapping[str, set[str]]
 
 
@@ -183,50 +171,6 @@ class _Walk:
         self._last = name
 
 
-class _Stage(Companion):
-    """A daemon that drives over grass in AUTO, with policy hold."""
-
-    def __init__(self, folder: Path, clock: Clock) -> None:
-        self._clock = clock
-        self.radio = Wire()
-        self.child = LoopbackVision(make_engine)
-        vision = VisionClient(lambda: self.child, Config(), None, VISION)
-        make_ready(vision, self.child)
-        super().__init__(folder, lambda: self.radio.near, vision, policy="hold")
-        self._frame_id = 0
-        self._grain = np.random.default_rng(0)
-        self._beat_at = 0.0
-
-    def turn(self) -> None:
-        """One of the daemon's, and what it sent."""
-        self._clock.now += STEP
-        now = self._clock.now
-        if now >= self._beat_at:
-            self._beat_at = now + 1.0
-            self.radio.heartbeat(1)
-        super().turn()
-        self.radio.collect(now)
-
-    def see(self, shows: int = 0) -> None:
-        """The vision process judges a frame of this."""
-        now = self._clock.now
-        self._frame_id += 1
-        self.child.live(CameraStatus(CameraState.DELIVERING), now)
-        self.child.work()
-        image = picture(shows)
-        image[1:, :, 2] = self._grain.integers(0, 256, image.shape[:2])[1:]  # no two are alike
-        self.child.judge(Frame(self._frame_id, now, image))
-
-    def sent(self, kind: int) -> int:
-        """How many TUNNEL payloads of this type left."""
-        return len(self.radio.tunnels(kind))
-
-    def holds(self) -> int:
-        """How often HOLD was commanded."""
-        commands = self.radio.sent("COMMAND_LONG")
-        return sum(one.command == _DO_SET_MODE and one.param2 == _HOLD for one in commands)
-
-
 def walks() -> dict[str, tuple[int, int, int]]:
     """Files, those that an idle turn does not call, and moves from one file to another.
 
@@ -234,24 +178,29 @@ def walks() -> dict[str, tuple[int, int, int]]:
     """
     idle, frame, fault, answer = _Walk(), _Walk(), _Walk(), _Walk()
     with tempfile.TemporaryDirectory() as folder, virtual_time() as clock:
-        stage = _Stage(Path(folder), clock)
-        _until(stage, lambda: stage.sent(TUNNEL_SUMMARY) > 2, seeing=0)
+        rig = Rig(Path(folder), clock)
+        see, wait = partial(rig.see, PERIOD), partial(rig.wait, PERIOD)
+
+        def told() -> int:
+            return len(rig.stage.tunnels(TUNNEL_SUMMARY))
+
+        _until(lambda: told() > 2, see)
         with idle:
             for _ in range(_IDLE_TURNS):
-                stage.turn()
-        told = stage.sent(TUNNEL_SUMMARY)
+                clock.now += STEP
+                rig.turn()
+        before = told()
         with frame:
-            _until(stage, lambda: stage.sent(TUNNEL_SUMMARY) > told, seeing=0)
+            _until(lambda: told() > before, see)
+        rig.hung = True
         with fault:
-            _until(stage, lambda: stage.holds() > 0, seeing=None)
-        stage.radio.mode = _HOLD
-        _until(stage, lambda: stage.calls.call is not None, seeing=1)
-        payload = Answer(0, Motion.GO, (SetWord(thing(1), 1.0),), 1).pack()
-        padded = list(payload.ljust(128, b"\0"))
-        stage.radio.send(mavlink.MAVLink_tunnel_message(1, 191, TUNNEL_ANSWER, len(payload), padded))
+            _until(lambda: rig.stage.mode == HOLD, wait)
+        rig.hung = False
+        _until(lambda: rig.calls.call is not None, partial(see, "drum"))
+        rig.word(0, "drum", 1.0, Motion.GO)
         with answer:
-            _until(stage, lambda: stage.sent(TUNNEL_ACKNOWLEDGEMENT) > 0, seeing=None)
-        stage.close()
+            _until(lambda: bool(rig.acks), wait)
+        rig.kill()
     walks = {"frame to summary": frame, "answer to acknowledgement": answer, "fault to hold": fault}
     for name, walk in walks.items():
         if not walk.files - idle.files:
@@ -259,17 +208,12 @@ def walks() -> dict[str, tuple[int, int, int]]:
     return {name: (len(walk.files), len(walk.files - idle.files), walk.moves) for name, walk in walks.items()}
 
 
-def _until(stage: _Stage, done: Callable[[], bool], *, seeing: int | None) -> None:
-    """Turns until `done`. seeing: what frames show, None: none come."""
-    for _ in range(_TURNS):
+def _until(done: Callable[[], bool], step: Callable[[], None]) -> None:
+    for _ in range(_STEPS):
         if done():
             return
-        if seeing is not None:
-            stage.see(seeing)
-        else:
-            stage.child.work()
-        stage.turn()
-    raise RuntimeError(f"not done in {_TURNS} turns")
+        step()
+    raise RuntimeError(f"not done in {_STEPS} steps")
 
 
 if __name__ == "__main__":

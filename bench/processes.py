@@ -18,3 +18,8 @@ def children(pid: int) -> dict[int, list[str]]:
                 with suppress(OSError):
                     found[child] = Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0")
     return found
+
+
+def child_of(pid: int, module: str) -> int:
+    """Return the id of the process that `pid` has started to run this module, 0 without one."""
+    return next((child for child, command in children(pid).items() if module in command), 0)

@@ -20,8 +20,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
-from contextlib import suppress
 from itertools import product
 from pathlib import Path
 from random import Random
@@ -32,6 +30,7 @@ from anytraverse.operations import SetWord
 from bench.commit import commit_of
 from bench.link.drive import at
 from bench.processes import children
+from companion.desk.check.here import read_status
 from companion.observers.recording.packing import kept
 from companion.wire.answers import Answer, PackIncident
 from companion.wire.delivery import Pending
@@ -216,19 +215,19 @@ def measure(
     operator, watching = _Operator(port, packing), None
     try:
         processes = Processes(process.pid)
-        _step(operator, lambda: bool(_status(state).get("frames")), _READY_WITHIN)
+        _step(operator, lambda: bool(read_status(state)[1].get("frames")), _READY_WITHIN)
         if live and viewers:
-            _step(operator, lambda: bool(_status(state)["live"]["url"]), _READY_WITHIN)
+            _step(operator, lambda: bool(read_status(state)[1]["live"]["url"]), _READY_WITHIN)
             watching = _Viewers(f"ws://{live}", viewers)
-            _step(operator, lambda: bool(_status(state)["live"]["clients"] == viewers), _READY_WITHIN)
+            _step(operator, lambda: bool(read_status(state)[1]["live"]["clients"] == viewers), _READY_WITHIN)
         _step(operator, lambda: False, _SETTLED)
         operator.times.clear()
-        before, cpu, began = _status(state), processes.cpu(), time.monotonic()
+        before, cpu, began = read_status(state)[1], processes.cpu(), time.monotonic()
         wrote, waited = processes.of("recorder", "io", "write_bytes:"), _pressure()
         seen = watching.seen if watching is not None else (0, 0)
         _step(operator, lambda: False, seconds)
         shown = watching.seen if watching is not None else (0, 0)
-        after, took = _status(state), time.monotonic() - began
+        after, took = read_status(state)[1], time.monotonic() - began
         used = {name: round(100 * (spent - cpu[name]) / took, 2) for name, spent in processes.cpu().items()}
         wrote = processes.of("recorder", "io", "write_bytes:") - wrote
         waited = {name: round(100 * (now - waited[name]) / took, 1) for name, now in _pressure().items()}
@@ -243,7 +242,7 @@ def measure(
             watching.close()
         process.kill()
         process.wait()
-    recent = [(judged - captured) * 1e3 for _, captured, judged in _status(state)["recent"]]
+    recent = [(judged - captured) * 1e3 for _, captured, judged in read_status(state)[1]["recent"]]
     recorded, packed = after["recording"], kept(state)
     return {
         "rate": rate,
@@ -294,12 +293,6 @@ def _median(values: list[Any]) -> Any:
     if isinstance(values[0], dict):
         return {key: _median([one[key] for one in values]) for key in values[0]}
     return round(median(values), 2)
-
-
-def _status(state: Path) -> Mapping[str, Any]:
-    with suppress(OSError, ValueError):
-        return dict(json.loads((state / "status.json").read_text()))
-    return {}
 
 
 def _step(operator: _Operator, ends: Any, within: float) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config.link_settings import ConnectionSettings
+from companion.desk.check.here import read_status
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import STANDS
@@ -79,11 +80,7 @@ class Rover:
 
     def status(self) -> dict[str, Any]:
         """Read the daemon's status file; empty while there is none."""
-        try:
-            found = json.loads((self.folder / "state" / "status.json").read_text())
-        except (OSError, ValueError):
-            return {}
-        return found if isinstance(found, dict) else {}
+        return read_status(self.folder / "state")[1]
 
     def page(self, within: float = 40.0) -> str:
         """Return the address of its own page, with the token, once it is up."""

@@ -17,9 +17,10 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.operations import SetWord, Tap
 from anytraverse.preferences import Preferences
 from bench.faults.row import RowOutcome, Work
-from bench.link.lossy import STEP, Clock, Radio, virtual_time
+from bench.link.lossy import STEP, Radio
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Rover
+from bench.virtual_time import Clock, virtual_time
 from companion.wire.answers import Answer
 from companion.wire.ids import (
     ANSWER_COMMAND,

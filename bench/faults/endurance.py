@@ -37,9 +37,10 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from bench.faults.row import Row, RowOutcome, Work
 from bench.faults.standing import StandingPicture
-from bench.link.lossy import Clock, Radio, virtual_time
+from bench.link.lossy import Radio
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Companion, make_ready
+from bench.virtual_time import Clock, virtual_time
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.sim.loopback_vision import LoopbackVision

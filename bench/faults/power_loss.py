@@ -31,11 +31,12 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord
 from bench.faults.disk_replay import Disk, DiskChange, lay_out, read_record
-from bench.link.lossy import Radio, drive_in_virtual_time, virtual_time
+from bench.link.lossy import Radio, drive_in_virtual_time
 from bench.link.operator import Operator
 from bench.link.radio_model import LinkConditions
 from bench.link.rover import Rover
 from bench.shim import compile_shim, preloading
+from bench.virtual_time import virtual_time
 from companion.storage import Journal, JournalError
 from companion.wire.ids import COMPONENT_ID, Result
 from companion.wire.parameters import SUMMARY_RATE

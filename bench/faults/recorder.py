@@ -14,7 +14,7 @@ from bench.faults.disk import FailingDisk
 from bench.faults.row import RowOutcome, Work
 from bench.faults.standing import Standing, repeating
 from bench.faults.standing_wire import AUTO, HOLD
-from bench.processes import children
+from bench.processes import child_of
 from companion.observers.recording.reading import messages, whole
 from companion.observers.recording.recorder import missing
 from companion.observers.recording.ring import FOLDER
@@ -31,9 +31,8 @@ _BACK_WITHIN = 15.0
 def _recorder(rover: Standing) -> int:
     """The process id of the recorder. Raises LookupError without one."""
     assert rover.daemon is not None
-    for child, command in children(rover.daemon.process.pid).items():
-        if "companion.observers.recording" in command:
-            return child
+    if child := child_of(rover.daemon.process.pid, "companion.observers.recording"):
+        return child
     raise LookupError("no recorder runs")
 
 

@@ -7,8 +7,6 @@ process, over real sockets.
 
 from __future__ import annotations
 
-import contextlib
-import json
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -23,6 +21,7 @@ from anytraverse.operations import Operation
 from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Row, RowOutcome, Work
 from bench.faults.standing_wire import SYSTEM, Wire
 from companion.cameras.frame_socket import CapturedFrame, FrameServer
+from companion.desk.check.here import read_status
 from companion.sim.demo.child import LoggedProcess
 from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.call_report import CallReport
@@ -199,9 +198,7 @@ class Standing:
 
     def status(self) -> dict[str, Any]:
         """Read the status file; empty while there is none."""
-        with contextlib.suppress(OSError, ValueError):
-            return dict(json.loads((self.state / "status.json").read_text(encoding="utf-8")))
-        return {}
+        return read_status(self.state)[1]
 
     def judged(self) -> int:
         """How many frames this companion has judged, as it says in its status file once a second."""

@@ -21,9 +21,9 @@ import numpy as np
 from anytraverse.perception import make_perceiver
 from anytraverse.perception.runtime import Runtime
 from bench.faults.endurance import CutRadio, Endurance, EnduranceOperator, bytes_in, own_memory, pass_period
-from bench.link.lossy import virtual_time
 from bench.link.radio_model import LinkConditions
 from bench.series import PlottedSeries
+from bench.virtual_time import virtual_time
 from companion.storage.log_file import log_to_file
 
 FRAMES = 36_000

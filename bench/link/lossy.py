@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -15,6 +12,7 @@ from bench.link.drive import DriveOutcome, drive
 from bench.link.operator import Operator
 from bench.link.radio_model import LinkConditions, RadioModel
 from bench.link.rover import Rover
+from bench.virtual_time import Clock, virtual_time
 from companion.sim.loopback_link import pair
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 
@@ -32,24 +30,6 @@ LINK_CONDITIONS = {
 """The kinds of bad radio; each acts in both directions."""
 STEP = 0.02
 _COMMAND_LONG = 76
-
-
-class Clock:
-    """A clock that moves only when it is set."""
-
-    def __init__(self) -> None:
-        self.now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@contextmanager
-def virtual_time() -> Iterator[Clock]:
-    """Replaces `time.monotonic` by the clock, and makes the daemon wait for nothing."""
-    clock = Clock()
-    with mock.patch("time.monotonic", clock), mock.patch("companion.daemon.daemon.TICK", 0.0):
-        yield clock
 
 
 class StreamingAutopilot:

@@ -24,6 +24,7 @@ from bench.stopping.slow_disk import SlowDisk
 from bench.stopping.stops import Stop, stopped
 from bench.stopping.wire import Wire
 from companion.config import load_config
+from companion.desk.check.here import read_status
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.demo.main import SPEED
@@ -192,9 +193,7 @@ class Stage:
 
     def read_status(self) -> dict[str, Any]:
         """Reads the companion's status file; empty while there is none."""
-        with contextlib.suppress(OSError, ValueError):
-            return dict(json.loads((self.out / "state" / "status.json").read_text(encoding="utf-8")))
-        return {}
+        return read_status(self.out / "state")[1]
 
     @property
     def log(self) -> str:
@@ -229,10 +228,8 @@ class Stage:
         self.wait("its status", lambda: self._well_after(since), READY_WITHIN)
 
     def _well_after(self, since: float) -> bool:
-        path = self.out / "state" / "status.json"
-        with contextlib.suppress(OSError):
-            return path.stat().st_mtime > since and self.read_status().get("state") in ("ok", "holding")
-        return False
+        age, status = read_status(self.out / "state")
+        return age is not None and time.time() - age > since and status.get("state") in ("ok", "holding")
 
     def drive(self, longer: float = 0.0) -> None:
         """Arms, sets AUTO by hand, and drives until `longer` s at cruise speed are over."""

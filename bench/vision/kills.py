@@ -21,7 +21,6 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -33,6 +32,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.operations import SetWord
 from bench.link.synthetic_frames import picture
+from bench.processes import child_of
 from bench.vision.synthetic import COMMAND, register
 from companion import run
 from companion.config import load_config
@@ -121,16 +121,6 @@ class Returns(logging.Handler):
             self.killed_at = None
 
 
-def vision_pid() -> int | None:
-    """Returns the id of the vision process that this process started, None while there is none."""
-    for task in Path("/proc/self/task").iterdir():
-        with suppress(OSError, ValueError):
-            for pid in (task / "children").read_text().split():
-                if "bench.vision.synthetic" in Path(f"/proc/{pid}/cmdline").read_text():
-                    return int(pid)
-    return None
-
-
 def kills(count: int, seed: int, folder: Path) -> dict[str, Any]:
     """Kills vision `count` times and returns the figures."""
     register()
@@ -207,8 +197,8 @@ def _answered(
                 kill_at = now + chance.random() * LONGEST_DELAY
         if kill_at is not None and now >= kill_at:
             kill_at = None
-            pid = vision_pid()
-            if pid is not None:
+            pid = child_of(os.getpid(), "bench.vision.synthetic")
+            if pid:
                 os.kill(pid, signal.SIGKILL)
                 killed, returns.killed_at = 1, time.monotonic()
         for ack in operator.acknowledgements():

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ import pytest
 from bench.benches import Bench
 from bench.result import FAILED, RAN, SKIPPED, Quoted
 from bench.running import run
+from tests.waiting import is_gone, wait_for
 
 MakeBench = Callable[[str], Bench]
 
@@ -92,17 +91,7 @@ def test_one_that_hangs_is_ended_with_all_that_it_started(
     assert result.state == FAILED
     assert result.why.startswith("ended after 1 s, its deadline")
     child = int((tmp_path / "mine.log").read_text())
-    until = time.monotonic() + 5.0
-    while _runs(child) and time.monotonic() < until:
-        time.sleep(0.02)
-    assert not _runs(child)
-
-
-def _runs(pid: int) -> bool:
-    with suppress(OSError):
-        os.kill(pid, 0)
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    return False
+    wait_for(lambda: is_gone(child), 5.0)
 
 
 def test_what_is_missing_here_is_the_reason_to_skip_it(bench_of: MakeBench, tmp_path: Path) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 
 import pytest
+
+from bench.virtual_time import Clock, virtual_time
 
 
 @pytest.fixture
@@ -18,3 +21,10 @@ def interned(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr(sys, "intern", record)
     return found
+
+
+@pytest.fixture
+def clock() -> Iterator[Clock]:
+    """What `time.monotonic` says."""
+    with virtual_time() as clock:
+        yield clock

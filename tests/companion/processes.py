@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 
 from anytraverse.frame import Image
-from bench.processes import children
+from bench.processes import child_of
 from companion.desk.check.here import read_status
 from tests.companion.daemon.rig import picture
 from tests.waiting import wait_for
@@ -106,8 +106,7 @@ class Companion:
 
     def child(self, module: str) -> int:
         """The id of the process that runs this module, 0 without one."""
-        found = children(self.process.pid).items()
-        return next((child for child, command in found if module in command), 0)
+        return child_of(self.process.pid, module)
 
     def until(self, fits: Callable[[], object], what: str = "") -> None:
         """Wait for it. Nothing but SIGKILL may end the companion meanwhile."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -90,11 +91,8 @@ class Play:
 
 @pytest.fixture
 def play(tmp_path: Path) -> Iterator[Play]:
-    stage = set_stage(tmp_path, seed=SEED, auto=True, speed=SPEED)
-    try:
+    with closing(set_stage(tmp_path, seed=SEED, auto=True, speed=SPEED)) as stage:
         yield Play(stage)
-    finally:
-        stage.close()
 
 
 def _acknowledged(target: int) -> Callable[[dict[str, Any]], bool]:

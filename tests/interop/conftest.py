@@ -5,7 +5,6 @@ Nothing is collected without INTEROP, the folder of the environment that holds t
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
@@ -15,15 +14,18 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from companion.desk.check.here import read_status
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.demo.main import SPEED
 from companion.sim.field.control import FieldControl
+from tests.waiting import wait_for
 
 ENVIRONMENT = Path(os.environ.get("INTEROP", "")).absolute()
 collect_ignore_glob = [] if "INTEROP" in os.environ else ["test_*"]
@@ -55,13 +57,8 @@ class Stage:
 
     def wait_until_ok(self) -> None:
         """Until the daemon has judged its first frame and knows that it may hold."""
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline:
-            with contextlib.suppress(OSError, ValueError):
-                if json.loads((self.out / "state" / "status.json").read_text())["state"] == "ok":
-                    return
-            time.sleep(0.1)
-        raise self.daemon.error("saw nothing that it knows")
+        state, unseen = self.out / "state", partial(self.daemon.error, "saw nothing that it knows")
+        wait_for(lambda: read_status(state)[1].get("state") == "ok", PATIENCE, unseen)
 
     def close(self) -> None:
         for child in reversed(self._children):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import time
@@ -13,7 +12,9 @@ from typing import Any
 import pytest
 
 from companion.config.video import VideoSection
+from companion.desk.check.here import read_status
 from companion.desk.check.video import missing_of
+from tests.waiting import wait_for
 
 HERE = Path(__file__).parent
 LONG_ENOUGH = 5.0
@@ -52,11 +53,7 @@ def test_it_finds_the_camera_and_its_taps_answer_a_call(
     assert url.startswith("rtsp://127.0.0.1:")
     assert camera.ask("tap 0.4 0.5 0.6 0.7", "tap: ") != "tap: done", "nothing is open"
     stage.control.start()
-    status = stage.out / "state" / "status.json"
-    deadline = time.monotonic() + 60.0
-    while json.loads(status.read_text())["state"] != "calling":
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_for(lambda: read_status(stage.out / "state")[1].get("state") == "calling", 60.0)
     assert camera.ask("tap 0.4 0.5 0.6 0.7", "tap: ") != "tap: done", "nobody sees what is tapped"
     viewer(url)
     time.sleep(LONG_ENOUGH)

@@ -33,6 +33,7 @@ from companion.cameras import pipe as pipe_module
 from companion.cameras.late_frames import CAME_LATE
 from companion.cameras.pipe import Pipe
 from companion.cameras.pixel_formats import PIXEL_FORMATS, frame_bytes, to_rgb
+from tests.waiting import is_gone, wait_for
 
 _GREY = CameraOptions(width=64, height=16, pixel_format="gray", latency=0.05, freshness=1.0)
 _SOON = 10.0
@@ -72,19 +73,8 @@ def _read_until(camera: Pipe, deadline: float) -> None:
             camera.read(0.2)
 
 
-def _gone(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return True
-    return state == "Z"
-
-
 def _wait_until_gone(pid: int) -> None:
-    deadline = time.monotonic() + _SOON
-    while not _gone(pid):
-        assert time.monotonic() < deadline, f"process {pid} lives on"
-        time.sleep(0.01)
+    wait_for(lambda: is_gone(pid), _SOON, lambda: f"process {pid} lives on")
 
 
 def test_pictures_come_new_and_with_their_capture_time() -> None:
@@ -230,10 +220,7 @@ def test_a_frozen_program_and_what_it_started_are_gone_after_closing(tmp_path: P
     note = tmp_path / "pid"
     script = f"sleep 60 & echo $! > {note}; kill -STOP $$; wait"
     with _opened(f"sh -c '{script}'") as camera:
-        deadline = time.monotonic() + _SOON
-        while not (note.exists() and note.read_text().strip()):
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_for(lambda: note.exists() and note.read_text().strip(), _SOON)
         leader, grandchild = camera.pid, int(note.read_text())
         began = time.monotonic()
     assert time.monotonic() - began < _SOON
@@ -252,10 +239,7 @@ def test_the_program_dies_with_the_process_that_started_it(tmp_path: Path) -> No
     path = Path(f"{note}.new")
     parent = subprocess.Popen([sys.executable, "-c", script, f"pipe:{command}"])
     try:
-        deadline = time.monotonic() + 3 * _SOON
-        while not (path.exists() and path.read_text()):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_for(lambda: path.exists() and path.read_text(), 3 * _SOON)
     finally:
         parent.kill()
         parent.wait(_SOON)

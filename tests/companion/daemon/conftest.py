@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from bench.virtual_time import Clock
 from companion.wire.ids import Policy
-from tests.companion.daemon.rig import Clock, MakeRig, Rig
+from tests.companion.daemon.rig import MakeRig, Rig
 
 
 @pytest.fixture
-def make_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeRig]:
+def make_rig(tmp_path: Path, clock: Clock) -> Iterator[MakeRig]:
     """Rigs that drive over grass in AUTO."""
-    clock = Clock()
-    monkeypatch.setattr(time, "monotonic", clock)
-    monkeypatch.setattr("companion.daemon.daemon.TICK", 0.0)
     made: list[Rig] = []
 
     def make(policy: Policy = Policy.HOLD, pictures: int = 0, switch: int | None = None) -> Rig:

@@ -1,4 +1,7 @@
-"""A whole daemon in virtual time; only camera and radio are played."""
+"""A whole daemon in virtual time; only camera and radio are played.
+
+`tests.companion.processes` runs it in processes of its own instead.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,7 @@ from anytraverse.frame import Frame
 from anytraverse.memory import Memory, first_memory
 from anytraverse.operations import Operation, SetWord
 from anytraverse.preferences import Preferences
+from bench.virtual_time import Clock
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.schema import StoppingSection
@@ -48,20 +52,6 @@ from tests.anytraverse.conftest import AHEAD, CODES, GNOME, HEIGHT, WIDTH, Paint
 AUTO, HOLD, MANUAL = 10, 4, 0
 PERIOD = 0.1
 WORDS = Preferences.parse("grass: 1; rock: -1")
-
-
-class Clock:
-    """Seconds that pass when told to."""
-
-    def __init__(self) -> None:
-        self.now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
-
-    def sleep(self, seconds: float) -> None:
-        """As `time.sleep`."""
-        self.now += seconds
 
 
 class PlayedCamera:
@@ -210,7 +200,7 @@ class Rig:
         """A tenth of a second."""
         for _ in range(4):
             self.clock.now += PERIOD / 4
-            self._turn()
+            self.turn()
         if frame is not None:
             self.camera.delivered_at = self.clock.now
         self.child.hung = self.hung
@@ -218,7 +208,7 @@ class Rig:
         self.child.work()
         if frame is not None:
             self.child.judge(frame)
-        self._turn()
+        self.turn()
 
     def answer(
         self, target: int, motion: Motion = Motion.NONE, *operations: Operation, transaction: int = 7
@@ -264,7 +254,7 @@ class Rig:
         found = [message for message in self.stage.sent("PARAM_VALUE") if message.param_id == name]
         return [round(message.param_value, 4) for message in found]
 
-    def _turn(self) -> None:
+    def turn(self) -> None:
         stage = self.stage
         stage.now = self.clock.now
         if stage.vehicle is not None and stage.now >= stage._heartbeat_at:

@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from bench.virtual_time import Clock
 from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.modes import Mode
 from companion.sim.field.px4 import Px4
 from companion.wire.ids import Motion, Policy
-from tests.companion.daemon.rig import Clock, MakeRig, Rig
+from tests.companion.daemon.rig import MakeRig, Rig
 from tests.companion.daemon.test_a_px4_rover import Px4Rig
 
 MISSION = 12.0
@@ -24,13 +25,8 @@ MakeDriven = Callable[[type[SimulatedAutopilot]], Px4Rig]
 
 
 @pytest.fixture
-def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeDriven]:
+def make(tmp_path: Path, clock: Clock) -> Iterator[MakeDriven]:
     """Rigs that begin to drive a mission of 12 m over grass."""
-    import time
-
-    clock = Clock()
-    monkeypatch.setattr(time, "monotonic", clock)
-    monkeypatch.setattr("companion.daemon.daemon.TICK", 0.0)
     made: list[Px4Rig] = []
 
     def build(kind: type[SimulatedAutopilot]) -> Px4Rig:

@@ -82,7 +82,7 @@ def test_a_frame_whose_judging_took_longer_than_t_is_no_fresh_view(
     def slow(image: object) -> object:
         for _ in range(12):
             rig.clock.now += T / 10
-            rig._turn()
+            rig.turn()
         return encode(image)  # type: ignore[arg-type]
 
     monkeypatch.setattr(rig.perceiver, "encode", slow)
@@ -346,7 +346,7 @@ def test_a_dying_daemon_holds_a_rover_that_was_just_told_to_drive_on(
     held: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("time.sleep", held.clock.sleep)
-    turn, tick = held._turn, held.calls.tick
+    turn, tick = held.turn, held.calls.tick
 
     def slow_autopilot() -> None:
         turn()
@@ -357,7 +357,7 @@ def test_a_dying_daemon_holds_a_rover_that_was_just_told_to_drive_on(
         assert not told
         return tick(now)
 
-    monkeypatch.setattr(held, "_turn", slow_autopilot)
+    monkeypatch.setattr(held, "turn", slow_autopilot)
     monkeypatch.setattr(held.calls, "tick", told_to_drive_on)
     before = len(held.stage.sent("COMMAND_LONG"))
     held.answer(0, Motion.GO)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +9,11 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from bench.virtual_time import Clock
 from companion.config.schema import CallSection
 from companion.sim.field.px4 import Px4Mode
 from companion.wire.ids import ERROR, Motion, Policy
-from tests.companion.daemon.rig import Clock, Rig
+from tests.companion.daemon.rig import Rig
 from tests.companion.daemon.test_a_px4_rover import STEP, Px4Rig
 
 GUARDED = {
@@ -57,14 +57,6 @@ class GuardedRig(Px4Rig):
     def told(self) -> tuple[str, str]:
         """What status.json and /state.json say of it."""
         return self.daemon.status()["px4_deadman"], self.daemon.state_file()["px4_deadman"]
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    clock = Clock()
-    monkeypatch.setattr(time, "monotonic", clock)
-    monkeypatch.setattr("companion.daemon.daemon.TICK", 0.0)
-    return clock
 
 
 @pytest.fixture(params=["loiter", "offboard"])

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from bench.virtual_time import Clock
 from companion.config import Config
 from companion.config.schema import MountSection, StoppingSection
 from companion.sim.field.autopilot import SimulatedAutopilot
@@ -17,7 +18,7 @@ from companion.sim.field.router import DatagramParser, Port
 from companion.sim.field.rover import Rover
 from companion.sim.field.trail import Trail
 from companion.wire.ids import Motion, Policy
-from tests.companion.daemon.rig import Clock, Rig
+from tests.companion.daemon.rig import Rig
 
 TRAIL = Trail(1)
 STEP = 0.02
@@ -63,7 +64,7 @@ class Px4Rig(Rig):
             self.to_ground += DatagramParser().frames(frame)
         return True
 
-    def _turn(self) -> None:
+    def turn(self) -> None:
         while self._stepped_at + STEP <= self.clock.now:
             self._stepped_at += STEP
             self.rover.step(STEP)
@@ -106,13 +107,8 @@ MakePx4 = Callable[..., Px4Rig]
 
 
 @pytest.fixture
-def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakePx4]:
+def make(tmp_path: Path, clock: Clock) -> Iterator[MakePx4]:
     """Rigs that drive over grass in MISSION."""
-    import time
-
-    clock = Clock()
-    monkeypatch.setattr(time, "monotonic", clock)
-    monkeypatch.setattr("companion.daemon.daemon.TICK", 0.0)
     made: list[Px4Rig] = []
 
     def build(px4_hold: str, config: Config = Rig.config) -> Px4Rig:

@@ -17,16 +17,21 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from anytraverse.pace import Pace
+from bench.processes import children
+from companion.desk.check.here import read_status
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.operator import start_operator
 from companion.sim.field.control import FieldControl
 from companion.vision.worker import STORED_FRAMES
+from tests.waiting import wait_for
 
 SECONDS = float(os.environ.get("ANYTRAVERSE_FIELD_SECONDS", "14"))
 RATE = 2.0
@@ -100,26 +105,21 @@ class Drive:
 
     def status(self) -> dict[str, Any]:
         """What the daemon last wrote; empty before it is ready."""
-        with contextlib.suppress(OSError, ValueError):
-            found = json.loads((self.folder / "state" / "status.json").read_text(encoding="utf-8"))
-            return found if isinstance(found, dict) else {}
-        return {}
+        return read_status(self.folder / "state")[1]
 
     def look(self) -> None:
         """Take in what happened in half a second."""
         time.sleep(0.5)
         assert self.daemon.running, self.daemon.error("died")
         self.events += [(at, json.loads(line)) for at, line in self.operator.lines()]
-        family = _family(self.daemon.process.pid)
+        family = [self.daemon.process.pid, *children(self.daemon.process.pid)]
         taken, owned = (sum(_kilobytes(pid, kind) for pid in family) / 1e3 for kind in ("Pss", "Anonymous"))
         self.memory.append((time.monotonic(), taken, owned))
 
     def wait_until_it_sees(self) -> None:
         """Loaded, warmed up, and the first frame judged."""
-        deadline = time.monotonic() + READY_WITHIN
-        while not self.status().get("frames"):
-            self.look()
-            assert time.monotonic() < deadline, self.daemon.error("was never ready")
+        never = partial(self.daemon.error, "was never ready")
+        wait_for(lambda: self.status().get("frames"), READY_WITHIN, never, self.look)
 
     def told(self, *kinds: str) -> list[dict[str, Any]]:
         """The events of these kinds, in order."""
@@ -133,15 +133,6 @@ class Drive:
             self.control.stop()
             self.control.close()
         self.field.stop()
-
-
-def _family(pid: int) -> list[int]:
-    """The daemon and its vision process."""
-    found = [pid]
-    with contextlib.suppress(OSError):
-        for thread in Path(f"/proc/{pid}/task").iterdir():
-            found += map(int, (thread / "children").read_text().split())
-    return found
 
 
 def _kilobytes(pid: int, kind: str) -> int:
@@ -184,11 +175,8 @@ def drive(folder: Path) -> Iterator[Drive]:
     ]
     checked = subprocess.run(check, check=True, timeout=300, capture_output=True, text=True)
     found = json.loads(checked.stdout.splitlines()[-1])
-    drive = Drive(folder, found["milliseconds"]["fp32"]["slowest"] / 1e3)
-    try:
+    with closing(Drive(folder, found["milliseconds"]["fp32"]["slowest"] / 1e3)) as drive:
         yield drive
-    finally:
-        drive.close()
 
 
 def test_a_drive_on_the_field_with_clipseg(drive: Drive) -> None:
@@ -261,9 +249,7 @@ def test_a_signal_while_the_networks_load_ends_it_cleanly(folder: Path) -> None:
     config.write_text(CONFIG.format(**place, folder=folder, rate=RATE, freshness=SHORTEST_FRESHNESS))
     for wait in (0.0, 0.7):
         daemon = LoggedProcess("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
-        deadline = time.monotonic() + 20.0
-        while not _catches_sigterm(daemon.process.pid) and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_for(lambda: _catches_sigterm(daemon.process.pid), 20.0)  # noqa: B023
         time.sleep(wait)
         daemon.process.terminate()
         assert daemon.process.wait(10.0) == 0, daemon.error("ended badly")

@@ -19,6 +19,7 @@ pytest.importorskip("mcap")
 
 from mcap.reader import make_reader
 
+from bench.virtual_time import virtual_time
 from companion import run
 from companion.cameras import open_camera
 from companion.cameras.newest import CameraState, CameraStatus, CameraThread, Patience
@@ -31,7 +32,7 @@ from companion.observers.recording.topics import Topic
 from companion.storage.log_file import NAME as LOG
 from companion.wire.ids import Policy
 from tests.companion.cameras.sources import ADDRESS, FORMS, PIPES, SECRETS, Form
-from tests.companion.daemon.rig import Clock, Rig
+from tests.companion.daemon.rig import Rig
 from tests.companion.vision import painted
 from tests.waiting import wait_for
 
@@ -108,11 +109,9 @@ def failed(source: str, config: Config) -> CameraStatus:
 
 def driven(config: Config, status: CameraStatus, monkeypatch: pytest.MonkeyPatch) -> str:
     """A daemon with this configuration and camera drives, and records. Returns what /state.json says."""
-    clock, state = Clock(), config.journal.path
+    state = config.journal.path
     state.mkdir(exist_ok=True)
-    with monkeypatch.context() as patched:
-        patched.setattr(time, "monotonic", clock)
-        patched.setattr("companion.daemon.daemon.TICK", 0.0)
+    with virtual_time() as clock, monkeypatch.context() as patched:
         patched.setattr(Rig, "config", replace(config, stopping=Rig.config.stopping))
         rig = Rig(state, clock, Policy.REPORT)
         try:

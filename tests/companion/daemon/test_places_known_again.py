@@ -156,7 +156,7 @@ def test_a_refusal_does_not_refuse_a_match_that_came_while_it_waited(back: Rig) 
     back.see(0.1)
     first = back.engine.memory.adoption
     back.answer(0, Motion.NONE, OtherPlace(), transaction=10)
-    back._turn()
+    back.turn()
     back.frame_id += 1
     back.child.judge(Frame(back.frame_id, back.clock.now - 0.02, picture()))
     second = back.engine.memory.adoption

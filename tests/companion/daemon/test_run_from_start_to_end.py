@@ -20,6 +20,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.errors import AnyTraverseError
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
+from bench.processes import children
 from companion import run
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkSettingError
@@ -52,23 +53,14 @@ def config(tmp_path: Path, radio: socket.socket) -> Config:
     return load_config(str(path))
 
 
-Left = Callable[[], tuple[set[str], set[str]]]
-
-
-def children() -> set[str]:
-    """The process ids of this process's children, running or not yet reaped."""
-    found: set[str] = set()
-    for thread in Path("/proc/self/task").iterdir():
-        with suppress(FileNotFoundError):  # a thread that has just ended
-            found |= set((thread / "children").read_text().split())
-    return found
+Left = Callable[[], tuple[set[int], set[str]]]
 
 
 @pytest.fixture
 def left() -> Left:
     """Returns the processes and threads that run and did not run when the test began."""
-    before = children()
-    return lambda: (children() - before, threads())
+    before = children(os.getpid()).keys()
+    return lambda: (children(os.getpid()).keys() - before, threads())
 
 
 def start(config: Config, stop: Callable[[], bool]) -> int:

@@ -22,7 +22,7 @@ def going(held: Rig) -> Rig:
 
 def test_stay_with_words_takes_a_go_back_before_vision_has_applied_them(going: Rig) -> None:
     going.answer(1, Motion.STAY, SetWord("trail", 1.0), transaction=8)
-    going._turn()
+    going.turn()
     assert going.calls.go_at is None
     going.see(3.0, "drum")
     assert going.acks[-1].result is Result.APPLIED

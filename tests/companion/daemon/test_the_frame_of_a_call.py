@@ -26,7 +26,7 @@ def until_open(rig: Rig, thing: str = "drum") -> None:
     """The call is opened, and nothing was drawn for it yet."""
     while rig.calls.call is None:
         judged(rig, thing)
-        rig._turn()
+        rig.turn()
 
 
 def answered(rig: Rig) -> None:
@@ -42,11 +42,11 @@ def answered(rig: Rig) -> None:
 
 def test_a_call_that_the_last_report_of_a_dying_vision_opens_can_be_answered(rig: Rig) -> None:
     judged(rig, "drum")
-    rig._turn()
+    rig.turn()
     judged(rig, "drum")
     rig.child.death = "SIGSEGV"
     assert rig.calls.last_id == 0
-    rig._turn()
+    rig.turn()
     assert rig.calls.last_id == 1
     answered(rig)
 
@@ -54,7 +54,7 @@ def test_a_call_that_the_last_report_of_a_dying_vision_opens_can_be_answered(rig
 def test_a_call_that_is_opened_while_vision_is_away_can_be_answered(rig: Rig) -> None:
     until_open(rig)
     rig.child.death = "SIGSEGV"
-    rig._turn()
+    rig.turn()
     answered(rig)
 
 
@@ -100,7 +100,7 @@ def test_a_call_opened_while_more_is_drawn_than_can_be_can_be_answered(rig: Rig)
 def test_a_hold_whose_frame_died_with_vision_shows_another_that_can_be_tapped_in(rig: Rig) -> None:
     while rig.calls.hold is None or rig.calls.hold.seen is None:
         judged(rig, "rock")
-        rig._turn()
+        rig.turn()
     rig.child.death = "SIGSEGV"
     rig.see(2.0, "rock")
     hold = rig.calls.hold
@@ -117,7 +117,7 @@ def test_the_picture_that_vision_sent_as_it_died_is_the_calls(rig: Rig) -> None:
     assert call is not None
     rig.child.work()
     rig.child.death = "SIGSEGV"
-    rig._turn()
-    rig._turn()
+    rig.turn()
+    rig.turn()
     assert rig.vision.has_stored_frame(call.frame_id)
     assert rig.journal.load_frame(call.frame_id) is not None

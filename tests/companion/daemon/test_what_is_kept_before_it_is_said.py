@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import sqlite3
-import time
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.operations import SetWord
+from bench.virtual_time import virtual_time
 from companion.link.link import Link
 from companion.storage import Batch, Journal, JournalError
 from companion.vision.checks import BadReportError
 from companion.vision.client import VisionResult
 from companion.vision.messages import Done
 from companion.wire.ids import Motion, Policy, Result
-from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Clock, Rig, spoil
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, Rig, spoil
 
 GO = Motion.GO
 
@@ -489,10 +489,7 @@ _DOINGS = st.lists(
 def test_whatever_the_disk_does_nothing_is_acknowledged_unkept_and_nobody_drives_on_unacknowledged(
     tmp_path_factory: pytest.TempPathFactory, doings: list[tuple[bool, Motion | None, bool, int]]
 ) -> None:
-    clock = Clock()
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(time, "monotonic", clock)
-        patched.setattr("companion.daemon.daemon.TICK", 0.0)
+    with virtual_time() as clock:
         rig = Rig(tmp_path_factory.mktemp("rover"), clock)
         rig.see(4.0, "drum")
         assert rig.stage.mode == HOLD

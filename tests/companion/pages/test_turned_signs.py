@@ -28,6 +28,7 @@ from companion.wire.weights import own_weight, turned
 from tests.companion.observers.page import played
 from tests.gcs_plugin.conftest import THING_CALL, TinyRover
 from tests.gcs_plugin.console.served import MISSING, Served
+from tests.waiting import wait_for
 
 playwright = pytest.importorskip("playwright.sync_api")
 CHROMIUM = Path("/usr/bin/chromium")
@@ -60,7 +61,7 @@ class PageUnderTest(Protocol):
 class Turns:
     """Lets the rover speak and hear, also while the browser is slow."""
 
-    def __init__(self, turn: Callable[[], None]) -> None:
+    def __init__(self, turn: Callable[[], object]) -> None:
         self._over = threading.Event()
         self._turn = turn
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -201,10 +202,7 @@ class Person:
         self.question = self.card.locator(".turning")
 
     def until(self, fits: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not fits():
-            assert time.monotonic() < deadline, self.tab.locator("body").inner_text()
-            time.sleep(0.02)
+        wait_for(fits, PATIENCE, self.tab.locator("body").inner_text)
 
     def keys(self, *names: str) -> None:
         for name in names:

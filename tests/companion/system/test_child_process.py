@@ -17,6 +17,7 @@ import pytest
 from bench.faults.disk import FailingDisk
 from companion.system.child_process import ChildProcess
 from companion.system.side_process import SideChild
+from tests.waiting import wait_for
 
 ROOT = Path(__file__).resolve().parents[3]
 PATIENCE = 20.0
@@ -36,10 +37,7 @@ def start(program: str, *command: str, inherits: list[int] | None = None) -> Sid
 
 def until(fits: Callable[[], object]) -> None:
     """Wait for it."""
-    deadline = time.monotonic() + PATIENCE
-    while not fits():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_for(fits, PATIENCE)
 
 
 def wait(child: ChildProcess) -> str:

@@ -16,6 +16,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import resumed_memory
 from anytraverse.operations import SetWord
 from anytraverse.perception import Example
+from bench.virtual_time import Clock
 from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.radio import LinkSection
@@ -50,7 +51,7 @@ from companion.vision.messages import (
 from companion.vision.worker import Worker
 from companion.wire.ids import State
 from tests.anytraverse.conftest import Painted
-from tests.companion.daemon.rig import Clock, picture
+from tests.companion.daemon.rig import picture
 from tests.companion.vision.played import WORDS, engine
 
 STEP = 0.02
@@ -134,13 +135,6 @@ class Stage:
             if isinstance(one.report, Done):
                 assert one.report.error == VISION_LOST == "vision restarted: send it again"
                 assert one.report.outcome is None
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    clock = Clock()
-    monkeypatch.setattr(time, "monotonic", clock)
-    return clock
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from companion.vision.messages import Encode, Encoded
 from companion.vision.worker import RECENT, Worker
 from tests.companion.daemon.rig import picture
 from tests.companion.vision.played import engine
+from tests.waiting import wait_for
 
 
 def looked(number: int = 1, thing: str = "drum") -> Worker:
@@ -91,12 +92,7 @@ def test_one_is_encoded_at_a_time_and_others_are_left_out(monkeypatch: pytest.Mo
     assert encoder.take() == Encoded(2, 1)
     assert encoder.take() is None
     goes_on.set()
-    until = time.monotonic() + 5.0
-    while (done := encoder.take()) is None and time.monotonic() < until:
-        time.sleep(0.005)
-    assert done == Encoded(1, 1, b"jpeg")
+    assert wait_for(encoder.take, 5.0) == Encoded(1, 1, b"jpeg")
     encoder.start(Encode(3, 1), seen)
-    while (done := encoder.take()) is None and time.monotonic() < until:
-        time.sleep(0.005)
-    assert done is not None
+    done = wait_for(encoder.take, 5.0)
     assert done.number == 3

@@ -14,6 +14,8 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
+from tests.waiting import wait_for
+
 MISSING = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
 PATIENCE = 20.0
 TUNNEL = 385
@@ -64,10 +66,7 @@ class Served:
 
     def until(self, fits: Callable[[], bool], seconds: float = PATIENCE) -> None:
         """Turn until it is so."""
-        deadline = time.monotonic() + seconds
-        while not fits():
-            assert time.monotonic() < deadline, "it did not become so"
-            self.turn()
+        wait_for(fits, seconds, turn=self.turn)
 
     def news(self) -> dict[str, Any]:
         """Return the newest state as a page that opens now gets it."""

@@ -7,7 +7,6 @@ import json
 import random
 import struct
 import threading
-import time
 import zipfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -31,6 +30,7 @@ from gcs_plugin.console.rover_page import RoverPage, read_pages
 from tests.companion.observers.page.played import TOKEN
 from tests.companion.observers.page.played import Stage as PageStage
 from tests.gcs_plugin.console.test_console import Desk
+from tests.waiting import wait_for
 
 NAME = "0003-C7-short.zip"
 
@@ -393,11 +393,12 @@ def test_where_the_rovers_page_is_named_files_come_from_it(
 
 def arrives(rover: Rover, name: str = NAME) -> None:
     """Wait until a download has ended."""
-    deadline = time.monotonic() + 20.0
-    while name in rover.desk.console.desks[1].incidents._downloads:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+
+    def arrived() -> bool:
         rover.desk.run(0.05)
+        return name not in rover.desk.console.desks[1].incidents._downloads
+
+    wait_for(arrived, 20.0)
 
 
 @pytest.mark.parametrize(

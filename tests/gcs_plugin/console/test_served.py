@@ -9,6 +9,7 @@ import signal
 import socket
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -169,8 +170,7 @@ def test_with_a_token_nothing_is_shown_and_nothing_is_taken_without_it(tmp_path:
     (tmp_path / "token").write_text(f"{token}\n")
     (tmp_path / "map@home.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     options = ("--token-file", str(tmp_path / "token"), "--origin", "https://ground.example:8192")
-    made = Served(*options, "--background", f"{tmp_path / 'map@home.png'}@47.1,8.0,47.0,8.2")
-    try:
+    with closing(Served(*options, "--background", f"{tmp_path / 'map@home.png'}@47.1,8.0,47.0,8.2")) as made:
         made.url = "https://ground.example:8192"
         named = {"Host": "ground.example:8192"}
         assert made.ask("/", **named)[0] == 401
@@ -187,8 +187,6 @@ def test_with_a_token_nothing_is_shown_and_nothing_is_taken_without_it(tmp_path:
         assert made.post("answer", GO, **named, **cookie)[0] == 409, "no rover is heard"
         assert made.post("answer", GO, Host="evil.example", **cookie)[0] == 421
         assert made.post("answer", GO, Origin="https://evil.example", **named, **cookie)[0] == 403
-    finally:
-        made.close()
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,16 @@ import json
 import re
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
+from companion.desk.check.here import read_status
 from companion.observers.recording.reading import Copy, Read, messages
 from companion.observers.recording.topics import TOPICS, Topic
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
 from companion.sim.field.control import FieldControl
+from tests.waiting import wait_for
 
 DRIVE = Path(__file__).with_name("drive.mcap")
 _SECONDS, _EVERY = 45.0, 3
@@ -57,11 +60,8 @@ def _record(folder: Path) -> None:
     on = "[recording]\nsize = 200\nrate = 1.0"
     config.write_text(re.sub(r"\[recording\]\nsize = 0", on, config.read_text()))
     daemon = LoggedProcess("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
-    status, deadline = folder / "state" / "status.json", time.monotonic() + 40.0
-    while not (status.exists() and '"state": "ok"' in status.read_text()):
-        if time.monotonic() > deadline:
-            raise daemon.error("saw nothing that it knows")
-        time.sleep(0.2)
+    state, unseen = folder / "state", partial(daemon.error, "saw nothing that it knows")
+    wait_for(lambda: read_status(state)[1].get("state") == "ok", 40.0, unseen)
     control.start()
     time.sleep(_SECONDS)
     daemon.stop()

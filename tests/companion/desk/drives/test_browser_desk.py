@@ -10,9 +10,9 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 import webbrowser
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from companion.desk.drives import rehearsing
 from companion.desk.drives.drive import DriveError
 from tests.companion.desk.drives.filmed import CONFIG
 from tests.companion.desk.drives.test_rehearsal import drive, rehearsed
+from tests.waiting import wait_for
 
 __all__ = ["drive"]
 pytestmark = pytest.mark.skipif(
@@ -45,8 +46,7 @@ class Person:
     def ask(
         self, path: str, method: str = "GET", body: bytes | None = None, **headers: str
     ) -> tuple[int, bytes]:
-        connection = http.client.HTTPConnection(*self.address, timeout=5.0)
-        try:
+        with closing(http.client.HTTPConnection(*self.address, timeout=5.0)) as connection:
             own = {
                 "authorization": f"Bearer {self.token}",
                 **{k.replace("_", "-"): v for k, v in headers.items()},
@@ -54,8 +54,6 @@ class Person:
             connection.request(method, path, body, own)
             answer = connection.getresponse()
             return answer.status, answer.read()
-        finally:
-            connection.close()
 
     def post(self, path: str, **content: Any) -> tuple[int, dict[str, Any]]:
         origin = f"http://{self.address[0]}:{self.address[1]}"
@@ -71,8 +69,7 @@ class Person:
             return {"state": "over", "calls": []}
 
     def _news(self) -> dict[str, Any]:
-        connection = http.client.HTTPConnection(*self.address, timeout=5.0)
-        try:
+        with closing(http.client.HTTPConnection(*self.address, timeout=5.0)) as connection:
             connection.request("GET", "/events", headers={"authorization": f"Bearer {self.token}"})
             response = connection.getresponse()
             while not (line := response.readline()).startswith(b"data:"):
@@ -80,15 +77,12 @@ class Person:
                     raise OSError("the stream ended")
             found: dict[str, Any] = json.loads(line[5:])
             return found
-        finally:
-            connection.close()
 
     def until(self, fits: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
-        deadline = time.monotonic() + PATIENCE
-        while not fits(news := self.news()):
-            assert time.monotonic() < deadline, news
-            time.sleep(0.05)
-        return news
+        def fitting() -> dict[str, Any] | None:
+            return news if fits(news := self.news()) else None
+
+        return wait_for(fitting, PATIENCE, self.news)
 
     def call(self, but: int = 0) -> dict[str, Any]:
         """The call that waits for an answer. but: not this one."""
@@ -117,10 +111,7 @@ class Running:
 
         self._thread = threading.Thread(target=run, daemon=True)
         self._thread.start()
-        deadline = time.monotonic() + PATIENCE
-        while not urls:
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_for(lambda: urls, PATIENCE)
         self.person = Person(urls[0])
 
     def ends(self) -> None:
@@ -218,10 +209,7 @@ def test_ctrl_c_keeps_what_was_answered_and_a_page_that_was_closed_can_be_opened
         call = person.call()  # each request opens a page, and closes it
         water = [{"word": "water", "weight": -1}]
         person.post("/answer", call=call["id"], motion="none", changes=water)
-        deadline = time.monotonic() + PATIENCE
-        while not person.news()["calls"][0]["answers"]:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_for(lambda: person.news()["calls"][0]["answers"], PATIENCE)
         assert person.call()["id"] == call["id"], "that does not cover it, so it waits"
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)

@@ -10,7 +10,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,44 +25,24 @@ from companion.config import Config
 from companion.config.live import LiveSection
 from companion.observers.live import live as live_module
 from companion.observers.live.live import Live, LiveChild
-from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.topics import TOPICS
 from companion.system.side_process import missing_packages
 from tests.companion.observers.live.viewer import Seen, Viewer
 from tests.companion.observers.recording.made import LIMITS, frame, status, words
+from tests.companion.observers.supervisor import Supervisor
 
-PATIENCE = 20.0
 PATIENT = LIMITS._replace(silent_for=10.0)
 SLOWEST_TURN = 0.25
 """Seconds. A turn starts a process at most, on a loaded computer."""
 SAYS = "import socket, sys, time; s = socket.socket(fileno=int(sys.argv[3])); {}; time.sleep(30)"
 
 
-class Stage:
+class Stage(Supervisor):
     """Runs a `Live` and its process, and viewers beside it."""
 
     def __init__(self, listen: str = "127.0.0.1:0", **more: Any) -> None:
         self.live = Live(replace(Config(), live=LiveSection(listen)), **{"restarts": PATIENT, **more})
-        self.slowest = 0.0
-        self._viewers: list[Viewer] = []
-
-    def turn(self, messages: Sequence[RecordedMessage] = ()) -> None:
-        """One turn of the main loop."""
-        began = time.monotonic()
-        self.live.poll(began)
-        self.live.feed(messages, began)
-        self.slowest = max(self.slowest, time.monotonic() - began)
-        time.sleep(0.01)
-
-    def until(self, fits: Callable[[], object]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not fits():
-            assert time.monotonic() < deadline, self.live.figures()
-            self.turn()
-
-    def ready(self) -> Stage:
-        self.until(lambda: self.live.figures()["url"] and self.pid())
-        return self
+        self.service, self._viewers = self.live, list[Viewer]()
 
     def viewer(self, topics: set[str] | None = None) -> Viewer:
         found = Viewer(self.live.figures()["url"], topics)
@@ -70,14 +50,10 @@ class Stage:
         self.until(lambda: self.live.figures()["clients"] == len(self._viewers))
         return found
 
-    def pid(self) -> int:
-        child = self.live.child
-        return 0 if child is None else child.pid or 0
-
     def close(self) -> None:
         for viewer in self._viewers:
             viewer.close()
-        self.live.close()
+        super().close()
 
 
 @pytest.fixture

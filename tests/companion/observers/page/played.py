@@ -5,19 +5,20 @@ from __future__ import annotations
 import http.client
 import json
 import socket
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 from companion.config import Config
 from companion.config.schema import JournalSection
 from companion.config.web import WebSection
 from companion.observers.page.page import Page
+from companion.observers.recording.messages import RecordedMessage
 from companion.system.watchdog import Restarts
+from tests.companion.observers.supervisor import Supervisor
 
-PATIENCE = 20.0
 LIMITS = Restarts(silent_for=2.5, loading=20.0, first=0.2, longest=0.4)
 TOKEN = "0123456789abcdef-TOKEN"
 JPEG = b"\xff\xd8 a picture \xff\xd9"
@@ -31,57 +32,19 @@ class Answer(NamedTuple):
     body: bytes
 
 
-class Stage:
-    """Runs a `Page` and its process. `turn` is one turn of the main loop."""
+class Browser:
+    """Asks the page at `url` as a browser does that sends these headers each time."""
 
-    def __init__(self, folder: Path, listen: str = "127.0.0.1:0", token: str = "", **page: Any) -> None:
-        self.folder = folder
-        config = replace(Config(), web=WebSection(listen, token), journal=JournalSection(folder=str(folder)))
-        self.page = Page(config, **{"restarts": LIMITS, **page})
-        self.news: dict[str, Any] = {
-            "told": "",
-            "status": {"state": "ok", "frames": 7, "policy": "hold", "computer": {"memory_free": 512}},
-            "state": {"state": "ok", "words": {"grass": 1.0}, "given": {}},
-            "check": {
-                "ok": True,
-                "age": 2.0,
-                "checks": [{"check": "disk", "verdict": "warn", "text": "make room"}],
-            },
-        }
-        self.frames = 0
+    headers: Mapping[str, str] = {}
 
-    def turn(self) -> None:
-        self.page.tell(time.monotonic(), lambda: self.news)
-        if self.page.wanted():
-            self.frames += 1
-            self.page.show(self.frames, time.monotonic() - 0.05, JPEG)
-        time.sleep(0.01)
-
-    def until(self, fits: Callable[[], bool], seconds: float = PATIENCE) -> None:
-        """Turn until it is so."""
-        deadline = time.monotonic() + seconds
-        while not fits():
-            assert time.monotonic() < deadline, self.page.figures()
-            self.turn()
-
-    def ready(self) -> Stage:
-        """Turn until the page answers with news."""
-        self.until(lambda: self.up() and self.get("/healthz").status == 200)
-        return self
-
-    def up(self) -> bool:
-        """Whether the process has said that it listens."""
-        return bool(self.page.url) and not self.page.trouble and self.pid() > 0
-
-    def pid(self) -> int:
-        """The process id, 0 without a process."""
-        child = self.page.child
-        return (child.pid or 0) if child is not None else 0
+    @property
+    def url(self) -> str:
+        raise NotImplementedError
 
     @property
     def address(self) -> tuple[str, int]:
-        host, _, port = self.page.url.removeprefix("http://").strip("/").rpartition(":")
-        return host, int(port)
+        url = urlsplit(self.url)
+        return url.hostname or "", url.port or 0
 
     def post(self, path: str, content: Any, headers: Mapping[str, str] | None = None) -> Answer:
         """Post JSON as the page does that has the token."""
@@ -99,7 +62,7 @@ class Stage:
     ) -> Answer:
         connection = http.client.HTTPConnection(*self.address, timeout=5.0)
         try:
-            connection.request(method, path, body, headers=dict(headers or {}))
+            connection.request(method, path, body, headers={**self.headers, **(headers or {})})
             response = connection.getresponse()
             return Answer(response.status, {k.lower(): v for k, v in response.getheaders()}, response.read())
         except OSError:
@@ -119,5 +82,41 @@ class Stage:
                 pass
             return found
 
-    def close(self) -> None:
-        self.page.close()
+
+class Stage(Supervisor, Browser):
+    """Runs a `Page` and its process."""
+
+    def __init__(self, folder: Path, listen: str = "127.0.0.1:0", token: str = "", **page: Any) -> None:
+        self.folder = folder
+        config = replace(Config(), web=WebSection(listen, token), journal=JournalSection(folder=str(folder)))
+        self.service = self.page = Page(config, **{"restarts": LIMITS, **page})
+        self.news: dict[str, Any] = {
+            "told": "",
+            "status": {"state": "ok", "frames": 7, "policy": "hold", "computer": {"memory_free": 512}},
+            "state": {"state": "ok", "words": {"grass": 1.0}, "given": {}},
+            "check": {
+                "ok": True,
+                "age": 2.0,
+                "checks": [{"check": "disk", "verdict": "warn", "text": "make room"}],
+            },
+        }
+        self.frames = 0
+
+    @property
+    def url(self) -> str:
+        return self.page.url
+
+    def work(self, now: float, _messages: Sequence[RecordedMessage]) -> None:
+        self.page.tell(now, lambda: self.news)
+        if self.page.wanted():
+            self.frames += 1
+            self.page.show(self.frames, now - 0.05, JPEG)
+
+    def ready(self) -> Stage:
+        """Turn until the page answers with news."""
+        self.until(lambda: self.up() and self.get("/healthz").status == 200)
+        return self
+
+    def up(self) -> bool:
+        """Whether the process has said that it listens."""
+        return bool(self.page.url) and not self.page.trouble and self.pid() > 0

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import os
 import signal
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,7 +15,7 @@ import pytest
 
 from companion.observers.page.page import missing
 from companion.wire.ids import PAGE_SENDER
-from tests.companion.observers.page.played import TOKEN
+from tests.companion.observers.page.played import TOKEN, Browser
 from tests.companion.processes import Companion
 from tests.waiting import is_gone, wait_for
 
@@ -24,32 +23,14 @@ pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not in
 PAGE = "companion.observers.page"
 
 
-class WithPage(Companion):
-    """`companion run`, and what its page answers."""
+class WithPage(Companion, Browser):
+    """`companion run`, and what its page answers to somebody who has the token."""
 
-    def post(self, path: str, content: Any) -> tuple[int, bytes]:
-        """Post JSON as the page itself does."""
-        url = self.told()["web"]["url"].rstrip("/")
-        return self.get(
-            path, "POST", json.dumps(content), {"origin": url, "content-type": "application/json"}
-        )
+    headers: Mapping[str, str] = {"authorization": f"Bearer {TOKEN}"}
 
-    def get(
-        self, path: str, method: str = "GET", body: str | None = None, headers: dict[str, str] | None = None
-    ) -> tuple[int, bytes]:
-        """What the page answers to somebody who has the token; 0 without an answer."""
-        url = urlsplit(self.told().get("web", {}).get("url", ""))
-        if not url.port:
-            return 0, b""
-        connection = http.client.HTTPConnection(str(url.hostname), url.port, timeout=2.0)
-        try:
-            connection.request(method, path, body, {"authorization": f"Bearer {TOKEN}", **(headers or {})})
-            answer = connection.getresponse()
-            return answer.status, answer.read()
-        except OSError:
-            return 0, b""
-        finally:
-            connection.close()
+    @property
+    def url(self) -> str:
+        return str(self.told().get("web", {}).get("url", ""))
 
 
 @pytest.fixture(scope="module")
@@ -60,15 +41,15 @@ def companion(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WithPage]:
 
 
 def test_a_call_is_answered_on_the_page_and_the_answer_stands_in_its_record(companion: WithPage) -> None:
-    companion.until(lambda: json.loads(companion.get("/state.json")[1] or b"{}").get("open"))
-    opened = json.loads(companion.get("/state.json")[1])["open"]
+    companion.until(lambda: json.loads(companion.get("/state.json").body or b"{}").get("open"))
+    opened = json.loads(companion.get("/state.json").body)["open"]
     box = opened["worst_tile_box"]
     tap = {"tap": "drum", "weight": -1, "box": box, "frame": opened["frame_id"]}
-    status, said = companion.post("/answer", {"call": opened["id"], "motion": "go", "changes": [tap]})
-    assert (status, json.loads(said)) == (200, {"done": "sent"})
+    said = companion.post("/answer", {"call": opened["id"], "motion": "go", "changes": [tap]})
+    assert (said.status, json.loads(said.body)) == (200, {"done": "sent"})
 
     def answers() -> list[dict[str, Any]]:
-        records = json.loads(companion.get("/calls.json")[1] or b"[]")
+        records = json.loads(companion.get("/calls.json").body or b"[]")
         return next((one["answers"] for one in records if one["id"] == opened["id"]), [])
 
     companion.until(answers)
@@ -76,28 +57,31 @@ def test_a_call_is_answered_on_the_page_and_the_answer_stands_in_its_record(comp
     assert given["sender"] == list(PAGE_SENDER)
     assert given["motion"] == "go"
     assert given["operations"][0].startswith("tap drum: -1 ")
-    companion.until(lambda: "drum" in json.loads(companion.get("/state.json")[1])["words"])
+    companion.until(lambda: "drum" in json.loads(companion.get("/state.json").body)["words"])
     (shown,) = (
-        one for one in json.loads(companion.get("/shown-calls.json")[1])["calls"] if one["id"] == opened["id"]
+        one
+        for one in json.loads(companion.get("/shown-calls.json").body)["calls"]
+        if one["id"] == opened["id"]
     )
     assert (len(shown["answers"]), shown["said"], shown["undo"]) == (1, [], {}), "it stands there once"
-    assert companion.post("/undo", {"call": opened["id"] + 1})[0] == 409
+    assert companion.post("/undo", {"call": opened["id"] + 1}).status == 409
 
 
 def test_it_judges_on_while_its_page_is_killed_and_the_page_returns(companion: WithPage) -> None:
-    companion.until(lambda: companion.get("/healthz")[0] == 200)
-    state = json.loads(companion.get("/state.json")[1])
+    companion.until(lambda: companion.get("/healthz").status == 200)
+    state = json.loads(companion.get("/state.json").body)
     assert state["words"]["grass"] == 1.0
     host = urlsplit(companion.told()["web"]["url"])
     with socket.create_connection((str(host.hostname), int(host.port or 0)), timeout=5.0) as watching:
         watching.sendall(
             f"GET /events HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n\r\n".encode()
         )
-        companion.until(lambda: companion.get("/live.jpg")[1].startswith(b"\xff\xd8\xff"))
-    companion.until(lambda: json.loads(companion.get("/calls.json")[1] or b"[]"))
+        companion.until(lambda: companion.get("/live.jpg").body.startswith(b"\xff\xd8\xff"))
+    companion.until(lambda: json.loads(companion.get("/calls.json").body or b"[]"))
     frames, first = companion.told()["frames"], companion.child(PAGE)
     os.kill(first, signal.SIGKILL)
-    companion.until(lambda: companion.child(PAGE) not in (0, first) and companion.get("/healthz")[0] == 200)
+    companion.until(lambda: companion.child(PAGE) not in (0, first))
+    companion.until(lambda: companion.get("/healthz").status == 200)
     companion.until(lambda: companion.told()["web"]["restarts"] == 1)
     said = companion.told()
     assert said["frames"] > frames

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
 from tests.companion.observers.page import played
 from tests.companion.observers.page.played import Stage
+from tests.waiting import wait_for
 
 playwright = pytest.importorskip("playwright.sync_api")
 CHROMIUM = Path("/usr/bin/chromium")
@@ -87,10 +87,7 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
         "it only shows"
     )
 
-    deadline = time.monotonic() + 6.0
-    while title.inner_text() != "NO NEWS":  # nothing is told meanwhile
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_for(lambda: title.inner_text() == "NO NEWS", 6.0)  # nothing is told meanwhile
     assert "nothing below is live" in why.inner_text()
     assert "Not live: this picture is" in note.inner_text()
     assert "grayscale" in picture.evaluate("shown => getComputedStyle(shown).filter")
@@ -98,10 +95,7 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
     stage.until(lambda: title.inner_text() == "CALLING")
     stage.until(lambda: note.text_content() == "")
     stage.close()
-    deadline = time.monotonic() + 8.0
-    while "no connection" not in why.inner_text():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_for(lambda: "no connection" in why.inner_text(), 8.0)
     assert title.inner_text() == "NO NEWS"
 
 

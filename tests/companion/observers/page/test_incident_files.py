@@ -6,7 +6,6 @@ import json
 import os
 import random
 import socket
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from companion.wire.answers import Acknowledgement, Answer, CancelIncident, Pack
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
 from tests.companion.observers.page.played import TOKEN, Stage
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not installed")
 CONTENT = random.Random(1).randbytes(3_000_000)
@@ -147,9 +147,7 @@ def test_of_those_who_fetch_slowly_few_are_served_and_the_page_goes_on(page: Pag
         one.sendall(request)
         assert one.recv(100).startswith(b"HTTP/1.1 200")
         slow.append(one)
-    deadline = time.monotonic() + 5.0
-    while page.get(FILE)[0] != 503:
-        assert time.monotonic() < deadline
+    wait_for(lambda: page.get(FILE)[0] == 503, 5.0)
     assert page.get("/healthz")[0] == 200
     for one in slow:
         one.close()

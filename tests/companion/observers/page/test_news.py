@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from bench.virtual_time import Clock
 from companion.observers.page.messages import PageMessage, PageMessageKind
 from companion.observers.page.news import FRESH, PICTURE_FRESH, News
-from tests.companion.daemon.rig import Clock
 
 
 def told(state: object, at: float) -> PageMessage:

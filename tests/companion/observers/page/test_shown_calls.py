@@ -10,11 +10,11 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.virtual_time import Clock
 from companion.observers.page.calls import shown_calls
 from companion.observers.page.files import StateFolder
 from companion.observers.page.messages import PageMessage, PageMessageKind
 from companion.observers.page.news import News
-from tests.companion.daemon.rig import Clock
 from tests.companion.wire.test_documents import JSON, RECORD, STATE
 
 RECORDS: list[dict[str, Any]] = [

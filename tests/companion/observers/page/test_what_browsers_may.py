@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -22,6 +23,7 @@ from companion.pages import access
 from companion.pages.access import Gate, WrongTokens
 from companion.pages.listen import hashed
 from tests.companion.observers.page.played import JPEG, TOKEN, Stage
+from tests.waiting import wait_for
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason="the extra web is not installed")
 
@@ -82,9 +84,7 @@ def test_a_fault_is_not_healthy(stage: Stage) -> None:
 
 
 def test_old_news_are_not_healthy_and_no_figure_of_them_is_given(stage: Stage) -> None:
-    deadline = time.monotonic() + 10.0
-    while stage.get("/healthz").status == 200 and time.monotonic() < deadline:
-        time.sleep(0.1)  # nothing is told meanwhile
+    wait_for(lambda: stage.get("/healthz").status != 200, 10.0)  # nothing is told meanwhile
     try:
         assert json.loads(stage.get("/healthz").body)["why"] == "no news from the companion"
         metrics = stage.get("/metrics").body.decode()
@@ -163,12 +163,9 @@ def test_its_own_names_pass_with_any_port_since_ssh_may_forward_another(stage: S
 
 
 def test_each_address_of_this_computer_that_it_listens_on_may_be_asked(tmp_path: Path) -> None:
-    stage = Stage(tmp_path, listen="127.0.0.2:0")
-    try:
+    with closing(Stage(tmp_path, listen="127.0.0.2:0")) as stage:
         stage.ready()
         assert stage.get("/", headers={"Host": "127.0.0.2.evil.example"}).status == 421
-    finally:
-        stage.close()
 
 
 def test_another_site_may_link_here_but_load_nothing(stage: Stage) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,12 +18,12 @@ from companion.observers.recording.topics import Topic
 from companion.system.watchdog import Restarts
 from companion.vision.worker import Worker
 from tests.companion.daemon.rig import picture
+from tests.companion.observers.supervisor import Supervisor
 from tests.companion.vision.played import engine
 
 NS = 1_000_000_000
 BEGAN = 1_790_000_000 * NS
 LIMITS = Restarts(silent_for=2.5, loading=20.0, first=0.1, longest=0.2)
-PATIENCE = 20.0
 SEEN = Worker(engine(None), 1).judge(Frame(5, time.monotonic(), picture("drum"))).assessment
 
 
@@ -55,7 +54,7 @@ def words(weight: float, seconds: float = 0.0) -> RecordedMessage:
     return RecordedMessage(Topic.WORDS, BEGAN + round(seconds * NS), content)
 
 
-class Stage:
+class Stage(Supervisor):
     """Runs a `Recorder` and its process."""
 
     def __init__(self, folder: Path, size: int = 20, **more: Any) -> None:
@@ -63,30 +62,7 @@ class Stage:
         config = replace(
             Config(), journal=JournalSection(folder=str(folder)), recording=RecordingSection(size)
         )
-        self.recorder = Recorder(config, **{"restarts": LIMITS, **more})
-
-    def turn(self, messages: Sequence[RecordedMessage] = ()) -> float:
-        """One turn of the main loop; returns the seconds that the recorder took of it."""
-        began = time.monotonic()
-        self.recorder.poll(began)
-        self.recorder.feed(messages, began)
-        took = time.monotonic() - began
-        time.sleep(0.01)
-        return took
-
-    def until(self, fits: Callable[[], object], seconds: float = PATIENCE) -> None:
-        deadline = time.monotonic() + seconds
-        while not fits():
-            assert time.monotonic() < deadline, self.recorder.figures()
-            self.turn()
-
-    def ready(self) -> Stage:
-        self.until(lambda: self.recorder.running and self.pid())
-        return self
-
-    def pid(self) -> int:
-        child = self.recorder.child
-        return 0 if child is None else child.pid or 0
+        self.service = self.recorder = Recorder(config, **{"restarts": LIMITS, **more})
 
     @property
     def files(self) -> list[Path]:

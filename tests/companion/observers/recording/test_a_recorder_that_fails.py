@@ -26,6 +26,7 @@ from companion.observers.recording.ring_writer import RingWriter
 from companion.system.side_process import missing_packages
 from companion.system.watchdog import Restarts
 from tests.companion.observers.recording.made import Stage, frame, opened, status
+from tests.waiting import wait_for
 
 SLOWEST_TURN = 0.25
 """Seconds. A turn starts a process at most, on a loaded computer."""
@@ -122,9 +123,7 @@ def test_a_disk_that_hangs_costs_messages_and_is_told(monkeypatch: pytest.Monkey
     assert report.trouble == "the disk does not answer"
     assert report.lost == 11
     goes_on.set()
-    until = time.monotonic() + 5.0
-    while writing.report(time.monotonic()).written < 9 and time.monotonic() < until:
-        time.sleep(0.01)
+    wait_for(lambda: writing.report(time.monotonic()).written >= 9, 5.0)
     writing.finish()
     assert writing.report(time.monotonic() + 7.0) == RecordingReport(0, 0, 9, 11, "")
 

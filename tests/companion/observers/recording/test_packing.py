@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,9 +40,11 @@ from companion.wire.ids import Result
 from companion.wire.incidents import MOST_KEPT, SHORT, Incidents, read_incidents
 from tests.companion.observers.recording.made import BEGAN, NS, opened, status, words
 from tests.companion.observers.recording.test_commands import unpacked
+from tests.waiting import wait_for
 
 PATIENCE = 60.0
 """Seconds: a process of lowest priority may have to wait for all others."""
+SOON = partial(time.sleep, 0.0005)
 NOISE = np.random.default_rng(1).integers(0, 255, (60, 120, 3), np.uint8)
 PICTURE = cv2.imencode(".jpg", cv2.resize(NOISE, (480, 240)))[1].tobytes()
 
@@ -93,11 +96,11 @@ class Packing(NamedTuple):
     folder: Path
 
     def until_done(self, seconds: float = PATIENCE) -> None:
-        deadline = time.monotonic() + seconds
-        while self.packer.told.packing is not None:
-            assert time.monotonic() < deadline
+        def done() -> bool:
             self.packer.poll(time.monotonic())
-            time.sleep(0.01)
+            return self.packer.told.packing is None
+
+        wait_for(done, seconds)
 
     def files(self) -> list[str]:
         return sorted(os.listdir(self.folder / "incidents"))
@@ -234,9 +237,7 @@ def test_on_request_a_process_of_lowest_priority_packs_one_at_a_time(rover: Path
     assert one.packer.document()["packing"] == "C7"
     child = one.packer._child
     assert child is not None
-    deadline = time.monotonic() + PATIENCE
-    while child.pid is None or os.getpriority(os.PRIO_PROCESS, child.pid) != 19:
-        assert time.monotonic() < deadline
+    wait_for(lambda: child.pid is not None and os.getpriority(os.PRIO_PROCESS, child.pid) == 19, PATIENCE)
     assert one.packer.ask(7, began)[0] is Result.APPLIED, "the same one"
     assert one.packer.ask(8, began) == (Result.REFUSED, "C7 is being packed: ask again when it is done")
     one.until_done()
@@ -327,10 +328,8 @@ def test_what_a_killed_process_leaves_is_served_to_nobody_and_goes_with_the_next
     one.packer.ask(7, time.monotonic())
     child = one.packer._child
     assert child is not None
-    home, deadline = rover / "incidents", time.monotonic() + PATIENCE
-    while not list(home.glob(".*.zip")):
-        assert time.monotonic() < deadline
-        time.sleep(0.0005)
+    home = rover / "incidents"
+    wait_for(lambda: list(home.glob(".*.zip")), PATIENCE, turn=SOON)
     assert child.pid is not None
     os.kill(child.pid, signal.SIGKILL)
     one.until_done()
@@ -350,10 +349,7 @@ def test_an_incident_that_is_cancelled_leaves_nothing_behind_and_the_older_ones_
     one.packer.ask(7, time.monotonic())
     child = one.packer._child
     assert child is not None
-    deadline = time.monotonic() + PATIENCE
-    while not any(name.startswith(".") for name in one.files()):
-        assert time.monotonic() < deadline
-        time.sleep(0.0005)
+    wait_for(lambda: any(name.startswith(".") for name in one.files()), PATIENCE, turn=SOON)
     assert child.pid is not None
     os.kill(child.pid, signal.SIGSTOP)
     now = time.monotonic()
@@ -392,10 +388,7 @@ def test_a_process_that_does_not_end_when_it_is_cancelled_is_killed(tmp_path: Pa
     one.packer.ask(7, 0.0)
     child = one.packer._child
     assert child is not None
-    deadline = time.monotonic() + PATIENCE
-    while not _ignores_sigterm(child.pid):
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
+    wait_for(lambda: _ignores_sigterm(child.pid), PATIENCE, turn=SOON)
     one.packer.cancel(7, 1.0)
     one.packer.poll(10.0)
     assert one.packer.told.packing == 7

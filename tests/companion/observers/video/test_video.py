@@ -6,7 +6,8 @@ import os
 import select
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -21,9 +22,11 @@ from companion.config import Config
 from companion.config.schema import JournalSection
 from companion.config.video import VideoSection
 from companion.desk.check.video import missing_of
+from companion.observers.recording.messages import RecordedMessage
 from companion.observers.video.rtsp_server import REPORT, STALE_AFTER
 from companion.observers.video.video import Video, VideoChild
 from companion.system.watchdog import Restarts
+from tests.companion.observers.supervisor import Supervisor
 
 SOON = 30.0
 LIMITS = Restarts(silent_for=3.0, loading=30.0, first=0.1, longest=0.2)
@@ -41,30 +44,35 @@ def jpeg(bright: int) -> bytes:
     return cv2.imencode(".jpg", picture)[1].tobytes()
 
 
-class Stage:
+class Stage(Supervisor):
     """The supervisor's end, and one viewer."""
 
-    def __init__(self, folder: Path, listen: str = "127.0.0.1:0", **more: Any) -> None:
-        settings = VideoSection(listen, rate=15.0)
-        config = replace(Config(), video=settings, journal=JournalSection(folder=str(folder)))
-        self.video = Video(config, **{"restarts": LIMITS, **more})
+    def __init__(
+        self,
+        folder: Path,
+        listen: str = "127.0.0.1:0",
+        launch: Callable[..., VideoChild] = VideoChild,
+        **settings: Any,
+    ) -> None:
+        """settings: more of [video]."""
+        config = replace(
+            Config(),
+            video=VideoSection(listen, rate=15.0, **settings),
+            journal=JournalSection(folder=str(folder)),
+        )
+        self.service = self.video = Video(config, launch, LIMITS)
         self.frame, self.bright = 1, GREY
         self.told_at = 0.0
         self.feeds = True
 
-    def turn(self) -> None:
-        now = time.monotonic()
+    def work(self, now: float, _messages: Sequence[RecordedMessage]) -> None:
         self.video.poll(now)
         if self.feeds and self.video.watched and now - self.told_at > 0.05:
             self.told_at = now
             self.video.show(self.frame, jpeg(self.bright))
-        time.sleep(0.01)
 
-    def until(self, fits: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + SOON
-        while not fits():
-            assert time.monotonic() < deadline
-            self.turn()
+    def until(self, fits: Callable[[], object], seconds: float = SOON) -> None:
+        super().until(fits, seconds)
 
 
 class Viewer:
@@ -116,15 +124,14 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
         pytest.skip(_missing())
     stage = Stage(tmp_path)
     yield stage
-    stage.video.close()
+    stage.close()
 
 
 def test_a_viewer_sees_what_is_shown_and_the_supervisor_knows_which_frame_that_is(stage: Stage) -> None:
     stage.until(lambda: stage.video.url != "" and not stage.video.trouble)
     assert stage.video.url.endswith("/anytraverse")
     assert not stage.video.watched, "nothing is drawn or encoded for nobody"
-    viewer = Viewer(stage.video.url)
-    try:
+    with closing(Viewer(stage.video.url)) as viewer:
 
         def sees(bright: int) -> bool:
             viewer.look()
@@ -150,8 +157,6 @@ def test_a_viewer_sees_what_is_shown_and_the_supervisor_knows_which_frame_that_i
         assert time.monotonic() - stopped > STALE_AFTER - 0.5
         stage.until(lambda: sees(200) or viewer.seen[-1][1] > 230)
         assert stage.video.watched
-    finally:
-        viewer.close()
 
 
 @pytest.mark.parametrize(
@@ -172,24 +177,16 @@ def test_a_process_that_says_nonsense_is_started_again(tmp_path: Path, said: byt
     def launch(_command: object) -> VideoChild:
         return VideoChild((sys.executable, "-c", code))
 
-    stage = Stage(tmp_path, "127.0.0.1:8554", launch=launch)
-    try:
+    with closing(Stage(tmp_path, "127.0.0.1:8554", launch=launch)) as stage:
         stage.until(lambda: stage.video.figures()["restarts"] >= 1)
         assert stage.video.trouble == "sent nonsense"
         assert (stage.video.url, stage.video.watched) == ("", False)
-    finally:
-        stage.video.close()
 
 
 def test_a_python_without_gstreamer_is_said_and_harms_nothing(tmp_path: Path) -> None:
-    settings = VideoSection("127.0.0.1:0", python="/nowhere/python3")
-    config = replace(Config(), video=settings, journal=JournalSection(folder=str(tmp_path)))
-    video = Video(config, restarts=LIMITS)
-    deadline = time.monotonic() + 20.0
-    while video.trouble == "starting":
-        assert time.monotonic() < deadline
-        video.poll(time.monotonic())
-    assert video.trouble == "cannot be started on /nowhere/python3 (no such file or directory)"
+    stage = Stage(tmp_path, python="/nowhere/python3")
+    stage.until(lambda: stage.video.trouble != "starting")
+    assert stage.video.trouble == "cannot be started on /nowhere/python3 (no such file or directory)"
     assert missing_of("/nowhere/python3", "x264enc").startswith("/nowhere/python3 cannot be run")
 
 
@@ -199,23 +196,16 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         stage = Stage(tmp_path, f"127.0.0.1:{taken.getsockname()[1]}")
         stage.until(lambda: stage.video.trouble not in ("", "starting"))
-        stage.video.close()
+        stage.close()
     assert stage.video.trouble == "ended: another program has its port: set another [video] listen"
 
 
 def test_what_gstreamer_lacks_is_named_and_said(tmp_path: Path) -> None:
     if _missing():
         pytest.skip(_missing())
-    settings = VideoSection("127.0.0.1:0", encoder="nosuchenc bitrate=1")
-    video = Video(
-        replace(Config(), video=settings, journal=JournalSection(folder=str(tmp_path))), restarts=LIMITS
-    )
-    deadline = time.monotonic() + 20.0
-    while "GStreamer lacks what the video needs: sudo apt install" not in video.trouble:
-        assert time.monotonic() < deadline, video.trouble
-        video.poll(time.monotonic())
-        time.sleep(0.02)
-    video.close()
+    stage = Stage(tmp_path, encoder="nosuchenc bitrate=1")
+    stage.until(lambda: "GStreamer lacks what the video needs: sudo apt install" in stage.video.trouble)
+    stage.close()
     assert missing_of("/usr/bin/python3", "nosuchenc bitrate=1") == "no nosuchenc in GStreamer"
 
 

@@ -21,7 +21,7 @@ from companion.sim.demo.main import set_stage
 from companion.sim.demo.rehearsal import run_camera_demo
 from companion.sim.demo.sheet import write_sheet
 from companion.sim.demo.story import Story
-from tests.waiting import wait_for
+from tests.waiting import is_gone, wait_for
 
 
 @pytest.mark.parametrize("name", ["plain", 'with "quotes" and \\ and ä'])
@@ -92,17 +92,10 @@ def test_a_child_that_was_stopped_does_not_outlive_a_parent_that_was_killed(
         [sys.executable, "-c", parent, str(tmp_path / "part.log")], stdout=subprocess.PIPE, text=True
     )
     assert killed.stdout is not None
-    orphan = Path("/proc", killed.stdout.readline().strip())
+    orphan = int(killed.stdout.readline())
     killed.kill()
     killed.wait(10.0)
-    wait_for(lambda: not _runs(orphan))
-
-
-def _runs(process: Path) -> bool:
-    try:
-        return (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+    wait_for(lambda: is_gone(orphan))
 
 
 def test_a_stage_that_cannot_be_set_ends_what_it_started(

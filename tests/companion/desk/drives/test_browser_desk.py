@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -82,7 +83,7 @@ class Person:
         def fitting() -> dict[str, Any] | None:
             return news if fits(news := self.news()) else None
 
-        return wait_for(fitting, PATIENCE, self.news)
+        return wait_for(fitting, PATIENCE, self.news, lambda: time.sleep(0.05))
 
     def call(self, but: int = 0) -> dict[str, Any]:
         """The call that waits for an answer. but: not this one."""

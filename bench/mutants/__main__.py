@@ -1,8 +1,9 @@
 """Runs the tests against each mutant of the safety path; the last line is one JSON object.
 
 The mutants are in mutants.json and were chosen once by seed; `--choose 200` chooses new ones, and
-`--choose 60 --files companion/storage/writer.py` adds some of these files at the end. `--before` compares
-with an earlier result file: the exit code is 1 if a mutant that was caught then is not caught now.
+`--choose 60 --files companion/storage/writer.py` adds some of these files at the end. The tests must pass
+without a fault first: the exit code is 2 if they do not. `--before` compares with an earlier result file: the
+exit code is 1 if a mutant that was caught then is not caught now.
 Run: python -m bench.mutants [--jobs 2] [--only 3 17] [--out results.json] [--before results.json]
 """
 
@@ -26,7 +27,6 @@ from bench.mutants.faults import ROOT, SAFETY_PATH, Mutant, chosen
 CHOSEN = Path(__file__).with_name("mutants.json")
 LIMIT = 420.0
 """Seconds for the tests of one mutant: one that makes them hang is caught, too."""
-_COPIED = ("anytraverse", "companion", "gcs_plugin", "config", "systemd", "tests", "bench", "docs")
 _REAL_TIME = (
     "tests/companion/daemon/test_clipseg_on_the_field.py",
     "tests/companion/daemon/test_clipseg_in_the_daemon.py",
@@ -46,11 +46,17 @@ def main() -> int:
         CHOSEN.write_text(f"[\n{lines}\n]\n")
         print(f"{len(found)} mutants written to {CHOSEN}")
         return 0
-    numbers = given.only or range(len(mutants))
+    numbers = list(given.only or range(len(mutants)))
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         houses = [_house(Path(folder) / str(job)) for job in range(given.jobs)]
         with ThreadPoolExecutor(given.jobs) as pool:
-            shares = [list(numbers)[job :: given.jobs] for job in range(given.jobs)]
+            tests = sorted({SAFETY_PATH[mutants[number].file] for number in numbers})
+            whole = [tests[job :: given.jobs] for job in range(given.jobs)]
+            failing = [one for some in pool.map(_failing, whole, houses) for one in some]
+            if failing:
+                print("without a fault these tests fail, so they show nothing:", *failing, sep="\n")
+                return 2
+            shares = [numbers[job :: given.jobs] for job in range(given.jobs)]
             results = pool.map(lambda work: _try_all(mutants, *work), zip(shares, houses, strict=True))
             outcomes = {number: outcome for share in results for number, outcome in share.items()}
     told = figures(outcomes)
@@ -77,11 +83,12 @@ def _lost(outcomes: Mapping[int, str], before: Path | None) -> int:
 
 def _house(folder: Path) -> Path:
     """A copy of the project, for one mutant at a time."""
-    for name in _COPIED:
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "CHANGELOG.md", "Makefile", "LICENSE"):
-        shutil.copy(ROOT / name, folder / name)
-    return folder
+    return shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__"))
+
+
+def _failing(tests: Sequence[Sequence[str]], house: Path) -> list[Sequence[str]]:
+    """Returns those of the tests that do not pass in a house without a fault."""
+    return [some for some in tests if _outcome(some, house) != "survived"]
 
 
 def _try_all(mutants: Sequence[Mutant], numbers: Sequence[int], house: Path) -> dict[int, str]:
@@ -104,24 +111,26 @@ def _try(mutant: Mutant, house: Path) -> str:
     whole = path.read_text()
     try:
         path.write_text(mutant.source())
+        return _outcome(SAFETY_PATH[mutant.file], house)
     except LookupError as error:
         return f"gone: {error}"
+    finally:
+        path.write_text(whole)
+
+
+def _outcome(tests: Sequence[str], house: Path) -> str:
+    ignored = [f"--ignore={name}" for name in _REAL_TIME]
     try:
-        ignored = [f"--ignore={name}" for name in _REAL_TIME]
-        tests = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", *ignored]
-        environment = {**os.environ, "PYTHONPATH": str(house), "PYTHONDONTWRITEBYTECODE": "1"}
         done = subprocess.run(
-            [*tests, *SAFETY_PATH[mutant.file]],
+            [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", *ignored, *tests],
             cwd=house,
-            env=environment,
+            env={**os.environ, "PYTHONPATH": str(house), "PYTHONDONTWRITEBYTECODE": "1"},
             capture_output=True,
             timeout=LIMIT,
             check=False,
         )
     except subprocess.TimeoutExpired:
         return "hung"
-    finally:
-        path.write_text(whole)
     return "survived" if done.returncode == 0 else "caught"
 
 

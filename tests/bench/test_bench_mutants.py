@@ -57,6 +57,14 @@ def test_a_mutant_whose_line_is_gone_counts_as_not_caught() -> None:
     }
 
 
+def test_tests_that_fail_without_a_fault_are_named_and_not_believed(tmp_path: Path) -> None:
+    (tmp_path / "test_good.py").write_text("def test_good(): pass\n")
+    (tmp_path / "test_bad.py").write_text("def test_bad(): assert False\n")
+    assert __main__._failing([("test_good.py",), ("test_good.py", "test_bad.py")], tmp_path) == [
+        ("test_good.py", "test_bad.py")
+    ]
+
+
 def test_a_fault_whose_line_was_changed_is_gone_and_is_put_into_no_other_line() -> None:
     known = Mutant("companion/calls/faults.py", "Faults.refuses", "boundary", 0, "< WITHIN")
     assert "<= WITHIN" in known.source()

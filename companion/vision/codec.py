@@ -13,7 +13,8 @@ import gc
 import math
 import pickle
 import struct
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -129,7 +130,7 @@ def decode(packed: bytes) -> Report:
         report: Report = msgpack.decode(view[_LENGTH.size : end], type=kinds, dec_hook=contents.made)
         if contents.rest:
             raise CodecError("content of no array")
-        _require_all_fields(report)
+        _require_all_fields(report, msgpack.decode(view[_LENGTH.size : end]))
     except Exception as error:  # damaged bytes may raise anything
         raise CodecError(f"unreadable: {clean(str(error)[:_LONGEST_ERROR])}") from error
     finally:
@@ -137,22 +138,27 @@ def decode(packed: bytes) -> Report:
     return report
 
 
-def _require_all_fields(value: object) -> None:
-    """Refuse a part of which a field was left out: msgspec takes the default, which is no evidence."""
+def _require_all_fields(value: Any, told: Any) -> None:
+    """Refuse a part of which a field was left out: msgspec takes the default, which is no evidence.
+
+    told: what the part was made from.
+    """
+    parts: Iterable[tuple[Any, object]] = ()
     if isinstance(value, Struct):
-        value = structs.astuple(value)
-    elif is_dataclass(value):
-        told = vars(value)
-        for field in fields(value):
-            if field.name not in told:
-                raise CodecError(f"no {field.name}")
-        value = tuple(told.values())
-    elif isinstance(value, dict):
-        value = tuple(value.values())
+        value, told = structs.astuple(value), told[1:]  # behind its kind
+    elif (fields := getattr(value, "__dataclass_fields__", None)) is not None:
+        if not fields.keys() <= told.keys():
+            raise CodecError(f"a {type(value).__name__} without all fields")
+        value = vars(value)
     if isinstance(value, tuple):
-        for one in value:
-            if type(one) not in _LEAVES:
-                _require_all_fields(one)
+        if len(value) != len(told):
+            raise CodecError(f"{len(told)} of {len(value)} fields")
+        parts = enumerate(value)
+    elif isinstance(value, dict):
+        parts = value.items()
+    for at, one in parts:
+        if type(one) not in _LEAVES:
+            _require_all_fields(one, told[at])
 
 
 class _Contents:

@@ -398,10 +398,9 @@ def test_frames_rise_and_one_that_is_refused_counts_for_nothing() -> None:
 def test_a_field_that_is_missing_or_something_else_is_refused(message: Any) -> None:
     kind, given = type(message).__name__, structs.astuple(message)
     assert pack(believed([kind, *given])) == pack(message)
-    for at, field in enumerate(structs.fields(message)):
-        if field.required:
-            with pytest.raises((CodecError, BadReportError)):
-                believed([kind, *given[:at], *given[at + 1 :]])
+    for at in range(len(given)):
+        with pytest.raises((CodecError, BadReportError)):
+            believed([kind, *given[:at], *given[at + 1 :]])
         for broken in (Ext(1, b""), {7: 7}):
             with pytest.raises((CodecError, BadReportError)):
                 believed([kind, *given[:at], broken, *given[at + 1 :]])

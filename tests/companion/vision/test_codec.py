@@ -13,6 +13,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime, timezone
+from functools import partial, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -532,6 +534,32 @@ def test_a_field_of_a_part_that_nobody_knows_is_in_the_place_of_one_that_is_left
 def test_a_field_of_a_part_that_is_left_out_has_no_default(field: str) -> None:
     with pytest.raises(CodecError):
         decode(with_pack(looked("drum"), lambda told: without(told[1], field)))
+
+
+SCENES = Scenes((Entry(np.ones(2, np.float32), WORDS, 1, 1),))
+
+
+@pytest.mark.parametrize(
+    ("report", "path", "names"),
+    [
+        (SCENES, (1, 0), ("examples", "place", "refused", "surroundings")),
+        (REPORTS[0], (2,), ("region", "thresholds", "corridor", "votes")),
+        (REPORTS[0], (3, 3), ("preferences", "configured", "examples", "settled", "given", "history")),
+        (REPORTS[0], (1,), (-1,)),
+        (REPORTS[4], (), (-1,)),
+        (REPORTS[7], (), (-1,)),
+        (DRUM, (), (-1,)),
+    ],
+)
+def test_no_field_takes_its_default_where_it_is_left_out(
+    report: Report, path: tuple[int, ...], names: tuple[Any, ...]
+) -> None:
+    def leave_out(name: Any, told: Any) -> None:
+        del reduce(getitem, path, told)[name]
+
+    for name in names:
+        with pytest.raises(CodecError):
+            decode(with_pack(report, partial(leave_out, name)))
 
 
 @pytest.mark.parametrize("second", [b"\xc3", b"\x01"])

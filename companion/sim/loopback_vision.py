@@ -13,7 +13,7 @@ from anytraverse.memory import Memory
 from companion.cameras.newest import CameraStatus
 from companion.vision.codec import Splitter, decode_trusted, encode
 from companion.vision.memory_copy import parts, update_from
-from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start
+from companion.vision.messages import Alive, Model, Ready, Report, Scenes, Start, Tune
 from companion.vision.worker import Worker, weak_in_use
 
 _MAX_REQUESTS = 256
@@ -35,6 +35,7 @@ class LoopbackVision:
         self._reports: list[bytes] = []
         self._begun: Start | None = None
         self._worker: Worker | None = None
+        self._tuned = False
         self.hung = False
         self.death = ""
         self.requests: deque[object] = deque(maxlen=_MAX_REQUESTS)
@@ -62,6 +63,7 @@ class LoopbackVision:
         while self._requests and not self.hung and not self.death:
             request = decode_trusted(self._requests.pop(0))
             self.requests.append(request)
+            self._tuned = self._tuned or isinstance(request, Tune)
             if isinstance(request, Scenes) and self._begun is not None:
                 request = self._begun.joined(request.entries)
             if isinstance(request, Start):
@@ -73,8 +75,8 @@ class LoopbackVision:
                     self.report(report)
 
     def judge(self, frame: Frame) -> None:
-        """Judges a frame and reports it, as if the camera had delivered it."""
-        if self._worker is not None and not self.hung and not self.death:
+        """Judges a frame and reports it, as if the camera had delivered it; before the first `Tune` none."""
+        if self._worker is not None and self._tuned and not self.hung and not self.death:
             judged = self._worker.judge(frame)
             self.report(replace(judged, duration=max(judged.duration, self.frame_s)))
 

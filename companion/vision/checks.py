@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class Expected:
     """
 
     last_frame: int
-    settings: dict[int, Settings] = field(default_factory=lambda: {0: Settings()})
+    settings: dict[int, Settings]
 
     def settings_of(self, tuning: int) -> Settings:
         """Return the settings of a `Tune`; earlier ones do not come any more. Raises BadReportError."""

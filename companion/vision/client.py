@@ -124,7 +124,7 @@ class VisionClient:
         self.pace = MeasuredPace(config.perceiver.scene_every)
         self._config = config
         self._copy = MemoryCopy(memory)
-        self._expected = Expected(first_frame - 1)
+        self._expected = Expected(first_frame - 1, {})
         self._unread = deque[bytes]()
         self._settings: Settings | None = None
         self._numbers = 0
@@ -414,7 +414,7 @@ class VisionClient:
             self.failed = f"it is {ready.model.id} now, not {first.model.id}: restart the companion"
             return
         self._apply_update(ready.update)
-        self._expected.settings = {0: ready.settings}
+        self._expected.settings = {}
         self.watchdog.ready((first or ready).step, now)
         self.pace.started(ready.step, now)
         self.trouble = ""

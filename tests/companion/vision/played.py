@@ -38,7 +38,7 @@ def unframed(report: Report) -> bytes:
 
 def heard(report: Said, expected: Expected | None = None) -> Said:
     """As the supervisor reads it, where it believes it."""
-    read = check_report(decode(unframed(report)), expected or Expected(0), time.monotonic())
+    read = check_report(decode(unframed(report)), expected or Expected(0, {0: Settings()}), time.monotonic())
     assert isinstance(read, type(report))
     return read
 

@@ -61,7 +61,7 @@ def sound(thing: str = "drum") -> FrameJudged:
 
 def believed(said: object) -> Report:
     """What the supervisor makes of these values, whatever they are."""
-    return check_report(decode(pack(said)), Expected(4), time.monotonic())
+    return check_report(decode(pack(said)), Expected(4, {0: Settings()}), time.monotonic())
 
 
 LOOKED = sound()
@@ -383,7 +383,7 @@ def test_what_can_be_true_is_believed(said: Any) -> None:
 
 
 def test_frames_rise_and_one_that_is_refused_counts_for_nothing() -> None:
-    expected = Expected(4)
+    expected = Expected(4, {0: Settings()})
     with pytest.raises(BadReportError):
         check_report(seen(frame=Frame(9, AHEAD, picture())), expected, time.monotonic())
     check_report(LOOKED, expected, time.monotonic())

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from anytraverse.answers import AnswerOutcome
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
@@ -514,6 +515,12 @@ def nonsense(stage: Stage, case: str) -> None:
             child.report(worker.judge(Frame(49, captured, picture())))
         case "from the future":
             child.report(worker.judge(Frame(52, captured + 5.0, picture())))
+        case "judged by no settings that were sent":
+            child.report(structs.replace(looked, tuning=0))
+        case "judged by settings that were never sent":
+            child.report(structs.replace(looked, tuning=99))
+        case "an outcome by no settings that were sent":
+            child.report(Done(2, AnswerOutcome(looked.assessment, None), "", None, tuning=0))
         case "an outcome nobody asked for":
             child.report(Done(77, None, "why not", None))
         case "a picture nobody asked for":
@@ -539,6 +546,9 @@ def nonsense(stage: Stage, case: str) -> None:
         "twice the same change",
         "an old frame",
         "from the future",
+        "judged by no settings that were sent",
+        "judged by settings that were never sent",
+        "an outcome by no settings that were sent",
         "an outcome nobody asked for",
         "a picture nobody asked for",
         "an encoded frame nobody asked for",

@@ -387,7 +387,7 @@ def test_a_bool_is_0_or_1_whatever_its_byte_is() -> None:
 def refused(packed: bytes) -> None:
     """Read and believed, or one of the two errors: nothing else."""
     with suppress(CodecError, BadReportError):
-        check_report(decode(packed), Expected(0), time.monotonic())
+        check_report(decode(packed), Expected(0, {0: Settings()}), time.monotonic())
 
 
 @given(st.binary(max_size=200))

@@ -134,7 +134,7 @@ def test_a_further_fault_is_believed_without_a_figure() -> None:
 
 
 def test_a_frame_is_compared_with_the_settings_by_which_it_was_judged() -> None:
-    expected, worker = Expected(0), Worker(engine(None), 1)
+    expected, worker = Expected(0, {0: Settings()}), Worker(engine(None), 1)
     strict = Settings(thresholds=Thresholds(roi=0.001, tile=0.25))
     expected.settings[3] = strict
     heard(judged("drum", worker, 1), expected)  # the settings are on their way

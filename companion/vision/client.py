@@ -130,8 +130,8 @@ class VisionClient:
         self._numbers = 0
         self._unanswered: dict[int, _Asked] = {}
         """Number of the request -> what was asked, the oldest first."""
-        self._drawing: dict[int, int] = {}
-        """Number of the request -> id of the frame that it stores, 0: none."""
+        self._drawing: dict[int, Draw] = {}
+        """The requests that wait, by number."""
         self._encoding = 0
         """Number of the request to encode a frame that has no report yet, 0: none."""
         self._suspects = set[int]()
@@ -279,9 +279,10 @@ class VisionClient:
             log.warning("no picture of %s: the vision process does not draw now", title)
             return False
         self._numbers += 1
-        if not self._send(Draw(self._numbers, frame_id, title, state, store, video, roi)):
+        request = Draw(self._numbers, frame_id, title, state, store, video, roi)
+        if not self._send(request):
             return False
-        self._drawing[self._numbers] = frame_id if store else 0
+        self._drawing[request.number] = request
         return True
 
     def encode(self, frame_id: int) -> bool:
@@ -313,7 +314,8 @@ class VisionClient:
 
     def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""
-        return frame_id in self._frames or frame_id in self._drawing.values()
+        asked = any(one.store and one.frame_id == frame_id for one in self._drawing.values())
+        return asked or frame_id in self._frames
 
     def close(self) -> None:
         """Kill the process. The camera is free when this returns, unless its driver hangs."""
@@ -383,9 +385,10 @@ class VisionClient:
                     self._frames.pop(asked.frame_id, None)
                 return [VisionResult(report, self.memory, asked.token, before.turned(self.memory))]
             case Drawn():
-                if report.number not in self._drawing:
+                draw = self._drawing.pop(report.number, None)
+                told = report.frame_id, report.title, report.stored
+                if draw is None or told != (draw.frame_id, draw.title, report.stored and draw.store):
                     raise BadReportError(f"picture {report.number}, which nobody asked for")
-                del self._drawing[report.number]
                 if report.stored:
                     self._remember_frame(report.frame_id, report.png)
                 return [VisionResult(report, self.memory)]

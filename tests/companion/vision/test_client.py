@@ -569,6 +569,20 @@ def test_one_that_sends_nonsense_is_killed_and_who_waits_is_told(stage: Stage, c
     assert "drum" not in stage.vision.memory.preferences
 
 
+@pytest.mark.parametrize(
+    ("store", "number", "title", "believed"),
+    [(True, 1, "title", True), (True, 2, "title", False), (True, 1, "?", False), (False, 1, "title", False)],
+)
+def test_a_frame_is_stored_only_where_that_was_asked_of_it(
+    stage: Stage, store: bool, number: int, title: str, believed: bool
+) -> None:
+    stage.vision.draw(1, "title", State.CALLING, store=store)
+    stage.child.report(Drawn(stage.vision.newest_request, number, title, png=b"png", stored=True))
+    stage.vision.poll(stage.clock.now)
+    assert stage.vision.has_stored_frame(number) is believed
+    assert stage.vision.trouble == ("" if believed else "vision sent nonsense")
+
+
 def test_a_frame_judged_before_it_was_ready_is_nonsense(clock: Clock) -> None:
     child = Channel(engine, STEP)
     vision = VisionClient(lambda: child, Config(), None, VISION)

@@ -172,7 +172,7 @@ def _measure_start(memory: Memory, count: int, rounds: int, series: PlottedSerie
 
 
 def _handed_over(memory: Memory) -> Iterator[bytes]:
-    copy = MemoryCopy(memory)
+    copy = MemoryCopy(memory, memory.history.limit)
     first, more = copy.first_part()
     yield encode_trusted(Start(Config(), first, 0, 1, more))
     while scenes := copy.next_scenes():

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
-from anytraverse.answers import AnswerOutcome
+from anytraverse.answers import MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Assessment, Maps
 from anytraverse.frame import is_intrinsics
 from anytraverse.history import MAX_REFUSED, Embedding, Entry
 from anytraverse.judging import Settings
-from anytraverse.memory import MOST_GIVEN
-from anytraverse.perception import Example
+from anytraverse.memory import MOST_GIVEN, Examples
+from anytraverse.preferences import MAX_WORDS
 from anytraverse.roi import RoiFigures
 from companion.vision.evidence import contradiction
 from companion.vision.freeze_detector import CELLS
@@ -34,6 +35,8 @@ from companion.vision.messages import (
 LARGEST_MAP = 4 << 20
 """Pixels of one map, at most."""
 LONGEST_VECTOR = 1 << 14
+LARGEST_SCENE = 2 << 20
+"""Bytes of a scene's vectors, at most: as many taps as there may be, of a bundle of 1900 channels."""
 _AHEAD = 0.001
 """Seconds by which a time stamp of the vision process may lie in the future, because of rounding."""
 _U32 = 0xFFFFFFFF
@@ -174,35 +177,35 @@ def _check_roi(roi: RoiFigures) -> None:
 def _check_update(update: MemoryUpdate) -> None:
     memory, match = update.memory, update.memory.adoption
     _need(_whole(memory.clock, *memory.settled.values()), "stamps of a memory")
-    _need(_texts(memory.model_id, *memory.given, *memory.settled, *memory.examples), "words of a memory")
+    _need(_texts(memory.model_id, *memory.given, *memory.settled), "words of a memory")
     _need(len(memory.given) <= MOST_GIVEN and _in(-1.0, 1.0, *memory.given.values()), "given words")
-    _need(_vectors(*_tapped(memory.examples)), "examples")
-    _need(memory.reference is None or _vectors(memory.reference), "a reference")
+    _check_vectors(memory.examples, memory.reference)
     if match is not None:
         _need(_whole(match.order, match.call_id, match.clock), "a match")
-        _need(_vectors(match.embedding), "the vector of a match")
-        _need(match.reference is None or _vectors(match.reference), "the reference of a match")
+        _check_vectors(match.examples, match.embedding, match.reference)
         _need(_in(-1.0, 1.0, match.similarity), "the similarity of a match")
         _need(match.time is None or _finite(match.time), "the time of a match")
-        _need(_texts(*match.examples), "words of a match")
     _check_entries(update.entries)
 
 
 def _check_entries(entries: Iterable[Entry]) -> None:
     for entry in entries:
         _need(_whole(entry.order, entry.matched, entry.call_id), "a remembered scene's stamps")
-        _need(_texts(*entry.examples), "words of a remembered scene")
-        _need(_vectors(*_tapped(entry.examples)), "examples of a remembered scene")
         _need(len(entry.refused) <= MAX_REFUSED, "the refused frames of a scene")
-        _need(_vectors(entry.embedding, *entry.refused), "a remembered scene")
-        _need(entry.surroundings is None or _vectors(entry.surroundings), "a scene's surroundings")
+        _check_vectors(entry.examples, entry.embedding, entry.surroundings, *entry.refused)
         where = entry.place
         known = (where.latitude, where.longitude, where.heading, where.time, *(where.attitude or ()))
         _need(_finite(*(one for one in known if one is not None)), "a scene's place")
 
 
-def _tapped(examples: Mapping[str, tuple[Example, ...]]) -> Iterable[Embedding]:
-    return (one.vector for tapped in examples.values() for one in tapped)
+def _check_vectors(examples: Examples, *others: Embedding | None) -> None:
+    """Check the tapped words and the vectors of one scene: what is remembered of it has an end."""
+    counts, taps = list(map(len, examples.values())), list(chain(*examples.values()))
+    _need(len(counts) <= MAX_WORDS and max(counts, default=0) <= MAX_EXAMPLES, "as many examples")
+    _need(_texts(*examples, *(one.model_id for one in taps)), "words of examples")
+    vectors = [one for one in (*others, *(tap.vector for tap in taps)) if one is not None]
+    _need(_vectors(*vectors), "vectors of a scene")
+    _need(sum(one.nbytes for one in vectors) <= LARGEST_SCENE, "a scene that is so large")
 
 
 def _vectors(*vectors: Embedding) -> bool:

@@ -123,7 +123,7 @@ class VisionClient:
         self.rate = JudgingRate(config.camera.rate, config.freshness, config.call.window)
         self.pace = MeasuredPace(config.perceiver.scene_every)
         self._config = config
-        self._copy = MemoryCopy(memory)
+        self._copy = MemoryCopy(memory, config.journal.scenes)
         self._expected = Expected(first_frame - 1, {})
         self._unread = deque[bytes]()
         self._settings: Settings | None = None

@@ -10,7 +10,6 @@ from msgspec import structs
 
 from anytraverse.history import Entry, History
 from anytraverse.memory import Memory
-from companion.config.schema import MOST_SCENES
 from companion.vision.checks import BadReportError
 from companion.vision.messages import MOST_ROWS, Done, FrameJudged, MemoryUpdate, Ready, Report, Scenes
 
@@ -24,8 +23,10 @@ class MemoryCopy:
     memory: None until the first update where none was stored. revision: the number of the newest update.
     """
 
-    def __init__(self, memory: Memory | None) -> None:
+    def __init__(self, memory: Memory | None, most: int) -> None:
+        """most: the number of scenes that a memory may have, as configured."""
         self.memory = memory
+        self._most = most
         self.revision = 0
         self._unsent: deque[Entry] = deque()
         self._rows: tuple[Entry, ...] = ()
@@ -34,13 +35,15 @@ class MemoryCopy:
     def add(self, rows: tuple[Entry, ...]) -> None:
         """Take in rows of the next update. Raises BadReportError for more than a memory has."""
         self._rows += rows
-        if len(self._rows) > MOST_SCENES:
+        if len(self._rows) > self._most:
             raise BadReportError(f"{len(self._rows)} rows of one update")
 
     def apply(self, update: MemoryUpdate) -> None:
-        """Apply an update. Raises BadReportError when it is not based on the present copy."""
+        """Apply an update. Raises BadReportError when it is not based on the present copy, or too large."""
         if update.base != self.revision or update.revision != self.revision + 1:
             raise BadReportError(f"memory {update.revision} on {update.base}, not on {self.revision}")
+        if (limit := update.memory.history.limit) > self._most:
+            raise BadReportError(f"a memory of {limit} scenes, {self._most} are configured")
         self.memory = updated(self.memory, structs.replace(update, entries=(*self._rows, *update.entries)))
         self.revision, self._rows = update.revision, ()
 

@@ -15,6 +15,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import Memory
 from anytraverse.operations import Operation
 from anytraverse.perception import Perceiver, handles_infrared
+from anytraverse.preferences import MAX_WORDS
 from anytraverse.regions import Box
 from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraStatus
@@ -213,7 +214,7 @@ class MemoryUpdate(_Report, frozen=True):
     memory: Memory
     entries: Rows
     removed: tuple[Whole, ...]
-    weak: tuple[Text, ...]
+    weak: Annotated[tuple[Text, ...], Meta(max_length=MAX_WORDS)]
 
 
 class Ready(_Report, frozen=True):

@@ -12,18 +12,18 @@ import pytest
 from msgspec import Raw, structs
 from msgspec.msgpack import Ext
 
-from anytraverse.answers import AnswerOutcome
+from anytraverse.answers import MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Finding, Maps
 from anytraverse.frame import Frame
 from anytraverse.history import Entry, History, Likeness, Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Adoption
 from anytraverse.perception import Example
-from anytraverse.preferences import Preferences, Setting
+from anytraverse.preferences import MAX_WORDS, Preferences, Setting
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor, Tile
 from companion.cameras.newest import CameraStatus
-from companion.vision.checks import LARGEST_MAP, BadReportError, Expected, check_report
+from companion.vision.checks import LARGEST_MAP, LONGEST_VECTOR, BadReportError, Expected, check_report
 from companion.vision.codec import CodecError, decode, pack
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
@@ -51,6 +51,9 @@ VECTOR = np.ones(2, np.float32)
 ENTRY = Entry(VECTOR, WORDS, 1, 1)
 LONG = "x" * (LONGEST_TEXT + 1)
 NAN, INF = math.nan, math.inf
+TAP = Example("painted-1", VECTOR)
+TOO_MANY = [f"word {number}" for number in range(MAX_WORDS + 1)]
+LARGE = {word: (Example("painted-1", np.ones(LONGEST_VECTOR, np.float32)),) * 11 for word in TOO_MANY[:3]}
 
 
 def sound(thing: str = "drum") -> FrameJudged:
@@ -216,6 +219,14 @@ WRONG: dict[str, Any] = {
     "words without a weight": seen(words={"grass": {"order": 0}}),
     "a finding that is none": seen(findings=("fault",)),
     "findings that are no tuple": seen(findings={"0": Finding.fault("x")}),
+    "more weak words than may be in use": updating(weak=("grass",) * (MAX_WORDS + 1)),
+    "more taps of a word than are kept": memory_of(examples={"gnome": (TAP,) * (MAX_EXAMPLES + 1)}),
+    "more taps of a scene's word than are kept": entry_of(examples={"gnome": (TAP,) * (MAX_EXAMPLES + 1)}),
+    "more tapped words than may be in use": entry_of(examples=dict.fromkeys(TOO_MANY, (TAP,))),
+    "a tap of a model without an end": entry_of(examples={"gnome": (Example(LONG, VECTOR),)}),
+    "what a match replaced is too large": match_of(examples=LARGE),
+    "a scene that is too large": entry_of(examples=LARGE),
+    "a scene of now that is too large": memory_of(examples=LARGE),
     "no reason": finding_of(reason="fault"),
     "bad and clear": finding_of(bad=True, clear=True),
     "bad, perhaps": finding_of(bad=1),

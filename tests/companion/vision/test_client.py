@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from dataclasses import replace
 from itertools import starmap
 
@@ -25,6 +26,7 @@ from companion.config.web import WebSection
 from companion.sim.loopback_vision import LoopbackVision
 from companion.system.watchdog import SILENT_AFTER
 from companion.tasks import VISION
+from companion.vision.checks import LONGEST_VECTOR
 from companion.vision.client import (
     MAX_DRAWINGS,
     MAX_JOBS,
@@ -36,6 +38,7 @@ from companion.vision.client import (
 from companion.vision.codec import CodecError, decode
 from companion.vision.memory_copy import update_from
 from companion.vision.messages import (
+    MOST_ROWS,
     Alive,
     Done,
     Drawn,
@@ -45,6 +48,7 @@ from companion.vision.messages import (
     Model,
     Ready,
     Restore,
+    Scenes,
     Situation,
     Start,
     Tune,
@@ -53,9 +57,10 @@ from companion.vision.worker import Worker
 from companion.wire.ids import State
 from tests.anytraverse.conftest import Painted
 from tests.companion.daemon.rig import picture
-from tests.companion.vision.played import WORDS, engine
+from tests.companion.vision.played import WORDS, engine, unframed
 
 STEP = 0.02
+MANY_SCENES = replace(Config(), journal=replace(Config().journal, scenes=10_000))
 
 
 class Channel(LoopbackVision):
@@ -339,7 +344,7 @@ def test_a_memory_that_is_too_long_for_one_message_reaches_a_new_process_whole(
     scenes = [Entry(np.ones(2, np.float32), WORDS, order, order, order) for order in range(1, 301)]
     kept = replace(engine(None).memory, history=History(scenes, 10_000), clock=300)
     child = LoopbackVision(engine)
-    vision = VisionClient(lambda: child, Config(), kept, VISION)
+    vision = VisionClient(lambda: child, MANY_SCENES, kept, VISION)
     for _ in range(10):
         vision.poll(clock.now)
         child.work()
@@ -350,12 +355,28 @@ def test_a_memory_that_is_too_long_for_one_message_reaches_a_new_process_whole(
     assert [entry.call_id for entry in worker._engine.memory.history] == list(range(1, 301))
 
 
+def test_hostile_reports_of_remembered_scenes_take_no_more_than_the_configured_ones_may(
+    stage: Stage,
+) -> None:
+    tap = Example("painted-1", np.zeros(LONGEST_VECTOR, np.float32))
+    row = Entry(tap.vector, WORDS, 1, 1, examples={"gnome": (tap,) * 200})
+    packed = unframed(Scenes((row,) * MOST_ROWS))
+    tracemalloc.start()
+    for _ in range(12):
+        stage.child._reports = [packed]
+        stage.vision.poll(stage.clock.now)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 64 << 20
+    assert stage.vision.trouble == "vision sent nonsense"
+
+
 def test_a_process_that_dies_before_it_has_the_whole_memory_gets_all_of_it_anew(clock: Clock) -> None:
     scenes = [Entry(np.ones(2, np.float32), WORDS, order, order, order) for order in range(1, 301)]
     kept = replace(engine(None).memory, history=History(scenes, 10_000), clock=300)
     children = [LoopbackVision(engine) for _ in range(2)]
     waiting = iter(children)
-    vision = VisionClient(lambda: next(waiting), Config(), kept, VISION)
+    vision = VisionClient(lambda: next(waiting), MANY_SCENES, kept, VISION)
     for _ in range(3):
         vision.poll(clock.now)
         children[0].work()

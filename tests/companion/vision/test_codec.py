@@ -687,7 +687,7 @@ def test_a_few_bytes_do_not_stand_for_millions_of_scenes() -> None:
 @pytest.mark.parametrize("count", [0, 1, MOST_ROWS, MOST_ROWS + 1, 30])
 def test_an_update_of_many_rows_comes_in_parts_and_whole(count: int) -> None:
     after = replace(engine(None).memory, history=History([tapped(n, 1) for n in range(1, 1 + count)]))
-    copy = MemoryCopy(None)
+    copy = MemoryCopy(None, 256)
     for part in map(heard, parts(Done(1, None, "x", update_from(None, after, 1, 0, ())))):
         if isinstance(part, Scenes):
             copy.add(part.entries)
@@ -697,14 +697,23 @@ def test_an_update_of_many_rows_comes_in_parts_and_whole(count: int) -> None:
     assert plain(list(copy.memory.history)) == plain(list(after.history))
 
 
-def test_the_rows_of_one_update_have_an_end_and_a_new_process_begins_without_them() -> None:
-    copy = MemoryCopy(None)
+@pytest.mark.parametrize("most", [256, 10_000])
+def test_the_rows_of_one_update_have_an_end_and_a_new_process_begins_without_them(most: int) -> None:
+    copy = MemoryCopy(None, most)
     row = tapped(1, 0)
     for _ in range(2):
-        copy.add((row,) * 10_000)
+        copy.add((row,) * most)
         with pytest.raises(BadReportError, match="rows of one update"):
             copy.add((row,))
         copy.first_part()
+
+
+def test_a_memory_of_more_scenes_than_are_configured_is_refused() -> None:
+    copy = MemoryCopy(None, 256)
+    memory = replace(engine(None).memory, history=History((), 257))
+    with pytest.raises(BadReportError, match="257 scenes"):
+        copy.apply(update_from(None, memory, 1, 0, ()))
+    assert copy.memory is None
 
 
 def test_an_update_says_what_it_removed() -> None:

@@ -86,7 +86,7 @@ def test_a_new_vision_process_waits_until_it_has_all_remembered_scenes() -> None
     words = Preferences.parse("grass: 1")
     scenes = [Entry(np.ones(2, np.float32), words, order, order, order) for order in range(1, 151)]
     memory = replace(first_memory("eyes", words, 200), history=History(scenes, 200), clock=150)
-    copy = MemoryCopy(memory)
+    copy = MemoryCopy(memory, memory.history.limit)
     ours, theirs = socket.socketpair()
     with ours, theirs:
         first, more = copy.first_part()

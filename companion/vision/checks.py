@@ -73,7 +73,7 @@ def check_report(message: Report, expected: Expected, now: float) -> Report:
     except BadReportError:
         raise
     except Exception as error:  # the values may be any of their types, and no failure of theirs is ours
-        raise BadReportError(f"wrong: {error!r}") from error
+        raise BadReportError(f"wrong: {error!r:.200}") from error
     return message
 
 

@@ -56,6 +56,7 @@ from companion.vision.messages import (
     VideoMarks,
 )
 from companion.wire.ids import State
+from companion.wire.packing import clean
 
 log = logging.getLogger(__name__)
 
@@ -67,6 +68,7 @@ MAX_DRAWINGS = 16
 STORED_FRAMES = 2
 """Stored frames, of the open call and the hold. A restarted process gets those that have come as PNG."""
 _SITUATION_EVERY = 0.2
+_LONGEST_NAME = 100
 _READING = 0.02
 """Seconds of a `poll` after which no further report is read: it waits for the next."""
 
@@ -350,8 +352,8 @@ class VisionClient:
         if isinstance(report, (FrameJudged, Done, Drawn, Encoded)) and not self.watchdog.running:
             raise BadReportError(f"{type(report).__name__} before it was ready")
         match report:
-            case Logged(level, name, text):
-                logging.getLogger(name).log(level, "%s", text)
+            case Logged():
+                _log(report)
             case Alive(camera, delivered_at):
                 self.camera, self.delivered_at = camera, delivered_at
             case Failed(text):
@@ -498,6 +500,13 @@ class VisionClient:
         self._frames.move_to_end(frame_id)
         while len(self._frames) > STORED_FRAMES:
             self._frames.popitem(last=False)
+
+
+def _log(said: Logged) -> None:
+    """Log lines of the process. A logger of the name that it gives would never be freed."""
+    if log.isEnabledFor(said.level):
+        name, text = clean(said.name)[:_LONGEST_NAME], "\n  ".join(map(clean, said.text.splitlines()))
+        log.handle(logging.LogRecord(name, said.level, "", 0, text, None, None))
 
 
 def _not_started(error: OSError) -> Failure:

@@ -26,7 +26,7 @@ from anytraverse.frame import Frame
 from anytraverse.history import History
 from anytraverse.preferences import MAX_WORD_LENGTH, MAX_WORDS, Preferences, Setting
 from anytraverse.regions import Box, Region
-from companion.vision.messages import Done, Drawn, Encoded, FrameJudged, Report, Request
+from companion.vision.messages import Done, Drawn, Encoded, FrameJudged, Logged, Report, Request
 from companion.wire.packing import clean
 
 LARGEST = 64 << 20
@@ -130,7 +130,8 @@ def decode(packed: bytes) -> Report:
         report: Report = msgpack.decode(view[_LENGTH.size : end], type=kinds, dec_hook=contents.made)
         if contents.rest:
             raise CodecError("content of no array")
-        _require_all_fields(report, msgpack.decode(view[_LENGTH.size : end]))
+        if not isinstance(report, Logged):  # it has no parts, and its lines are cleaned where they are logged
+            _check_parts(report, msgpack.decode(view[_LENGTH.size : end]))
     except Exception as error:  # damaged bytes may raise anything
         raise CodecError(f"unreadable: {clean(str(error)[:_LONGEST_ERROR])}") from error
     finally:
@@ -138,10 +139,10 @@ def decode(packed: bytes) -> Report:
     return report
 
 
-def _require_all_fields(value: Any, told: Any) -> None:
+def _check_parts(value: Any, told: Any) -> None:
     """Refuse a part of which a field was left out: msgspec takes the default, which is no evidence.
 
-    told: what the part was made from.
+    So is a text refused that could control a terminal. told: what the part was made from.
     """
     parts: Iterable[tuple[Any, object]] = ()
     if isinstance(value, Struct):
@@ -149,16 +150,18 @@ def _require_all_fields(value: Any, told: Any) -> None:
     elif (fields := getattr(value, "__dataclass_fields__", None)) is not None:
         if not fields.keys() <= told.keys():
             raise CodecError(f"a {type(value).__name__} without all fields")
-        value = vars(value)
+        parts = vars(value).items()
+    elif isinstance(value, dict):
+        parts = [*value.items(), *zip(value, value, strict=True)]
     if isinstance(value, tuple):
         if len(value) != len(told):
             raise CodecError(f"{len(told)} of {len(value)} fields")
         parts = enumerate(value)
-    elif isinstance(value, dict):
-        parts = value.items()
     for at, one in parts:
         if type(one) not in _LEAVES:
-            _require_all_fields(one, told[at])
+            _check_parts(one, told[at])
+        elif type(one) is str and not one.isprintable():
+            raise CodecError("a text that cannot be printed")
 
 
 class _Contents:

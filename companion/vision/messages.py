@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
@@ -22,6 +23,7 @@ from companion.cameras.newest import CameraStatus
 from companion.config import Config
 from companion.vision.freeze_detector import Luma
 from companion.wire.ids import State
+from companion.wire.packing import clean
 
 LONGEST_TEXT = 4096
 LARGEST_PNG = 32 << 20
@@ -71,7 +73,7 @@ class Model(NamedTuple):
         precision = getattr(perceiver, "precision", "")
         manifest = getattr(perceiver, "manifest", None)
         idle = manifest is not None and "int8" in manifest.variants and precision != "int8"
-        why = getattr(perceiver, "why", "")
+        why = clean(getattr(perceiver, "why", ""))
         return cls(perceiver.model_id, precision, why, idle, handles_infrared(perceiver))
 
     def __str__(self) -> str:
@@ -314,9 +316,9 @@ class Encoded(_Report, frozen=True):
 
 
 class Logged(_Report, frozen=True):
-    """Carries a line for the supervisor's log. level: as in `logging`."""
+    """Carries a line for the supervisor's log, or several. level: as in `logging`."""
 
-    level: Whole
+    level: Annotated[int, Meta(ge=0, le=logging.CRITICAL)]
     name: Text
     text: Text
 
@@ -325,5 +327,5 @@ Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | Logged 
 
 
 def error_text(error: BaseException) -> str:
-    """Return an error's text, or its class where that is empty, of at most `LONGEST_TEXT` characters."""
-    return (str(error) or type(error).__name__)[:LONGEST_TEXT]
+    """Return an error's text, or its class where that is empty: one line of at most `LONGEST_TEXT`."""
+    return clean(str(error)[:LONGEST_TEXT]) or type(error).__name__

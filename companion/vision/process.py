@@ -9,6 +9,7 @@ import signal
 import socket
 import time
 from collections import deque
+from dataclasses import replace
 from functools import partial
 from typing import NoReturn
 
@@ -41,6 +42,7 @@ from companion.vision.messages import (
 )
 from companion.vision.warm_up import load_and_warm_up
 from companion.vision.worker import Worker, weak_in_use
+from companion.wire.packing import clean
 
 log = logging.getLogger(__name__)
 
@@ -158,7 +160,8 @@ def _serve(port: SupervisorChannel) -> None:
 
 
 def _send_alive(port: SupervisorChannel, reader: CameraThread) -> None:
-    port.send(Alive(reader.status, reader.delivered_at))
+    status = reader.status
+    port.send(Alive(replace(status, reason=clean(status.reason)), reader.delivered_at))
 
 
 def receive_start(port: SupervisorChannel) -> Start:

@@ -49,7 +49,7 @@ UPDATE = update_from(None, MEMORY, 1, 0, ())
 READY = Ready(Model("painted-1"), Settings(), UPDATE, ("a notice",), 0.1)
 VECTOR = np.ones(2, np.float32)
 ENTRY = Entry(VECTOR, WORDS, 1, 1)
-LONG = "x" * (LONGEST_TEXT + 1)
+LONG, CONTROL = "x" * (LONGEST_TEXT + 1), "\x1b[2J"
 NAN, INF = math.nan, math.inf
 TAP = Example("painted-1", VECTOR)
 TOO_MANY = [f"word {number}" for number in range(MAX_WORDS + 1)]
@@ -363,6 +363,17 @@ WRONG: dict[str, Any] = {
     "an encoded frame without a number": Encoded(-1, 2),
     "a line of no level": Logged("error", "name", "text"),  # type: ignore[arg-type]
     "a line too long": Logged(40, "name", LONG),
+    "a line of a level beyond those there are": Logged(51, "name", "text"),
+    "a failure that controls a terminal": Failed(f"text{CONTROL}"),
+    "an error of two lines": Done(1, None, "no\nERROR yes", None),
+    "a notice that controls a terminal": ready(notices=(CONTROL,)),
+    "a model that controls a terminal": ready(model=Model(CONTROL)),
+    "a reason that controls a terminal": Alive(CameraStatus(reason=CONTROL), 1.0),
+    "a figure that controls a terminal": finding_of(figure=CONTROL),
+    "a dropped word that controls a terminal": Done(1, AnswerOutcome(None, None, (CONTROL,)), "", None),
+    "a weak word that controls a terminal": updating(weak=(CONTROL,)),
+    "a given word that controls a terminal": memory_of(given={CONTROL: 1.0}),
+    "a tapped word that controls a terminal": entry_of(examples={CONTROL: (TAP,)}),
     "a failure of bytes": Failed(b"text"),  # type: ignore[arg-type]
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 import tracemalloc
 from dataclasses import replace
@@ -45,6 +46,7 @@ from companion.vision.messages import (
     Encoded,
     Failed,
     FrameJudged,
+    Logged,
     Model,
     Ready,
     Restore,
@@ -602,6 +604,32 @@ def test_a_frame_is_stored_only_where_that_was_asked_of_it(
     stage.vision.poll(stage.clock.now)
     assert stage.vision.has_stored_frame(number) is believed
     assert stage.vision.trouble == ("" if believed else "vision sent nonsense")
+
+
+def test_its_log_lines_are_clean_and_no_name_makes_a_logger(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    loggers = len(logging.root.manager.loggerDict)
+    for number in range(100):
+        stage.child.report(Logged(logging.ERROR, f"a{number}\n{'x' * 4000}", "text\x1b[2J 100 %s\n\x07ERROR"))
+        stage.vision.poll(stage.clock.now)
+    assert len(logging.root.manager.loggerDict) == loggers
+    lines = [one for one in caplog.records if one.name.startswith("a")]
+    assert len(lines) == 100
+    for one in lines:
+        assert one.name.isprintable()
+        assert len(one.name) < 200
+        assert one.getMessage() == "text [2J 100 %s\n  ERROR"
+
+
+def test_what_it_says_below_the_level_of_the_log_is_left_out(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        for level in (logging.INFO, logging.WARNING):
+            stage.child.report(Logged(level, "eyes", f"level {level}"))
+        stage.vision.poll(stage.clock.now)
+    assert [one.getMessage() for one in caplog.records if one.name == "eyes"] == ["level 30"]
 
 
 def test_a_frame_judged_before_it_was_ready_is_nonsense(clock: Clock) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,13 +21,15 @@ from anytraverse.history import Entry, History
 from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from bench.processes import children
+from companion.cameras.newest import CameraStatus
 from companion.config import Config
 from companion.vision.codec import encode_trusted
 from companion.vision.memory_copy import MemoryCopy
-from companion.vision.messages import Scenes, Start
-from companion.vision.process import SupervisorChannel, _Lines, receive_start
+from companion.vision.messages import Alive, Scenes, Start
+from companion.vision.process import SupervisorChannel, _Lines, _send_alive, receive_start
 from tests.companion.daemon.rig import picture
 from tests.companion.processes import PATIENCE, Companion
+from tests.companion.vision.played import heard
 from tests.waiting import fill, is_gone, wait_for
 
 GONE_WITHIN = 1.0
@@ -80,6 +83,13 @@ def test_a_line_of_the_log_that_cannot_be_made_costs_that_line_only(
             handler.handle(logging.LogRecord("x", logging.INFO, "", 0, "%d of %s", (number, "n"), None))
         assert [line.text for line in port.lines] == ["1 of n", "3 of n"]
     assert "Arguments: ('two', 'n')" in capsys.readouterr().err
+
+
+def test_what_a_driver_says_in_several_lines_is_believed_as_one() -> None:
+    sent: list[Alive] = []
+    reader = SimpleNamespace(status=CameraStatus(reason="no\ncamera\x1b"), delivered_at=None)
+    _send_alive(SimpleNamespace(send=sent.append), reader)  # type: ignore[arg-type]
+    assert heard(sent[0]).camera.reason == "no camera"
 
 
 def test_a_new_vision_process_waits_until_it_has_all_remembered_scenes() -> None:

@@ -328,7 +328,7 @@ def test_a_torn_frame_that_comes_back_is_an_error_that_is_told(stage: Stage, png
     assert stage.look().assessment.ok
 
 
-@pytest.mark.parametrize("text", ["", "a tensor of " + 5000 * "x"])
+@pytest.mark.parametrize("text", ["", "a tensor of " + 5000 * "x", "a tensor\n\x1b[2J"])
 def test_an_error_without_words_or_of_many_is_told_so_that_it_is_believed(
     stage: Stage, monkeypatch: pytest.MonkeyPatch, text: str
 ) -> None:

@@ -134,8 +134,8 @@ class VisionClient:
         """Number of the request -> what was asked, the oldest first."""
         self._drawing: dict[int, Draw] = {}
         """The requests that wait, by number."""
-        self._encoding = 0
-        """Number of the request to encode a frame that has no report yet, 0: none."""
+        self._encoding: Encode | None = None
+        """The request to encode a frame that has no report yet."""
         self._suspects = set[int]()
         """Ids of frames that were being given back when the last process died. A frame over which two
         processes in a row died is dropped: it may be what kills them."""
@@ -296,9 +296,10 @@ class VisionClient:
         if self._encoding or not self.watchdog.running or child is None or not child.idle:
             return False
         self._numbers += 1
-        if not self._send(Encode(self._numbers, frame_id)):
+        request = Encode(self._numbers, frame_id)
+        if not self._send(request):
             return False
-        self._encoding = self._numbers
+        self._encoding = request
         return True
 
     def situation(self, place: Place, now: float, *, moving: bool) -> None:
@@ -395,9 +396,9 @@ class VisionClient:
                     self._remember_frame(report.frame_id, report.png)
                 return [VisionResult(report, self.memory)]
             case Encoded():
-                if not self._encoding or report.number != self._encoding:
+                if self._encoding != Encode(report.number, report.frame_id):
                     raise BadReportError(f"encoded frame {report.number}, which nobody asked for")
-                self._encoding = 0
+                self._encoding = None
                 return [VisionResult(report, self.memory)]
         return []
 
@@ -457,7 +458,7 @@ class VisionClient:
         self.camera = replace(self.camera, state=CameraState.CONNECTING, reason=failure.cause)
         self.delivered_at = None
         self._drawing.clear()
-        self._encoding = 0
+        self._encoding = None
         restoring = {asked.frame_id for asked in self._unanswered.values() if asked.frame_id}
         dropped, self._suspects = restoring & self._suspects, restoring
         self._frames = OrderedDict(

@@ -550,6 +550,9 @@ def nonsense(stage: Stage, case: str) -> None:
             child.report(Drawn(77, 1, "title"))
         case "an encoded frame nobody asked for":
             child.report(Encoded(77, 1, b"jpeg"))
+        case "another frame encoded than was asked for":
+            assert stage.vision.encode(50)
+            child.report(Encoded(stage.vision.newest_request, 51, b"jpeg"))
         case "an encoded frame without a number":
             child.report(Encoded(0, 1, b"jpeg"))
         case "ready a second time":
@@ -575,6 +578,7 @@ def nonsense(stage: Stage, case: str) -> None:
         "an outcome nobody asked for",
         "a picture nobody asked for",
         "an encoded frame nobody asked for",
+        "another frame encoded than was asked for",
         "an encoded frame without a number",
         "ready a second time",
     ],

@@ -66,3 +66,12 @@ def as_json(values: Mapping[str, Any]) -> str:
         return json.dumps(dict(values))
     except (TypeError, ValueError) as error:
         raise JournalError(f"a record cannot be stored, since it is not JSON: {error}") from error
+
+
+def from_json(text: Any) -> dict[str, Any] | None:
+    """Read a JSON object, None for anything else."""
+    try:
+        found = json.loads(text)
+    except (ValueError, TypeError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None

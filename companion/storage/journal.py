@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.memory import Memory
-from companion.storage.batch import Batch, TableRow, as_json
+from companion.storage.batch import Batch, TableRow, as_json, from_json
 from companion.storage.daily_copy import DailyCopy
 from companion.storage.database import FRAME_SINCE, Damaged, Database, JournalError
 from companion.storage.memory_rows import read_memory, write_memory
@@ -112,15 +112,18 @@ class Journal:
             "SELECT id, closed_at, outcome, record FROM calls ORDER BY number DESC LIMIT ?", limit
         )
         told = (
-            {**json.loads(record), "id": number, "closed": at, "outcome": outcome}
+            {**(from_json(record) or {}), "id": number, "closed": at, "outcome": outcome}
             for number, at, outcome, record in found
         )
         return [CallReport.read({**one, "answers": [*self.answers(one["id"])]}, RECORD) for one in told]
 
     def answers(self, call_id: int) -> tuple[Mapping[str, Any], ...]:
-        """Return the answers to a call, oldest first. Raises JournalError."""
+        """Return the answers to a call, oldest first, without damaged ones. Raises JournalError."""
         query = "SELECT record FROM answers WHERE call_id = ? ORDER BY number"
-        return tuple(json.loads(record) for (record,) in self._database.rows(query, call_id))
+        found = [from_json(record) for (record,) in self._database.rows(query, call_id)]
+        for _ in range(found.count(None)):
+            _log.warning("an answer to call %d is lost: its record is damaged", call_id)
+        return tuple(record for record in found if record is not None)
 
     def _open(self, largest: int) -> _Opened:
         """Open the file and read all that a start needs, so that damage shows now and not later."""
@@ -229,6 +232,6 @@ def _read_state(database: Database) -> str | None:
     try:
         state = str(found[0][0])
         _table(state)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise Damaged(f"the state of the calls cannot be read: {error}") from error
     return state

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import Any, NamedTuple
 
 from anytraverse.history import History
 from anytraverse.memory import Memory
+from companion.storage.batch import from_json
 from companion.storage.database import ERRORS, TABLES, Damaged
 from companion.storage.memory_rows import KEYS, OWNER_CONFIGURED, OWNER_IN_USE, read_memory
 
@@ -153,16 +153,7 @@ def _usable(read: sqlite3.Connection, lost: set[int]) -> Salvaged:
     except Damaged:
         memory = None
     found = {table: rows(f"SELECT * FROM {table}") for table in (*_RECORDS, "frame")}
-    kept = {table: [row for row in found[table] if _table(row[-1]) is not None] for table in _RECORDS}
+    kept = {table: [row for row in found[table] if from_json(row[-1]) is not None] for table in _RECORDS}
     kept["frame"] = [row for row in found["frame"] if isinstance(row[-1], bytes)]
-    state = next((_table(state) for (state,) in rows("SELECT state FROM supervision")), None)
+    state = next((from_json(state) for (state,) in rows("SELECT state FROM supervision")), None)
     return Salvaged(memory, memory is not None and min(lost, default=0) >= 0, state, kept)
-
-
-def _table(text: Any) -> dict[str, Any] | None:
-    """Read a JSON object, None for anything else."""
-    try:
-        found = json.loads(text)
-    except (ValueError, TypeError, RecursionError):
-        return None
-    return found if isinstance(found, dict) else None

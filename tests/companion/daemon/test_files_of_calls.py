@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import re
+import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -209,6 +210,24 @@ def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(ma
     assert abs(closed["closed"] - call["place"]["time"]) < 60
     entry = next(one for one in rig.engine.memory.history if one.call_id == 1)
     assert (entry.place.latitude, entry.place.attitude) == (47.0, (5.73, -2.86, 85.94))
+
+
+@pytest.mark.parametrize("damaged", ["{", "7", b"\xff", "[" * 100_000], ids=["torn", "7", "bytes", "deep"])
+def test_an_answer_that_is_damaged_in_the_journal_is_lost_and_the_call_goes_on(
+    make_rig: MakeRig, damaged: object, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = make_rig()
+    rig.see(3.0, "drum")
+    for transaction in (7, 8):
+        rig.answer(1, Motion.STAY, transaction=transaction)
+        rig.see(0.5, "drum")
+    rig.kill()
+    with closing(sqlite3.connect(rig.folder / "journal.db")) as connection, connection:
+        connection.execute("UPDATE answers SET record = ? WHERE number = 1", (damaged,))
+    rig.start(mode=rig.stage.mode)
+    rig.see(1.0, "drum")
+    assert [one["transaction"] for one in told(rig, "/calls/1.json")["answers"]] == [8]
+    assert "an answer to call 1 is lost: its record is damaged" in caplog.messages
 
 
 def test_file_picture_and_data_of_a_call_are_of_one_assessment_after_an_answer_too(

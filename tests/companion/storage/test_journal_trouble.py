@@ -191,6 +191,10 @@ def _replace(folder: Path, old: bytes, new: bytes) -> None:
     path.write_bytes(content.replace(old, new))
 
 
+def _deep_state(folder: Path) -> None:
+    _edit(folder, f"UPDATE supervision SET state = '{'[' * 100_000}'")
+
+
 def _listed_state(folder: Path) -> None:
     _edit(folder, "UPDATE supervision SET state = '[1]'")
 
@@ -209,6 +213,7 @@ def _listed_state(folder: Path) -> None:
         (_nan_vector, 1, True, 5),
         (_bad_state, 1, True, 1),
         (_listed_state, 1, True, 1),
+        (_deep_state, 1, True, 1),
         (_state_of_no_text, 1, True, 1),
         (_column_of_another_name, 1, True, 1),
     ],

@@ -104,7 +104,7 @@ class Journal:
     def load_frame(self, frame_id: int) -> bytes | None:
         """Return the PNG of this frame; None when another one, or none, is stored. Raises JournalError."""
         found = self._database.rows("SELECT png FROM frame WHERE frame_id = ?", frame_id)
-        return bytes(found[0][0]) if found else None
+        return found[0][0] if found and isinstance(found[0][0], bytes) else None
 
     def calls(self, limit: int = 20) -> list[CallReport]:
         """Return the calls that were closed last, newest first. Raises JournalError."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from contextlib import closing
 
 import pytest
 
@@ -86,6 +87,15 @@ def test_a_tap_in_a_holds_picture_of_before_a_restart_is_refused(rig: Rig) -> No
         rig.answer(number, Motion.GO, Tap(frame_id, BOX, "gnome", 1.0), transaction=7 + transaction)
         rig.see(0.5, "rock")
     assert [ack.result for ack in rig.acks] == [Result.REFUSED, Result.APPLIED]
+
+
+def test_a_picture_that_is_no_bytes_in_the_journal_is_lost_and_the_call_goes_on(held: Rig) -> None:
+    held.kill()
+    with closing(sqlite3.connect(held.folder / "journal.db")) as connection, connection:
+        connection.execute("UPDATE frame SET png = 'torn'")
+    held.start(mode=held.stage.mode)
+    held.see(1.0, "gnome")
+    assert "C1 picture lost: it shows the newest now" in held.texts
 
 
 def test_a_call_whose_picture_is_lost_asks_about_the_newest_and_says_so(held: Rig) -> None:

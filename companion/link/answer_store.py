@@ -65,6 +65,8 @@ UNDECIDED_FOR = 30.0
 REPEAT_WITHIN = 5.0
 """s in which the same command or AT_ANSWER counts as a repetition."""
 _SAVED = 16
+_ROW = (0, 0xFF), (0, 0xFF), (1, 0xFFFFFFFF), (0, 0xFFFF), (0, max(Result))
+"""Least and most of the numbers of a saved reply: system, component, transaction, target, result."""
 
 
 Known = tuple[float, Acknowledgement | None]
@@ -93,7 +95,7 @@ class AnswerStore:
         self._before: dict[tuple[Any, ...], Acknowledgement] = {}
         self._rows: deque[list[Any]] = deque(maxlen=_SAVED)
         for row in saved if isinstance(saved, list) else []:
-            with contextlib.suppress(TypeError, ValueError, OverflowError):
+            with contextlib.suppress(AttributeError, TypeError, ValueError):
                 self._restore(*row)
 
     def __len__(self) -> int:
@@ -172,11 +174,15 @@ class AnswerStore:
         return list(self._rows)
 
     def _restore(self, *row: Any) -> None:
-        system, component, transaction, target, result, text = row
-        sender = int(system), int(component)
-        via = Via.PAGE if sender == PAGE_SENDER else Via.TUNNEL
-        answer = Answer(0, Motion.NONE, (), int(transaction), sender, via)
-        reply = Acknowledgement.without_figures(answer.transaction, int(target), Result(result), str(text))
+        *numbers, text = row
+        for number, (least, most) in zip(numbers, _ROW, strict=True):
+            if type(number) is not int or not least <= number <= most:
+                return
+        text.encode()  # what is no text, or has half a character, cannot be sent
+        system, component, transaction, target, result = numbers
+        via = Via.PAGE if (system, component) == PAGE_SENDER else Via.TUNNEL
+        answer = Answer(0, Motion.NONE, (), transaction, (system, component), via)
+        reply = Acknowledgement.without_figures(transaction, target, Result(result), text)
         self._before[answer.key] = reply
         self._append(answer, reply)
 

@@ -176,6 +176,22 @@ def test_the_rows_of_a_journal_come_back_as_they_were(saved: list[tuple[Any, ...
     assert AnswerStore([list(row) for row in saved]).saved() == [list(row) for row in saved]
 
 
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        *((0, raw) for raw in (-1, 256, "7", True, 7.5, None)),
+        (1, 256),
+        *((2, raw) for raw in (0, 2**32)),
+        *((3, raw) for raw in (-1, 65536)),
+        *((4, raw) for raw in (7, True)),
+        *((5, raw) for raw in ("\ud800", 7, None)),
+    ],
+)
+def test_a_row_that_no_reply_could_have_made_is_dropped(column: int, value: Any) -> None:
+    row = [255, 190, 9, 7, 0, "applied"]
+    assert AnswerStore([[*row[:column], value, *row[column + 1 :]], row]).saved() == [row]
+
+
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists))
 def test_whatever_else_stands_in_the_journal_counts_for_nothing(saved: Any) -> None:
     assert isinstance(AnswerStore(saved).saved(), list)

@@ -19,6 +19,7 @@ from anytraverse.operations import (
 from companion.wire import layouts
 from companion.wire.ids import VERSION, Motion, Outcome, Reasons, Result, SenderId, Stage
 from companion.wire.packing import (
+    Fractions,
     PayloadError,
     Reader,
     box_to_u16,
@@ -75,7 +76,9 @@ def _pack_operation(operation: AnyOperation) -> bytes:
                 + text_to_bytes(word, MAX_WORD_BYTES)
             )
         case Tap(frame_id, box, word, weight):
-            tap = layouts.TAP.struct.pack(frame_id & 0xFFFFFFFF, *box_to_u16(box), signed_to_i16(weight))
+            sides = box_to_u16(box)
+            _box(sides)
+            tap = layouts.TAP.struct.pack(frame_id & 0xFFFFFFFF, *sides, signed_to_i16(weight))
             return _CODE.pack(_Code.TAP) + tap + text_to_bytes(word, MAX_WORD_BYTES)
         case ForgetWord(word):
             return _CODE.pack(_Code.FORGET_WORD) + text_to_bytes(word, MAX_WORD_BYTES)
@@ -98,6 +101,13 @@ def _weight(raw: int) -> float:
     return weight
 
 
+def _box(raw: tuple[int, int, int, int]) -> Fractions:
+    box = u16_to_box(raw)
+    if box is None:
+        raise PayloadError("a tap has no box")
+    return box
+
+
 def _read_operation(reader: Reader) -> AnyOperation:
     (code,) = reader.take(_CODE)
     if code == _Code.SET:
@@ -105,10 +115,7 @@ def _read_operation(reader: Reader) -> AnyOperation:
         return SetWord(reader.text(), _weight(raw))
     if code == _Code.TAP:
         frame_id, left, top, right, bottom, raw = reader.take(layouts.TAP.struct)
-        box = u16_to_box((left, top, right, bottom))
-        if box is None:
-            raise PayloadError("a tap has no box")
-        return Tap(frame_id, box, reader.text(), _weight(raw))
+        return Tap(frame_id, _box((left, top, right, bottom)), reader.text(), _weight(raw))
     if code == _Code.FORGET_WORD:
         return ForgetWord(reader.text())
     if code == _Code.FORGET_CALL:
@@ -195,7 +202,8 @@ class Answer:
     def pack(self, part: int = 0, parts: int = 1) -> bytes:
         """Pack into a payload's bytes, as part `part` (from 0) of `parts`.
 
-        The operations of all parts count in order. Raises PayloadError above 128 bytes: send several parts.
+        The operations of all parts count in order. Raises PayloadError above 128 bytes: send several parts;
+        and for a tap whose box is nothing as it is sent.
         """
         head = layouts.ANSWER.struct.pack(
             VERSION, self.transaction, self.target, self.motion, part, parts, len(self.operations)

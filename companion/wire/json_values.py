@@ -9,7 +9,7 @@ from typing import Any
 
 from anytraverse.errors import AnyTraverseError
 from anytraverse.preferences import MAX_WORDS, check_weight, clean_word
-from companion.wire.packing import Fractions
+from companion.wire.packing import Fractions, box_to_u16
 
 LONGEST = 300
 """Characters of a text."""
@@ -66,9 +66,11 @@ def box_of(raw: Any) -> Fractions | None:
     """Return a list of left, top, right and bottom as a box, None for anything else."""
     sides = [number_of(one, 0, 1) for one in list_of(raw)]
     known = [one for one in sides if one is not None]
-    if len(known) != 4 or len(sides) != 4 or not (known[0] < known[2] and known[1] < known[3]):
+    if len(known) != 4 or len(sides) != 4:
         return None
-    return known[0], known[1], known[2], known[3]
+    box = known[0], known[1], known[2], known[3]
+    left, top, right, bottom = box_to_u16(box)  # as fine as it is sent
+    return box if left < right and top < bottom else None
 
 
 def word_of(raw: Any) -> str:

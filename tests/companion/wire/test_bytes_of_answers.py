@@ -1,11 +1,14 @@
 """The bytes of answers and acknowledgements, TUNNEL 45003 and 45004: rovers and ground stations have them."""
 
+import math
+
 import pytest
 
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
 from companion.wire.answers import Acknowledgement, Answer, AnyOperation, CancelIncident, PackIncident
 from companion.wire.delivery import split
 from companion.wire.ids import Motion, Outcome, Reasons, Result, Stage
+from companion.wire.packing import Fractions, PayloadError
 
 ANSWERS: dict[str, tuple[tuple[AnyOperation, ...], str]] = {
     "a motion alone": ((), "0104030201020101000100"),
@@ -45,6 +48,14 @@ def test_an_answer_has_the_bytes_that_it_always_had(name: str) -> None:
     answer = Answer(258, Motion.GO, operations, 0x01020304)
     assert answer.pack().hex() == payload
     assert Answer.unpack(bytes.fromhex(payload)) == (answer, 0, 1)
+
+
+@pytest.mark.parametrize(
+    "box", [(0.4, 0.5, 0.4, 0.6), (0.40001, 0.5, 0.40004, 0.6), (1.1, 0, 1.2, 1), (math.nan,) * 4], ids=str
+)
+def test_a_tap_whose_box_is_nothing_as_it_is_sent_is_refused(box: Fractions) -> None:
+    with pytest.raises(PayloadError, match="box"):
+        Answer(3, Motion.STAY, (Tap(3, box, "drum", 0.5),), 77).pack()
 
 
 def test_a_long_answer_is_split_into_the_parts_that_it_always_had() -> None:

@@ -636,6 +636,14 @@ def test_what_it_says_below_the_level_of_the_log_is_left_out(
     assert [one.getMessage() for one in caplog.records if one.name == "eyes"] == ["level 30"]
 
 
+def test_an_outcome_that_is_told_twice_counts_once(stage: Stage) -> None:
+    assert stage.ask("token", unicorn=1.0)
+    stage.child.work()
+    stage.child._reports *= 2
+    assert [one.token for one in stage.vision.poll(stage.clock.now)] == ["token"]
+    assert stage.vision.trouble == "vision sent nonsense"
+
+
 def test_a_frame_judged_before_it_was_ready_is_nonsense(clock: Clock) -> None:
     child = Channel(engine, STEP)
     vision = VisionClient(lambda: child, Config(), None, VISION)

@@ -82,7 +82,7 @@ class CallTexts(Observer):
                 self._judged(judged, memory, turn)
 
     def _decided(self, decided: Decided, turn: Turn) -> None:
-        decision, report, fault = decided
+        decision, report, fault, _ = decided
         match decision:
             case CallOpened(call):
                 log.warning("call %d: %s", call.id, ", ".join(sorted(r.value for r in call.reasons)))

@@ -174,17 +174,15 @@ class Daemon:
     def _made(self, now: float) -> Turn:
         """Make the record of this turn."""
         calls, health, events = self._calls, self._deciders.health, tuple(self._executor.events)
-        position = self._deciders.vehicle.position
         self._executor.events.clear()
         return Turn(
             now=now,
-            at=position.clock.stamp(),
             state=self._state,
             policy=calls.policy,
             current_id=calls.current_id,
             words=self._vision.words,
             weak=self._vision.weak,
-            place=position.place(),
+            place=self._deciders.vehicle.position.place(),
             vehicle=self._link.vehicle,
             link_trouble=self._link.trouble or "",
             computer=self._deciders.computer.newest,

@@ -77,11 +77,12 @@ class DecisionExecutor:
                 self._send_mode(decision, now)
         if at_once:
             self.send_hold_now(now)
+        at = self._persistence.stamp()
         for decision in decisions:
             with self.error_guard.survived(Decided.__name__, now):
-                self.events.append(self._decided(decision, now))
+                self.events.append(self._decided(decision, now, at))
             with self.error_guard.survived(type(decision).__name__, now):
-                self._do(decision, now)
+                self._do(decision, now, at)
         if at_once:
             with self.error_guard.survived(HoldShown.__name__, now):
                 self._show_hold(now)
@@ -100,25 +101,25 @@ class DecisionExecutor:
             case SetMode(mode, expected, hold):
                 self._modes.command(mode, now, expected=expected, hold=hold)
 
-    def _decided(self, decision: Decision, now: float) -> Decided:
+    def _decided(self, decision: Decision, now: float, at: float) -> Decided:
         """Return the decision for those who are told of it at the end of the turn."""
         match decision:
             case CallOpened(call) | CallClosed(call):
                 decision = replace(decision, call=replace(call, reasons=set(call.reasons)))
             case HoldStarted(hold) | HoldMoved(hold) | HoldShown(hold) | HoldRenamed(_, hold):
                 decision = replace(decision, hold=copy(hold))
-        return Decided(decision, self._calls.monitor.newest, self._fault_name(now))
+        return Decided(decision, self._calls.monitor.newest, self._fault_name(now), at)
 
-    def _do(self, decision: Decision, now: float) -> None:
+    def _do(self, decision: Decision, now: float, at: float) -> None:
         match decision:
             case CallOpened(call):
                 self._frames.call_opened(call, now)
             case CallClosed(call):
-                self._persistence.save_closed_call(call)
+                self._persistence.save_closed_call(call, at)
             case HoldShown():
                 self._hold_to_show = decision
             case WouldHold():
-                self._statistics.began(decision, self._persistence.stamp())
+                self._statistics.began(decision, at)
             case WouldResume():
                 self._statistics.ended(decision)
 

@@ -112,9 +112,8 @@ class Persistence:
         self._queue(lambda: Batch(rows=(TableRow.of_answer(target, record, at),)))
         return {"at": round(at, 2), **record}
 
-    def save_closed_call(self, call: Call) -> None:
-        """Queue a closed call."""
-        at = self.stamp()
+    def save_closed_call(self, call: Call, at: float) -> None:
+        """Queue a closed call. at: seconds since 1970."""
         self._queue(lambda: Batch(rows=(TableRow.of_call(recorded(call), at),)))
 
     def save_frame(self, frame_id: int, png: bytes) -> None:

@@ -77,8 +77,8 @@ class Records(Observer):
                 self._call_shown(event, turn)
             case AnswerStored(target, record):
                 self._answered(target, record)
-            case Decided(CallClosed(call)):
-                self._call_closed(call, turn.at)
+            case Decided(CallClosed(call), at=at):
+                self._call_closed(call, at)
             case Decided(HoldMoved(hold, HoldEvent.RESUMED)):
                 kind = Kind.CALL if hold.id == self._answers[0] else Kind.HOLD
                 self._draw_newest(f"{texts.name(kind, hold.id)} drives on", turn)

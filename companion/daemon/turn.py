@@ -57,12 +57,13 @@ class Decided(NamedTuple):
     """A decision that was carried out, with what was so then: much may change until the turn is told.
 
     decision: its call or hold is a copy. report: the autopilot's newest one. fault_name: what was wrong, in
-    two or three words.
+    two or three words. at: seconds since 1970.
     """
 
     decision: Decision
     report: ModeReport
     fault_name: str
+    at: float
 
 
 Event = InboundEvent | VisionResult | Decided | CallShown | AnswerStored | Reply
@@ -82,15 +83,14 @@ class Reminder(NamedTuple):
 class Turn:
     """One turn of the main loop, after all was decided and queued for the disk, and before it is sent.
 
-    now: monotonic seconds. at: seconds since 1970. current_id: of the open call or hold, 0 for none. words:
-    in use. weak: those of them that the perceiver recognises badly. link_trouble: where and why nothing can
-    be sent, "" when all is well. computer: figures of `Computer`. silent: the parts that give no sign of
-    life. fault: why nothing can be judged, "" while it can. test_call: `TrialCall.status`. events: what
-    happened since the turn before, in order.
+    now: monotonic seconds. current_id: of the open call or hold, 0 for none. words: in use. weak: those of
+    them that the perceiver recognises badly. link_trouble: where and why nothing can be sent, "" when all is
+    well. computer: figures of `Computer`. silent: the parts that give no sign of life. fault: why nothing can
+    be judged, "" while it can. test_call: `TrialCall.status`. events: what happened since the turn before, in
+    order.
     """
 
     now: float
-    at: float
     state: State
     policy: Policy
     current_id: int

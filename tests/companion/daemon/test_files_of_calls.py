@@ -8,6 +8,7 @@ import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -345,6 +346,17 @@ def test_a_computer_without_a_clock_stamps_with_the_autopilots_time(
     entry = next(one for one in rig.engine.memory.history if one.call_id == 1)
     assert entry.place.time is not None
     assert abs(entry.place.time - 1_790_000_000) < 10
+
+
+def test_journal_and_file_tell_one_time_of_a_calls_end(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig()
+    rig.see(3.0, "drum")
+    monkeypatch.setattr(rig.daemon.position.clock, "_wall", count(1.79e9).__next__)
+    rig.answer(1, Motion.GO, SetWord("drum", 1.0))
+    rig.see(3.0, "drum")
+    assert [record.closed for record in rig.journal.calls()] == [told(rig, "/calls/1.json")["closed"]]
 
 
 def test_only_the_newest_calls_are_kept_whatever_the_clock_says(tmp_path: Path) -> None:

@@ -6,11 +6,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from anytraverse.operations import ForgetCall, ForgetWord, Operation, OtherPlace, SetWord, Tap, weights_of
+from anytraverse.operations import (
+    ForgetCall,
+    ForgetWord,
+    Operation,
+    OtherPlace,
+    SetWord,
+    Tap,
+    taps_of,
+    weights_of,
+)
 from companion.pages.wording import without_box
 from companion.wire.answers import Answer, AnyOperation
+from companion.wire.call_report import CallReport
 from companion.wire.delivery import DeliveryStatus, Pending
-from companion.wire.ids import CHANGING_RESULTS, Motion, Result
+from companion.wire.ids import CHANGING_RESULTS, Kind, Motion, Result
 from companion.wire.words_text import operation_text
 
 _WELL = CHANGING_RESULTS - {Result.NOT_COVERED}
@@ -18,17 +28,24 @@ _WELL = CHANGING_RESULTS - {Result.NOT_COVERED}
 
 @dataclass(frozen=True)
 class Answered:
-    """An answer from a page. at: seconds since 1970. words: weight by word before it."""
+    """An answer from a page. at: seconds since 1970. words: weight by word before it. call: that it is to."""
 
     pending: Pending
     at: float
     words: Mapping[str, float]
+    call: CallReport | None = None
 
     @property
     def taught(self) -> bool:
         """Whether the rover learnt something from it: words, or that it may go."""
         answer = self.pending.answer
         return self.pending.applied and (bool(answer.operations) or answer.motion is Motion.GO)
+
+    @property
+    def remembered(self) -> bool:
+        """Whether the rover remembers the scene with it: of a hold only where it taps in the picture."""
+        of_hold = self.call is not None and self.call.kind is Kind.HOLD
+        return not of_hold or bool(taps_of(self.pending.answer.changes))
 
     def document(self) -> dict[str, Any]:
         """Return what a page shows of it."""
@@ -63,7 +80,7 @@ class OwnAnswers:
         return any(ack is not None and ack.result is Result.STALE for ack in acks) and not self.applied
 
     def undoing(self) -> tuple[Operation, ...]:
-        """Return what takes them back: the call's scene is forgotten, its words are as before.
+        """Return what takes them back: a remembered scene of the call is forgotten, its words are as before.
 
         () where `undone` may still be applied, or was.
         """
@@ -72,13 +89,18 @@ class OwnAnswers:
             return ()
         before = taught[0].words
         touched = {
-            change.word: None
+            change.word: not isinstance(change, ForgetWord)
             for one in taught
             for change in one.pending.answer.operations
-            if isinstance(change, SetWord | Tap)
+            if isinstance(change, SetWord | Tap | ForgetWord)
         }
-        restored = (SetWord(word, before[word]) if word in before else ForgetWord(word) for word in touched)
-        return (ForgetCall(taught[0].pending.answer.target), *restored)
+        restored = (
+            SetWord(word, before[word]) if word in before else ForgetWord(word)
+            for word, in_use in touched.items()
+            if in_use or word in before
+        )
+        scenes = {ForgetCall(one.pending.answer.target) for one in taught if one.remembered}
+        return (*scenes, *restored)
 
     def document(self) -> dict[str, Any]:
         """Return what a page shows of them. undo: weight by word that undoing sets, None: nothing is left."""

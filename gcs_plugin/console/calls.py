@@ -112,11 +112,13 @@ class Stories:
         if story is not None and (not story.said or story.said[-1][1] != clean(text)):
             story.said.append((wall, clean(text)))
 
-    def answered(self, pending: Pending, words: Mapping[str, float], wall: float) -> None:
+    def answered(
+        self, pending: Pending, call: CallReport | None, words: Mapping[str, float], wall: float
+    ) -> None:
         """Take note of an answer that leaves from here."""
         story = self.by_id.get(pending.answer.target)
         if story is not None:
-            story.own.answers.append(Answered(pending, wall, dict(words)))
+            story.own.answers.append(Answered(pending, wall, dict(words), call))
 
     def others_were_first(self, call: TrackedCall) -> bool:
         """Whether the call was answered, and not from here."""

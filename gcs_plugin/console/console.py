@@ -143,9 +143,10 @@ class Console:
     def _answer(self, answer: Answer, desk: RoverDesk, now: float, wall: float) -> str:
         rover = desk.rover
         call = rover.calls.get(answer.target)
-        check_answer(answer, call.data if call is not None else None, current_call(rover))
+        told = call.data if call is not None else None
+        check_answer(answer, told, current_call(rover))
         pending = self.client.answer(desk.system, answer, now)
-        desk.stories.answered(pending, desk.fetched.words, wall)
+        desk.stories.answered(pending, told, desk.fetched.words, wall)
         named = (one for one in answer.operations if isinstance(one, SetWord | Tap))
         desk.fetched.note_named({one.word: one.weight for one in named})
         return "sent" if rover.alive(now) else "the rover is not heard: it is sent as soon as it is"

@@ -262,6 +262,21 @@ def test_undoing_forgets_the_scene_and_puts_the_words_back(desk: Desk) -> None:
     assert not desk.shown()["undo"]
 
 
+def test_of_a_holds_answer_which_no_scene_remembers_the_words_are_taken_back(desk: Desk) -> None:
+    desk.until(lambda: bool(desk.rover()["words_known"]))
+    desk.call = replace(desk.call, kind=ids.Kind.HOLD)
+    desk.announce()
+    desk.run(3.0)
+    desk.post("answer", call=7, motion="go", changes=[{"forget": "grass"}])
+    desk.until(lambda: bool(desk.requests()))
+    desk.acknowledge(ids.Result.APPLIED, ids.Stage.CLOSED)
+    desk.link.link.set_state(ids.State.OK, 0, ids.Policy.HOLD)
+    desk.until(lambda: bool(desk.shown()["undo"]) and not desk.rover()["current"])
+    desk.post("undo", call=7)
+    desk.until(lambda: len(desk.requests()) == 2)
+    assert desk.requests()[-1].operations == (SetWord("grass", 1.0),)
+
+
 @pytest.mark.parametrize("motion", ["stay", "look"])
 def test_what_taught_nothing_cannot_be_undone(desk: Desk, motion: str) -> None:
     desk.announce()

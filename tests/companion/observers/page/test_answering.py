@@ -190,6 +190,40 @@ def test_what_an_answer_taught_can_be_taken_back_once_no_call_is_open() -> None:
         desk.undo(8)
 
 
+def test_words_that_an_answer_made_forgotten_come_back_with_their_weights() -> None:
+    desk = Desk()
+    desk.tell(OPEN, grass=1.0, rock=-0.5)
+    desk.post(call=7, motion="stay", changes=[{"forget": "rock"}, {"word": "mud", "weight": 1}])
+    desk.acknowledge()
+    desk.tell(OPEN, grass=1.0, mud=1.0)
+    desk.post(call=7, changes=[{"forget": "mud"}])
+    desk.acknowledge()
+    desk.tell(None, grass=1.0)
+    desk.undo(7)
+    assert desk.sent[-1].operations == (ForgetCall(7), SetWord("rock", -0.5)), "mud is out of use as before"
+
+
+def test_of_a_holds_answer_without_a_tap_which_no_scene_remembers_the_words_are_taken_back() -> None:
+    desk = Desk({**OPEN, "kind": "hold"})
+    desk.post(call=7, motion="go")
+    desk.acknowledge()
+    assert desk.answering.by_call()[7].document()["undo"] is None
+    desk.post(call=7, changes=[{"word": "grass", "weight": 0.5}])
+    desk.acknowledge()
+    desk.tell(None, grass=0.5)
+    desk.undo(7)
+    assert desk.sent[-1].operations == (SetWord("grass", 1.0),)
+
+
+def test_the_scene_of_a_holds_answer_with_a_tap_is_forgotten() -> None:
+    desk = Desk({**OPEN, "kind": "hold"})
+    desk.post(call=7, changes=[TAP])
+    desk.acknowledge()
+    desk.tell(None, grass=1.0, drum=-1.0)
+    desk.undo(7)
+    assert desk.sent[-1].operations == (ForgetCall(7), ForgetWord("drum"))
+
+
 def test_what_is_being_taken_back_is_not_taken_back_twice_but_again_where_that_failed() -> None:
     desk = Desk()
     desk.post(call=7, changes=[TAP])

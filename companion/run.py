@@ -252,9 +252,9 @@ class _Report(Observer):
         """Return what the page is told."""
         return {
             "told": self._supervisor.call_texts.told,
-            "ahead": self._supervisor.ahead(),
+            "ahead": self._supervisor.status.ahead(),
             "status": self._figures,
-            "state": self._supervisor.state_file(),
+            "state": self._supervisor.status.state_file(),
             "check": self._checks.document(),
             "incidents": self._beside.packer.document(),
         }

@@ -171,7 +171,8 @@ def compose(
         recording,
     )
     observers = Observers(told, guard)
-    supervisor = Supervisor(
+    served.started(status.state_file, lambda: calls.reason_filter.newest)
+    return Supervisor(
         daemon=Daemon(link, vision, calls, executor, deciders, observers),
         calls=calls,
         persistence=persistence,
@@ -183,7 +184,7 @@ def compose(
         incidents=incidents,
         test_call=test_call,
         observers=observers,
-        figures=status,
+        status=status,
         status_file=status_file,
         records=records,
         call_texts=call_texts,
@@ -193,8 +194,6 @@ def compose(
         video_pictures=video_pictures,
         recording=recording,
     )
-    served.started(supervisor.state_file, lambda: calls.reason_filter.newest)
-    return supervisor
 
 
 def restore_settings(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -98,14 +99,14 @@ class Status(Observer):
             self._judging_s = judged.duration
             self._latencies.append(judged.assessment.age)
 
-    def ahead(self, now: float) -> dict[str, Any] | None:
+    def ahead(self) -> dict[str, Any] | None:
         """Return what was judged of the way ahead; None where no frame of the last `AHEAD_FRESH` s was.
 
         sectors: drivable share of each image column, from the left, None where nothing is known.
         field_of_view: degrees. traversability, uncertainty: of the region of interest, None unknown.
         """
         newest = self._calls.reason_filter.newest
-        if newest is None or now - newest.frame.captured_at > AHEAD_FRESH:
+        if newest is None or time.monotonic() - newest.frame.captured_at > AHEAD_FRESH:
             return None
         return {
             "sectors": self._sectors,
@@ -114,10 +115,10 @@ class Status(Observer):
             "uncertainty": newest.roi.uncertainty if newest.roi else None,
         }
 
-    def figures(self, now: float) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Return all figures, for the status file: JSON values."""
         newest, camera, rate = self._calls.reason_filter.newest, self._vision.camera, self._vision.rate
-        ready = self._vision.ready
+        ready, now = self._vision.ready, time.monotonic()
         return {
             "version": self._release,
             "service": self._is_service,
@@ -171,11 +172,11 @@ class Status(Observer):
             "link": {"trouble": self._link.trouble, **asdict(self._link.counters)},
         }
 
-    def state_file(self, now: float) -> dict[str, Any]:
+    def state_file(self) -> dict[str, Any]:
         """Return the most important figures, for /state.json: JSON values, some 2 kB."""
-        status, words, place = self.figures(now), self._vision.words, self._place
+        status, words, place = self.figures(), self._vision.words, self._place
         picture = self._records.picture_of(self._calls.current_id)
-        current = current_data(self._calls, words, place, picture, now)
+        current = current_data(self._calls, words, place, picture, time.monotonic())
         return {
             "version": self._release,
             "protocol": VERSION,

@@ -42,7 +42,7 @@ class Supervisor:
     incidents: IncidentRequests
     test_call: TrialCall
     observers: Observers
-    figures: Status
+    status: Status
     status_file: StatusFile
     records: Records
     call_texts: CallTexts
@@ -57,22 +57,10 @@ class Supervisor:
         self.shadow.log_totals()
         self.daemon.release()
         self.persistence.leave()
-        self.status_file.leave(self.status())
+        self.status_file.leave(self.status.figures())
 
     def write_status(self, **more: Any) -> dict[str, Any]:
         """Queue the status file, and return its content. more: figures of parts that are not the daemon's."""
-        figures = self.status_file.write({**self.status(), **more})
+        figures = self.status_file.write({**self.status.figures(), **more})
         self.recording.status(figures, time.monotonic())
         return figures
-
-    def status(self) -> dict[str, Any]:
-        """Return the figures of the status file."""
-        return self.figures.figures(time.monotonic())
-
-    def ahead(self) -> dict[str, Any] | None:
-        """Return what was judged of the way ahead, see `Status.ahead`."""
-        return self.figures.ahead(time.monotonic())
-
-    def state_file(self) -> dict[str, Any]:
-        """Return the figures for /state.json."""
-        return self.figures.state_file(time.monotonic())

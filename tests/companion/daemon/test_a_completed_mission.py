@@ -66,7 +66,7 @@ def test_a_thing_before_a_rover_that_stands_after_its_mission_holds_nothing(over
     assert over.state == ("CALLING", 1)
     assert "C1 mission complete: rover stands, not held" in over.texts
     assert over.modes == DONE
-    told = over.daemon.state_file()
+    told = over.daemon.status.state_file()
     assert told["mission"] == {"state": "complete", "item": 2, "total": 2, "over": True}
     assert told["held_by"] is None
 
@@ -100,7 +100,7 @@ def test_a_resume_that_would_begin_it_anew_is_refused_and_the_hold_stands(rollin
     assert REFUSED in rolling.texts
     assert rolling.modes == [*DONE, ("HOLD", "companion")]
     assert rolling.rover.speed == 0.0
-    assert rolling.daemon.status()["held_by"] == "companion"
+    assert rolling.daemon.status.figures()["held_by"] == "companion"
     rolling.px4.set_mode(Mode.AUTO, "hand")
     rolling.see(3.0)
     assert rolling.rover.speed > 1.0

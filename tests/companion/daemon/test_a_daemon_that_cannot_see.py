@@ -36,7 +36,7 @@ def test_with_half_a_second_of_latency_the_hold_still_comes_at_t_after_the_last_
     while rig.stage.mode == AUTO:
         rig.wait(0.1)
     assert T < rig.clock.now - newest.frame.captured_at <= T + 0.15
-    assert rig.daemon.status()["latency_ms"] == 500.0
+    assert rig.daemon.status.figures()["latency_ms"] == 500.0
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ class GuardedRig(Px4Rig):
     @property
     def told(self) -> tuple[str, str]:
         """What status.json and /state.json say of it."""
-        return self.daemon.status()["px4_deadman"], self.daemon.state_file()["px4_deadman"]
+        return self.daemon.status.figures()["px4_deadman"], self.daemon.status.state_file()["px4_deadman"]
 
 
 @pytest.fixture(params=["loiter", "offboard"])
@@ -173,5 +173,5 @@ def test_as_shipped_no_sticks_are_sent(tmp_path: Path, clock: Clock) -> None:
     rig = Px4Rig(tmp_path, clock, "loiter", Rig.config)
     rig.see(8.0)
     assert rig.stage.sent("MANUAL_CONTROL") == []
-    assert rig.daemon.status()["px4_deadman"] == "off"
+    assert rig.daemon.status.figures()["px4_deadman"] == "off"
     rig.kill()

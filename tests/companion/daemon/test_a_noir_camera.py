@@ -52,7 +52,7 @@ def test_hold_is_a_fault_by_name_with_a_perceiver_that_is_not_trained_for_it(
     make_rig: MakeRig, caplog: pytest.LogCaptureFixture
 ) -> None:
     rig = set_up(make_rig)
-    assert rig.daemon.status()["camera"]["infrared"] is None
+    assert rig.daemon.status.figures()["camera"]["infrared"] is None
     rig.see(SEEN)
     assert rig.told_policy is Policy.HOLD
     assert (rig.state[0], rig.stage.mode) == ("FAULT", HOLD)
@@ -60,7 +60,7 @@ def test_hold_is_a_fault_by_name_with_a_perceiver_that_is_not_trained_for_it(
     assert rig.texts.count("FAULT: NoIR camera: change it, or AT_POLICY 0") == 1
     assert rig.texts.count(f"H{rig.state[1]} FAULT NoIR camera") == 1
     assert "for which the perceiver is not trained" in caplog.text
-    status = rig.daemon.status()
+    status = rig.daemon.status.figures()
     assert status["camera"]["infrared"] is True
     assert status["perceiver"]["infrared"] is False
     assert status["hold_refused"] == "HOLD refused: NoIR camera: change it"
@@ -89,7 +89,7 @@ def test_it_is_handled_where_perceiver_or_configuration_say_so(
     rig.see(SEEN)
     assert rig.told_policy is Policy.HOLD
     assert rig.texts.count("Camera shows infrared (NoIR): handled") == 1
-    status = rig.daemon.status()
+    status = rig.daemon.status.figures()
     assert (status["camera"]["infrared"], status["hold_refused"]) == (True, "")
     assert status["perceiver"]["infrared"] is trained
 
@@ -123,7 +123,7 @@ def test_one_that_shows_none_is_never_told_of(make_rig: MakeRig, shows: Shows) -
     rig.see(GONE)
     assert rig.told_policy is Policy.HOLD
     assert not [text for text in rig.texts if "infrared" in text]
-    assert rig.daemon.status()["camera"]["infrared"] is False
+    assert rig.daemon.status.figures()["camera"]["infrared"] is False
 
 
 def test_another_camera_is_told_of_once_and_ends_the_fault(make_rig: MakeRig, shows: Shows) -> None:
@@ -147,7 +147,7 @@ def test_pictures_that_look_so_now_and_then_change_nothing(make_rig: MakeRig, sh
         rig.see(0.5)
     assert [text for text in rig.texts if "nfrared" in text] == [notices.infrared(handled=False)]
     assert rig.texts.count("FAULT: NoIR camera: change it, or AT_POLICY 0") == 1
-    assert rig.daemon.status()["camera"]["infrared"] is True
+    assert rig.daemon.status.figures()["camera"]["infrared"] is True
 
 
 @pytest.mark.usefixtures("shows")
@@ -159,9 +159,9 @@ def test_a_new_vision_process_does_not_forget_it(make_rig: MakeRig, shows: Shows
     rig.see(5.0)
     rig.hung = False
     rig.see(10.0)
-    assert rig.daemon.status()["vision"]["restarts"] == 1
-    assert rig.daemon.status()["camera"]["infrared"] is True
-    assert rig.daemon.status()["hold_refused"] == "HOLD refused: NoIR camera: change it"
+    assert rig.daemon.status.figures()["vision"]["restarts"] == 1
+    assert rig.daemon.status.figures()["camera"]["infrared"] is True
+    assert rig.daemon.status.figures()["hold_refused"] == "HOLD refused: NoIR camera: change it"
 
 
 @pytest.mark.usefixtures("shows")

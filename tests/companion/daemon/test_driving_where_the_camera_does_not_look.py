@@ -99,9 +99,9 @@ def test_a_human_may_reverse(rig: Rig) -> None:
 def test_without_a_position_nothing_is_judged(rig: Rig) -> None:
     rig.see(10.0)
     assert rig.stage.mode == AUTO
-    assert rig.daemon.status()["course"] == "position"
+    assert rig.daemon.status.figures()["course"] == "position"
     Drive(rig).on(1.0, 2.0)
-    assert rig.daemon.status()["course"] == ""
+    assert rig.daemon.status.figures()["course"] == ""
 
 
 def test_in_report_it_is_told_and_ends_a_second_after_the_rover_drives_forward(make_rig: MakeRig) -> None:

@@ -141,7 +141,7 @@ def test_the_checks_are_served_as_they_were_found_last(make_rig: MakeRig) -> Non
     report = CheckReport(rig.config)
     rig.served.show_checks(report.document)
     rig.see(3.0)
-    report.refresh(rig.daemon.status())
+    report.refresh(rig.daemon.status.figures())
     content = fetched(rig, "/check.json")
     assert len(content) < 3200
     found = {row["check"]: (row["verdict"], row["text"]) for row in json.loads(content)["checks"]}
@@ -163,7 +163,7 @@ def test_the_protocols_page_names_every_key_of_the_documents(make_rig: MakeRig) 
     rig.see(0.5, "drum")
     rig.daemon.computer.measure()
     report = CheckReport(rig.config)
-    report.refresh(rig.daemon.status())
+    report.refresh(rig.daemon.status.figures())
     state, call, checks = told(rig, "/state.json"), told(rig, "/calls/1.json"), report.document()
     inner = [
         state["open"],

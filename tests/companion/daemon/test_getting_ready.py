@@ -331,13 +331,13 @@ def test_the_ground_may_not_set_hold_with_too_slow_a_perceiver(make_rig: MakeRig
     rig.restart()
     rig.set("AT_POLICY", float(Policy.HOLD))
     rig.see(1.0)
-    assert rig.daemon.status()["policy"] == "report"
+    assert rig.daemon.status.figures()["policy"] == "report"
     assert rig.told_policy is Policy.REPORT
     assert rig.echoes("AT_POLICY")[-1] == float(Policy.REPORT)
     assert "HOLD refused: 0.6 s a frame: make it faster" in rig.texts
     rig.set("AT_POLICY", float(Policy.SHADOW))
     rig.see(0.5)
-    assert rig.daemon.status()["policy"] == "shadow"
+    assert rig.daemon.status.figures()["policy"] == "shadow"
 
 
 def test_the_variant_that_runs_is_known_with_its_reason() -> None:

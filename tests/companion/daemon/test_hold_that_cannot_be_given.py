@@ -43,7 +43,7 @@ def test_frames_that_are_slow_for_five_seconds_hold_a_rover_that_drives(
     assert rig.texts.count(REMINDER) == 1, "the hold does not say what to do"
     assert rig.texts.count(TO_ARM) == 1
     assert "hold cannot be given: a frame takes 0.47 s" in caplog.text
-    assert rig.daemon.status()["hold_refused"] == "HOLD refused: 0.5 s a frame: make it faster"
+    assert rig.daemon.status.figures()["hold_refused"] == "HOLD refused: 0.5 s a frame: make it faster"
 
 
 def test_frames_that_are_quick_for_ten_seconds_end_it(rig: Rig) -> None:
@@ -54,7 +54,7 @@ def test_frames_that_are_quick_for_ten_seconds_end_it(rig: Rig) -> None:
     assert rig.state[0] == "FAULT"
     rig.see(1.0)
     assert rig.state[0] != "FAULT"
-    assert rig.daemon.status()["hold_refused"] == ""
+    assert rig.daemon.status.figures()["hold_refused"] == ""
     assert rig.stage.mode == HOLD, "nothing resumes by itself"
     assert rig.told_policy is Policy.HOLD
 

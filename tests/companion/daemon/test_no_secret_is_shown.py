@@ -124,7 +124,7 @@ def driven(config: Config, status: CameraStatus, monkeypatch: pytest.MonkeyPatch
                 rig.daemon.write_status(web={})
                 rig.wait(0.1)
             messages = rig.daemon.recording.take()
-            said = json.dumps(rig.daemon.state_file()) + " ".join(rig.texts)
+            said = json.dumps(rig.daemon.status.state_file()) + " ".join(rig.texts)
         finally:
             rig.kill()
     assert {Topic.SETUP, Topic.STATUS, Topic.LOG} <= {one.topic for one in messages}

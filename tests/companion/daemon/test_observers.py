@@ -41,7 +41,7 @@ def told(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[Turn]:
 
 
 @pytest.mark.parametrize(
-    "name", ["figures", "status_file", "records", "call_texts", "shadow", "pointing", "video_pictures"]
+    "name", ["status", "status_file", "records", "call_texts", "shadow", "pointing", "video_pictures"]
 )
 def test_an_observer_that_raises_stops_neither_the_turn_nor_the_others(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, name: str

@@ -28,7 +28,7 @@ def test_it_is_told_in_heartbeat_status_and_a_text_that_repeats_and_becomes_an_a
     assert rig.state == ("OK", 0)
     rig.see(0.5)
     assert rig.state == ("FAULT", 0)
-    status = rig.daemon.status()
+    status = rig.daemon.status.figures()
     assert (status["state"], status["reasons"]) == ("fault", ["fault"])
     assert rig.texts[-1] == TEXT
     rig.see(60.0)
@@ -90,7 +90,7 @@ def test_an_autopilot_that_reboots_with_a_call_open_keeps_it_and_that_is_said(he
     assert held.state == ("CALLING", 1)
     assert "C1 stays open: the autopilot rebooted" in held.texts
     assert not [text for text in held.texts if "taken over" in text]
-    assert held.daemon.status()["held_by"] is None
+    assert held.daemon.status.figures()["held_by"] is None
 
 
 def test_an_autopilot_that_reboots_armed_in_auto_is_held_until_a_go_and_that_is_said(rig: Rig) -> None:

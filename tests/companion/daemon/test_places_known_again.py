@@ -267,7 +267,7 @@ def test_words_that_do_not_fit_are_counted() -> None:
 
 def test_which_place_is_in_force_is_told_until_an_answer_moves_on_or_refuses_it(back: Rig) -> None:
     matched(back)
-    known = back.daemon.state_file()["known_place"]
+    known = back.daemon.status.state_file()["known_place"]
     assert (known["call"], known["similarity"], known["picture"]) == (1, 0.9848, "/calls/1.jpg")
     assert known["changed"] == {"grass": [1.0, 0.8]}
     assert known["needed"] == 0.85
@@ -277,8 +277,8 @@ def test_which_place_is_in_force_is_told_until_an_answer_moves_on_or_refuses_it(
     back.see(2.5, scene=100)
     back.answer(0, Motion.NONE, OtherPlace(1), transaction=10)
     back.see(0.5, scene=100)
-    assert back.daemon.state_file()["known_place"] is None
-    assert back.daemon.status()["known_place"] is None
+    assert back.daemon.status.state_file()["known_place"] is None
+    assert back.daemon.status.figures()["known_place"] is None
 
 
 def test_pictures_of_remembered_calls_stay_when_those_of_other_calls_go(tmp_path: Path) -> None:
@@ -307,7 +307,7 @@ def test_the_first_place_has_a_picture_too_and_only_remembered_ones_keep_theirs(
     rig.answer(1, Motion.GO, SetWord("drum", 0.5))
     rig.see(3.0, scene=90)
     rig.see(1.0)
-    known = rig.daemon.state_file()["known_place"]
+    known = rig.daemon.status.state_file()["known_place"]
     assert (known["call"], known["picture"][:8]) == (None, "/scenes/")
     assert (rig.folder / known["picture"][1:]).read_bytes()[:2] == b"\xff\xd8"
     assert not forgotten.exists()

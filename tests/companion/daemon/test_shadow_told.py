@@ -16,7 +16,7 @@ def shadow(make_rig: MakeRig) -> Rig:
 
 
 def figures(rig: Rig) -> dict[str, object]:
-    found: dict[str, object] = rig.daemon.status()["shadow"]
+    found: dict[str, object] = rig.daemon.status.figures()["shadow"]
     return found
 
 

@@ -151,7 +151,7 @@ def test_a_switch_that_was_never_heard_is_said(make_rig: MakeRig) -> None:
     rig = make_rig(switch=NO_PULSE)
     rig.see(5.0)
     assert "Off switch RC7 not heard: stays on" in rig.texts
-    assert rig.daemon.status()["switches"] == {
+    assert rig.daemon.status.figures()["switches"] == {
         "in_force": "hold",
         "off_by": None,
         "switch": "RC7",

@@ -31,7 +31,7 @@ def told(rig: Rig) -> list[CallReport]:
 
 def status(rig: Rig) -> dict[str, Any]:
     """What became of it."""
-    said = rig.daemon.status()["test_call"]
+    said = rig.daemon.status.figures()["test_call"]
     assert isinstance(said, dict)
     return said
 

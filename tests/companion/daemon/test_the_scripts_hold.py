@@ -33,7 +33,7 @@ def test_it_does_not_say_ok_and_tells_who_holds_and_what_to_set(rig: Rig) -> Non
     held_by_script(rig)
     assert rig.state == ("HOLDING", 0)
     assert rig.texts == [TEXT]
-    assert rig.daemon.status()["held_by"] == "script: companion silent"
+    assert rig.daemon.status.figures()["held_by"] == "script: companion silent"
     rig.see(60.0)
     assert rig.texts.count(TEXT) == 4
     assert rig.stage.sent("STATUSTEXT")[-1].severity == mavlink.MAV_SEVERITY_ALERT
@@ -49,7 +49,7 @@ def test_a_mode_that_a_human_sets_ends_it(rig: Rig, mode: int, armed: bool) -> N
     rig.stage.mode, rig.stage.armed = HOLD, True
     rig.see(5.0)
     assert rig.state == ("OK", 0), "this HOLD is a human's"
-    assert rig.daemon.status()["held_by"] is None
+    assert rig.daemon.status.figures()["held_by"] is None
 
 
 def test_a_text_that_comes_late_says_nothing_of_a_rover_that_drives(rig: Rig) -> None:
@@ -65,7 +65,7 @@ def test_a_hold_of_our_own_is_told_as_ours(held: Rig) -> None:
     says(held, "HOLD: companion fault. AUTO again = go blind")
     held.see(1.0, "drum")
     assert held.state == ("CALLING", 1)
-    assert held.daemon.status()["held_by"] == "companion"
+    assert held.daemon.status.figures()["held_by"] == "companion"
     assert not [text for text in held.texts if text.startswith("Script")]
 
 

@@ -51,11 +51,11 @@ def test_a_parameter_that_turns_a_word_is_told(rig: Rig) -> None:
 def test_a_word_that_was_out_of_use_is_told_when_it_comes_back_turned(rig: Rig) -> None:
     rig.answer(0, Motion.NONE, ForgetWord("rock"))
     rig.see(0.3)
-    assert rig.daemon.state_file()["given"] == {"rock": -1.0}
+    assert rig.daemon.status.state_file()["given"] == {"rock": -1.0}
     rig.answer(0, Motion.NONE, SetWord("rock", 1.0), transaction=8)
     rig.see(0.3)
     assert turned(rig) == ["rock turned: -1 to +1, by 255/190"]
-    assert rig.daemon.state_file()["given"] == {}
+    assert rig.daemon.status.state_file()["given"] == {}
 
 
 def test_somebody_at_the_rovers_own_page_is_named(rig: Rig) -> None:

@@ -538,4 +538,4 @@ def test_words_of_a_change_that_vision_did_not_report_are_not_told(
     assert 1.0 not in rig.echoes("AT_W_DRUM"), "they are not on disk"
     rig.see(2.0)
     assert rig.echoes("AT_W_DRUM")[-1] == 1.0
-    assert "drum: 1" in rig.daemon.status()["words"]
+    assert "drum: 1" in rig.daemon.status.figures()["words"]

@@ -121,7 +121,7 @@ def test_what_the_ground_set_outlives_a_restart(rig: Rig) -> None:
     for name, value in {"AT_THR_TRAV": 0.25, TOP: 0.5, "AT_SUM_HZ": 0.25, "AT_BUDGET": 120.0}.items():
         assert rig.echoes(name) == [value]
     assert len(rig.stage.sent("TUNNEL")) <= 7
-    assert set(rig.daemon.status()["set_by_ground"]) == {"AT_THR_TRAV", TOP, "AT_SUM_HZ", "AT_BUDGET"}
+    assert set(rig.daemon.status.figures()["set_by_ground"]) == {"AT_THR_TRAV", TOP, "AT_SUM_HZ", "AT_BUDGET"}
 
 
 def test_a_value_edited_in_the_file_since_wins_and_that_is_told(rig: Rig) -> None:
@@ -140,7 +140,7 @@ def test_set_back_to_what_is_configured_it_is_forgotten(rig: Rig) -> None:
     rig.see(0.3)
     rig.set(TOP, 0.6)
     rig.see(0.3)
-    assert rig.daemon.status()["set_by_ground"] == {}
+    assert rig.daemon.status.figures()["set_by_ground"] == {}
 
 
 def test_a_reset_makes_settings_and_words_as_configured_and_is_then_acknowledged(rig: Rig) -> None:
@@ -155,7 +155,7 @@ def test_a_reset_makes_settings_and_words_as_configured_and_is_then_acknowledged
     assert region(rig)[1] == 0.6
     assert rig.vision.words.format() == "grass: 1; rock: -1"
     assert (rig.echoes(TOP)[-1], rig.echoes("AT_SUM_HZ")[-1], rig.echoes("AT_W_DRUM")[-1]) == (0.6, 1.0, -2.0)
-    assert rig.daemon.status()["set_by_ground"] == {}
+    assert rig.daemon.status.figures()["set_by_ground"] == {}
 
 
 def test_hold_keeps_what_would_let_the_vehicle_outrun_its_eyes(make_rig: MakeRig) -> None:
@@ -163,7 +163,7 @@ def test_hold_keeps_what_would_let_the_vehicle_outrun_its_eyes(make_rig: MakeRig
     rig.config = outrunning(rig.config)
     rig.restart()
     rig.see(1.0)
-    assert rig.daemon.status()["hold_refused"] == ""
+    assert rig.daemon.status.figures()["hold_refused"] == ""
     rig.set(TOP, 0.85)
     rig.see(1.5)
     assert rig.echoes(TOP)[-1] == 0.6

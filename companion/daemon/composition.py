@@ -30,6 +30,7 @@ from companion.daemon.policy.shadow_statistics import ShadowStatistics
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
 from companion.daemon.requests import Requests
+from companion.daemon.settings.echo import ParameterEcho
 from companion.daemon.settings.mapping import (
     call_numbers,
     first_values,
@@ -39,6 +40,7 @@ from companion.daemon.settings.mapping import (
 )
 from companion.daemon.settings.runtime import RuntimeSettings
 from companion.daemon.settings.service import SettingsService
+from companion.daemon.settings.words import WordSettings
 from companion.daemon.status import Status
 from companion.daemon.status_file import StatusFile
 from companion.daemon.supervisor import Supervisor
@@ -111,21 +113,20 @@ def compose(
     persistence = Persistence(writer, calls, link.answer_store, frame_id, stamp)
     answer_handler = AnswerHandler(calls, vision, link.answer_store, link.share)
     link.dead_man.enabled = config.call.px4_deadman == "manual_control"
-    policy = PolicyService(link, vision, calls, policy_state, persistence.after_write, HoldGate(config))
+    parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
+    echo = ParameterEcho(parameters, link, persistence.after_write)
+    policy = PolicyService(link, vision, calls, policy_state, HoldGate(config), echo)
     if policy_state.requested is Policy.HOLD:
         _tell_of_stopping(config, judging, ready.step, startup_notices)
-    parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     settings = SettingsService(
-        parameters,
         link,
-        vision,
-        calls,
-        answer_handler,
         policy,
         overrides,
+        WordSettings(parameters, link, vision, answer_handler, echo),
         statistics,
-        persistence.after_write,
+        echo,
     )
+    vision.tune(judging)  # vision judges no frame before this
     settings.start(now)
     events = list[Event]()
     guard = ErrorGuard(lambda now: link.texts.send(notices.unexpected_error(), ERROR, now))
@@ -153,24 +154,27 @@ def compose(
     view, status_file = round(config.camera.view), StatusFile(writer, folder / "status.json")
     status = Status(link, vision, calls, settings, records, computer, view=view)
     call_texts, pointing = CallTexts(link.texts, link.alerts, calls, records), Pointing(calls, link)
-    shadow, live_picture = ShadowReporter(statistics, calls, link.texts), LivePicture(vision)
+    shadow, live_picture = ShadowReporter(statistics, link.texts), LivePicture(vision)
     video_pictures = VideoPictures(vision, pointing, call_texts, config.video.rate)
-    rate = config.recording.rate
-    recording = Recording(vision, calls, settings, position.clock, rate=rate, config=format_config(config))
-    # The figures of a frame do not wait for its files and pictures, nor texts for pictures that are shown.
-    told = (
-        Telemetry(link, view),
-        status,
-        status_file,
-        records,
-        call_texts,
-        shadow,
-        pointing,
-        video_pictures,
-        live_picture,
-        recording,
+    recording = Recording(
+        vision, calls, settings, position.clock, rate=config.recording.rate, config=format_config(config)
     )
-    observers = Observers(told, guard)
+    # The figures of a frame do not wait for its files and pictures, nor texts for pictures that are shown.
+    observers = Observers(
+        (
+            Telemetry(link, view),
+            status,
+            status_file,
+            records,
+            call_texts,
+            shadow,
+            pointing,
+            video_pictures,
+            live_picture,
+            recording,
+        ),
+        guard,
+    )
     served.started(status.state_file, lambda: calls.reason_filter.newest)
     return Supervisor(
         daemon=Daemon(link, vision, calls, executor, deciders, observers),

@@ -73,7 +73,8 @@ class Requests:
         for text in handled.notices:
             log.warning("%s", text)
             self._persistence.after_write(partial(self._tell_turned, text))
-        self._persistence.after_write(lambda stored, now: self._settings.answered(done, result, stored, now))
+        answered = self._settings.words.answered
+        self._persistence.after_write(lambda stored, now: answered(done, result, stored, now))
 
     def store(self, memory: Memory, now: float) -> None:
         """Queue the changes of this turn for the disk, and tell the ground of settings that are on it.

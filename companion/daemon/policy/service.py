@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.errors import SettingsError
 from anytraverse.judging import Settings
 from companion.calls.decisions import Decision
 from companion.calls.faults import Fault
 from companion.calls.machine import OperatorCalls
 from companion.calls.policy import PolicyState
 from companion.daemon.policy.hold_gate import HoldGate, HoldRefusal
+from companion.daemon.settings.echo import BUSY, ParameterEcho
+from companion.daemon.settings.runtime import tuned
 from companion.link.inbound import PolicyRequest, RcChannels
 from companion.link.link import Link
 from companion.vehicle import ardupilot
@@ -22,10 +25,6 @@ from companion.wire.ids import ERROR, WARNING, Policy, SenderId
 from companion.wire.parameters import POLICY
 
 log = logging.getLogger(__name__)
-
-AfterWrite = Callable[[Callable[[bool, float], None]], None]
-"""Registers a callback for when this turn's changes are in the journal: see `Persistence.after_write`."""
-
 
 _ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
 
@@ -42,8 +41,8 @@ class PolicyService:
         vision: VisionClient,
         calls: OperatorCalls,
         state: PolicyState,
-        after_write: AfterWrite,
         gate: HoldGate,
+        echo: ParameterEcho,
     ) -> None:
         self._link = link
         self._vision = vision
@@ -57,7 +56,7 @@ class PolicyService:
         self._told_of_manual = False
         self._wanted = False
         """Whether an operator asked for hold last, and was refused."""
-        self._after_write = after_write
+        self._echo = echo
         if state.switch is not None:
             link.request_rc_channels()
 
@@ -67,7 +66,7 @@ class PolicyService:
         switch = self.state.switch
         if switch is not None and switch.lost:
             return notices.switch_lost(switch.name, off=switch.off)
-        if misfit := self._calls.numbers.judging.misfit:
+        if misfit := self.judging.misfit:
             return notices.fault_region(misfit)
         return self._fault.reminder if self._fault is not None else ""
 
@@ -80,6 +79,11 @@ class PolicyService:
         judging, _, overrun, misled = self._known()
         refusal = self._refusal or self._gate.refuses(judging, self._vision.pace.newest, overrun, misled)
         return refusal.short if refusal is not None else ""
+
+    @property
+    def judging(self) -> Settings:
+        """The settings that frames are judged by."""
+        return self._calls.numbers.judging
 
     def figures(self) -> dict[str, object]:
         """Return the policy's part of the status file."""
@@ -111,10 +115,29 @@ class PolicyService:
         """Handle a request by command; it is acknowledged once the policy is in the journal."""
         accepted, decisions = self.set(request.policy, request.sender, now)
         result = _ACCEPTED if accepted else _FAILED
-        self._after_write(lambda _, now: self._link.commands.acknowledge(request, result, now))
+        self._echo.after_write(lambda _, now: self._link.commands.acknowledge(request, result, now))
         return decisions
 
-    def refuses_settings(self, judging: Settings) -> HoldRefusal | None:
+    def tune(self, values: Mapping[str, float], what: str) -> str:
+        """Judge frames by these values from now on. Returns why that is refused, "" where it is not.
+
+        values: parameter name -> value. Where hold is requested, values with which the vehicle could not
+        stop in time are refused.
+        """
+        try:
+            other = tuned(self.judging, values)
+        except SettingsError as error:
+            return notices.refused(str(error))
+        refusal = self._refuses_settings(other)
+        if refusal is not None:
+            log.warning("%s: %s", what, refusal.why)
+            return notices.kept_for_hold(what, refusal.reason)
+        if not self._vision.tune(other):
+            return notices.refused(BUSY)
+        self._calls.retune(other)
+        return ""
+
+    def _refuses_settings(self, judging: Settings) -> HoldRefusal | None:
         """Return why these settings are refused, None where they are allowed.
 
         Where hold is requested, settings that would take it away are refused, whether frames are judged as
@@ -155,7 +178,7 @@ class PolicyService:
     def _known(self) -> tuple[Settings, float, float, bool]:
         autopilot = self._calls.monitor.newest.autopilot
         overrun = autopilot.overrun if autopilot is not None else 0.0
-        return self._calls.numbers.judging, self._vision.pace.step, overrun, self._vision.misled_by_infrared
+        return self.judging, self._vision.pace.step, overrun, self._vision.misled_by_infrared
 
     def _check_hold(self, now: float) -> list[Decision]:
         known = self._known()
@@ -199,11 +222,6 @@ class PolicyService:
         if announce:
             log.warning("policy %s, set by %s", policy.name.lower(), who)
             self._link.texts.send(notices.policy(policy, who), WARNING, now)
-
-        def written(stored: bool, now: float) -> None:
-            self._link.parameters.set_value(POLICY, float(policy), now)
-            if announce and not stored:
-                self._link.texts.send(notices.not_remembered(f"policy {policy.name.lower()}"), WARNING, now)
-
-        self._after_write(written)
+        what = f"policy {policy.name.lower()}" if announce else ""
+        self._echo.send_after_write(POLICY, float(policy), what)
         return decisions + self._report_fault(now)

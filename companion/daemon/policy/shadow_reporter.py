@@ -6,7 +6,6 @@ import logging
 import math
 
 from companion.calls.decisions import WouldHold, WouldResume
-from companion.calls.machine import OperatorCalls
 from companion.daemon.policy.shadow_statistics import ShadowStatistics
 from companion.daemon.turn import Decided, Event, Observer, Turn
 from companion.link.alerts import TextSender
@@ -24,12 +23,11 @@ LOG_EVERY, TEXT_EVERY = 600.0, 1800.0
 class ShadowReporter(Observer):
     """Observes would-be holds, and reports them and the totals at limited rates."""
 
-    def __init__(self, statistics: ShadowStatistics, calls: OperatorCalls, sender: TextSender) -> None:
+    def __init__(self, statistics: ShadowStatistics, sender: TextSender) -> None:
         self._statistics = statistics
-        self._calls = calls
         self._sender = sender
         self._text_at = -math.inf
-        self._watched_at_log = self._watched_at_text = calls.shadow.watched
+        self._watched_at_log = self._watched_at_text = statistics.shadow.watched
 
     def happened(self, event: Event, turn: Turn) -> None:
         """Report would-be holds."""
@@ -56,18 +54,18 @@ class ShadowReporter(Observer):
         log.warning("shadow: S%d over after %.1f s: %s", hold.number, hold.lasted, how)
 
     def _report_totals(self, now: float) -> None:
-        shadow = self._calls.shadow
+        shadow = self._statistics.shadow
         # The counts were reset.
         if shadow.watched < self._watched_at_text:
             self._watched_at_log = self._watched_at_text = shadow.watched
         if shadow.watched - self._watched_at_log >= LOG_EVERY:
             self._watched_at_log = shadow.watched
-            log.info("shadow: %s", self._statistics.line(shadow))
+            log.info("shadow: %s", self._statistics.line())
         if shadow.watched - self._watched_at_text >= TEXT_EVERY:
             self._watched_at_text = shadow.watched
-            self._sender.send(self._statistics.text(shadow), NOTICE, now)
+            self._sender.send(self._statistics.text(), NOTICE, now)
 
     def log_totals(self) -> None:
         """Log the totals at the daemon's end."""
-        if self._calls.shadow.watched:
-            log.info("shadow: %s", self._statistics.line(self._calls.shadow))
+        if self._statistics.shadow.watched:
+            log.info("shadow: %s", self._statistics.line())

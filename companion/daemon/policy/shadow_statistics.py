@@ -63,9 +63,11 @@ class _Entry:
 class ShadowStatistics:
     """Counts would-be holds by reason. Counts survive a restart; another model or a request resets them.
 
-    model: id of the perceiver's model. since: Unix time from which on it counts. newest: the last 50.
+    shadow: the number of all, and for how long it was watched. model: id of the perceiver's model. since:
+    Unix time from which on it counts. newest: the last 50.
     """
 
+    shadow: Shadow
     model: str = ""
     since: float = 0.0
     counts: dict[str, Count] = field(default_factory=lambda: {name: Count() for name in _REASONS})
@@ -88,14 +90,14 @@ class ShadowStatistics:
         if self.newest and self.newest[-1].number == hold.number:
             self.newest[-1].lasted, self.newest[-1].by_hand = round(hold.lasted, 2), hold.by_hand
 
-    def figures(self, shadow: Shadow) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Return the shadow policy's part of the status file. per_hour is null in the first six minutes."""
-        hours = shadow.watched / 3600
+        hours = self.shadow.watched / 3600
         return {
             "since": _iso(self.since),
             "watched_hours": round(hours, 4),
-            "would_hold": shadow.count,
-            "per_hour": rate(shadow.count, hours),
+            "would_hold": self.shadow.count,
+            "per_hour": rate(self.shadow.count, hours),
             "by_reason": {
                 name: {
                     "would_hold": count.holds,
@@ -106,13 +108,13 @@ class ShadowStatistics:
                 }
                 for name, count in self.counts.items()
             },
-            "standing": sorted(reason.value for reason in shadow.open),
+            "standing": sorted(reason.value for reason in self.shadow.open),
             "newest": [{**asdict(entry), "at": _iso(entry.at)} for entry in reversed(self.newest)],
         }
 
-    def line(self, shadow: Shadow) -> str:
+    def line(self) -> str:
         """Return all counts on one line, for the log."""
-        hours = shadow.watched / 3600
+        hours = self.shadow.watched / 3600
         parts = [
             f"{name} {count.holds}{_per_hour(rate(count.holds, hours))}"
             + (
@@ -122,42 +124,43 @@ class ShadowStatistics:
             for name, count in self.counts.items()
             if count.holds
         ]
-        total = f"{shadow.count} would-be holds in {hours:.2f} h{_per_hour(rate(shadow.count, hours))}"
+        count = self.shadow.count
+        total = f"{count} would-be holds in {hours:.2f} h{_per_hour(rate(count, hours))}"
         return "; ".join([total, *parts])
 
-    def text(self, shadow: Shadow) -> str:
+    def text(self) -> str:
         """Return the counts as a STATUSTEXT."""
-        hours = shadow.watched / 3600
-        most = max(self.counts, key=lambda name: self.counts[name].holds) if shadow.count else ""
-        return notices.shadow_so_far(shadow.count, hours, most)
+        hours = self.shadow.watched / 3600
+        most = max(self.counts, key=lambda name: self.counts[name].holds) if self.shadow.count else ""
+        return notices.shadow_so_far(self.shadow.count, hours, most)
 
-    def values(self, shadow: Shadow) -> dict[str, float]:
+    def values(self) -> dict[str, float]:
         """Return the counts as parameters, name -> value. Hours are in tenths, so that they seldom change."""
         counts = {SHADOW_REASONS[name]: float(count.holds) for name, count in self.counts.items()}
-        hours = math.floor(shadow.watched / 360) / 10
-        values = {SHADOW_HOLDS: float(shadow.count), SHADOW_HOURS: hours} | counts
+        hours = math.floor(self.shadow.watched / 360) / 10
+        values = {SHADOW_HOLDS: float(self.shadow.count), SHADOW_HOURS: hours} | counts
         return {name: min(value, MANY) for name, value in values.items()}
 
-    def reset(self, shadow: Shadow, wall: float) -> None:
+    def reset(self, wall: float) -> None:
         """Reset all counts. wall: the Unix time now."""
-        shadow.reset()
+        self.shadow.reset()
         self.since, self._saved = wall, None
         self.counts = {name: Count() for name in _REASONS}
         self.newest.clear()
 
-    def saved(self, shadow: Shadow, now: float) -> dict[str, Any]:
+    def saved(self, now: float) -> dict[str, Any]:
         """Return the counts as JSON values for the journal.
 
         The same object is returned until there is a change worth a write.
         """
-        if self._saved is None or abs(shadow.watched - self._saved["watched"]) >= _SAVE_EVERY:
+        if self._saved is None or abs(self.shadow.watched - self._saved["watched"]) >= _SAVE_EVERY:
             self._saved = {
                 "model": self.model,
                 "since": self.since,
-                "count": shadow.count,
-                "watched": shadow.watched,
-                "open": sorted(reason.value for reason in shadow.open),
-                "lasted": now - shadow.began_at if shadow.open else 0.0,
+                "count": self.shadow.count,
+                "watched": self.shadow.watched,
+                "open": sorted(reason.value for reason in self.shadow.open),
+                "lasted": now - self.shadow.began_at if self.shadow.open else 0.0,
                 "counts": {name: asdict(count) for name, count in self.counts.items()},
                 "newest": [asdict(entry) for entry in self.newest],
             }
@@ -171,7 +174,7 @@ class ShadowStatistics:
 
         The notice is "" unless the counts had to be reset. now: monotonic seconds. wall: the Unix time now.
         """
-        statistics = cls(model=model, since=wall)
+        statistics = cls(shadow, model=model, since=wall)
         if saved is None:
             return statistics, ""
         try:

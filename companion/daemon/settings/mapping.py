@@ -13,17 +13,25 @@ from companion.config import Config
 from companion.daemon.settings.runtime import judging_values, saved_settings
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
+    ANSWER,
     BUDGET,
     NOT_IN_USE,
     NUMBER_RATE,
+    POLICY,
     ROI,
+    SHADOW_HOLDS,
     SUMMARY_RATE,
+    TAP_WORD,
     THR_ROI,
     THR_SCENE,
     THR_TILE,
     THR_TRAV,
+    ParameterError,
     build,
 )
+
+_STORED_ELSEWHERE = frozenset({POLICY, ANSWER, SHADOW_HOLDS, TAP_WORD})
+"""Settings that may be set and are stored elsewhere, or not at all."""
 
 
 def call_numbers(config: Config, judging: Settings) -> Numbers:
@@ -65,8 +73,15 @@ def first_words(config: Config, saved: Memory | None) -> Preferences:
 
 
 def storable_defaults(config: Config, judging: Settings) -> dict[str, float]:
-    """Return the configured values of the parameters that are stored when the ground sets them."""
-    return {**judging_values(judging), **_rates(), BUDGET: config.link.budget}
+    """Return the configured values of the parameters that are stored when the ground sets them.
+
+    Raises ParameterError where a parameter may be set, but has no configured value to be stored against.
+    """
+    values = {**judging_values(judging), **_rates(), BUDGET: config.link.budget}
+    settable = {parameter.name for parameter in build((), {}, {}) if not parameter.read_only}
+    if missing := settable - _STORED_ELSEWHERE - values.keys():
+        raise ParameterError(f"{', '.join(sorted(missing))} cannot be stored: add to storable_defaults")
+    return values
 
 
 def _rates() -> dict[str, float]:

@@ -22,7 +22,8 @@ WALL = 1_800_000_000.0
 
 def counted() -> tuple[ShadowStatistics, Shadow]:
     """Two hours with three would-be holds, of 4 s, of 10 s and one that a human ended."""
-    statistics, shadow = ShadowStatistics("model", WALL), Shadow(count=3, watched=7200.0)
+    shadow = Shadow(count=3, watched=7200.0)
+    statistics = ShadowStatistics(shadow, "model", WALL)
     for number, (reasons, lasted, by_hand) in enumerate(
         [(OBJECT, 4.0, False), (BLOCKED, 10.0, False), (OBJECT, 99.0, True)], start=1
     ):
@@ -32,8 +33,8 @@ def counted() -> tuple[ShadowStatistics, Shadow]:
 
 
 def test_the_figures_say_how_many_how_often_and_how_long_for_each_reason() -> None:
-    statistics, shadow = counted()
-    figures = statistics.figures(shadow)
+    statistics, _ = counted()
+    figures = statistics.figures()
     assert (figures["would_hold"], figures["watched_hours"], figures["per_hour"]) == (3, 2.0, 1.5)
     assert figures["since"] == "2027-01-15T08:00:00+00:00"
     assert figures["by_reason"]["unknown_object"] == {
@@ -57,17 +58,17 @@ def test_a_rate_waits_until_there_is_time_to_count_in() -> None:
 
 
 def test_one_line_and_one_text_sum_it_up() -> None:
-    statistics, shadow = counted()
-    assert statistics.line(shadow).startswith(
+    statistics, _ = counted()
+    assert statistics.line().startswith(
         "3 would-be holds in 2.00 h (1.5 an hour); unknown_object 3 (1.5 an hour)"
     )
-    assert statistics.text(shadow) == "Shadow: 3 in 2.0 h (1.5/h), most unknown thing"
+    assert statistics.text() == "Shadow: 3 in 2.0 h (1.5/h), most unknown thing"
 
 
 def test_the_parameters_carry_the_counts_and_tenths_of_hours() -> None:
     statistics, shadow = counted()
     shadow.watched += 359.0
-    assert statistics.values(shadow) == {
+    assert statistics.values() == {
         "AT_SHD_HOLDS": 3.0,
         "AT_SHD_HOURS": 2.0,
         "AT_SHD_SCENE": 0.0,
@@ -78,52 +79,50 @@ def test_the_parameters_carry_the_counts_and_tenths_of_hours() -> None:
 
 
 def test_the_newest_fifty_are_listed_and_all_are_counted() -> None:
-    statistics, shadow = ShadowStatistics(), Shadow()
+    statistics = ShadowStatistics(Shadow())
     for number in range(1, 81):
         statistics.began(WouldHold(OBJECT, number), WALL)
-    assert len(statistics.figures(shadow)["newest"]) == 50
+    assert len(statistics.figures()["newest"]) == 50
     assert statistics.counts["unknown_object"].holds == 80
 
 
 def test_a_restart_goes_on_counting_and_a_would_be_hold_goes_on_standing() -> None:
     statistics, shadow = counted()
     shadow.open, shadow.began_at = OBJECT, 500.0
-    saved = json.loads(json.dumps(statistics.saved(shadow, 507.0)))
+    saved = json.loads(json.dumps(statistics.saved(507.0)))
     again = Shadow()
     restored, notice = ShadowStatistics.restored(saved, again, "model", 20.0, WALL + 99)
     assert notice == ""
     assert (again.count, again.watched, again.open, again.began_at) == (3, 7200.0, OBJECT, 13.0)
-    assert restored.figures(again) == statistics.figures(shadow)
+    assert restored.figures() == statistics.figures()
 
 
 def test_another_model_begins_anew_and_says_so() -> None:
-    statistics, shadow = counted()
+    statistics, _ = counted()
     again = Shadow()
-    restored, notice = ShadowStatistics.restored(
-        statistics.saved(shadow, 0.0), again, "other", 0.0, WALL + 99
-    )
+    restored, notice = ShadowStatistics.restored(statistics.saved(0.0), again, "other", 0.0, WALL + 99)
     assert "another model's (model)" in notice
     assert (again.count, restored.since) == (0, WALL + 99)
 
 
 def test_time_alone_is_written_once_a_minute_and_a_would_be_hold_at_once() -> None:
     statistics, shadow = counted()
-    first = statistics.saved(shadow, 0.0)
+    first = statistics.saved(0.0)
     shadow.watched += 59.0
-    assert statistics.saved(shadow, 59.0) is first
+    assert statistics.saved(59.0) is first
     shadow.watched += 1.0
-    second = statistics.saved(shadow, 60.0)
+    second = statistics.saved(60.0)
     assert second is not first
     statistics.began(WouldHold(OBJECT, 4), WALL)
-    assert statistics.saved(shadow, 61.0) is not second
+    assert statistics.saved(61.0) is not second
 
 
 def test_begun_anew_nothing_is_left() -> None:
     statistics, shadow = counted()
-    statistics.reset(shadow, WALL + 5)
+    statistics.reset(WALL + 5)
     assert (shadow.count, shadow.watched) == (0, 0.0)
-    assert statistics.figures(shadow)["newest"] == []
-    assert set(statistics.values(shadow).values()) == {0.0}
+    assert statistics.figures()["newest"] == []
+    assert set(statistics.values().values()) == {0.0}
 
 
 VALUES = st.recursive(
@@ -136,16 +135,14 @@ VALUES = st.recursive(
 @example(key="since", value=9e11)
 @example(key="watched", value=9e10)
 @example(key="count", value=9e10)
-@given(key=st.sampled_from(sorted(counted()[0].saved(counted()[1], 0.0))), value=VALUES)
+@given(key=st.sampled_from(sorted(counted()[0].saved(0.0))), value=VALUES)
 def test_nonsense_in_the_journal_begins_anew_or_makes_sense(key: str, value: object) -> None:
-    statistics, shadow = counted()
+    statistics, _ = counted()
     again = Shadow()
-    restored, _ = ShadowStatistics.restored(
-        {**statistics.saved(shadow, 0.0), key: value}, again, "model", 0.0, WALL
-    )
-    json.dumps(restored.figures(again))
-    restored.line(again)
-    assert all(LISTED[name].accepts(told) for name, told in restored.values(again).items())
+    restored, _ = ShadowStatistics.restored({**statistics.saved(0.0), key: value}, again, "model", 0.0, WALL)
+    json.dumps(restored.figures())
+    restored.line()
+    assert all(LISTED[name].accepts(told) for name, told in restored.values().items())
 
 
 @pytest.mark.parametrize("saved", [3, "x", [], {"model": "model"}])

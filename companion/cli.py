@@ -243,7 +243,7 @@ def _check_rover(options: argparse.Namespace) -> int:
         from companion.desk.check.measure import measure
 
         return measure(options.file, link=options.link)
-    from companion.desk.check.main import check
+    from companion.desk.check.table import check
 
     return check(options.file, link=options.link, as_json=options.json)
 

@@ -25,7 +25,7 @@ from companion.daemon.settings.mapping import first_words, restored_policy
 from companion.daemon.startup import load
 from companion.daemon.supervisor import Supervisor
 from companion.daemon.turn import Observer, Turn
-from companion.desk.check.report import EVERY, CheckReport
+from companion.desk.check.table import EVERY, CheckReport
 from companion.link.answer_store import AnswerStore
 from companion.link.link import Link
 from companion.link.signing import Signing, open_signing

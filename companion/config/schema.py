@@ -30,10 +30,9 @@ from companion.config.checks import (
     setting,
     whole,
 )
-from companion.config.live import LiveSection
 from companion.config.radio import LinkSection
 from companion.config.video import VideoSection
-from companion.config.web import WebSection
+from companion.config.web import LiveSection, WebSection
 from companion.vehicle import PX4_HOLDS
 
 LONGEST_FRESHNESS = 10.0

@@ -1,4 +1,4 @@
-"""Reads the section [web] of the file: where the page listens, and who may see it."""
+"""Reads the sections [web] and [live]: where the page and the live view listen, and who may see them."""
 
 from __future__ import annotations
 
@@ -27,4 +27,16 @@ class WebSection(Section):
     @property
     def address(self) -> Listen | None:
         """Where the page listens; None: there is none."""
+        return read_listen(self.listen)
+
+
+@dataclass(frozen=True)
+class LiveSection(Section):
+    """The live view: the topics of the recordings, for Foxglove and Lichtblick, while it happens."""
+
+    listen: str = setting("", checked(read_listen, harmless), 'address:port of the live view; "": none')
+
+    @property
+    def address(self) -> Listen | None:
+        """Where the live view listens; None: there is none."""
         return read_listen(self.listen)

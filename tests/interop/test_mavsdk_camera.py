@@ -13,7 +13,7 @@ import pytest
 
 from companion.config.video import VideoSection
 from companion.desk.check.here import read_status
-from companion.desk.check.video import missing_of
+from companion.desk.check.observers import missing_of
 from tests.waiting import wait_for
 
 HERE = Path(__file__).parent

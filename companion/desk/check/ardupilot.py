@@ -182,12 +182,7 @@ TABLE = Table(
         ),
         Needed("ATS_ENABLE", "SCR_ENABLE", f"anytraverse.lua does not run: {DIES}: {_SCRIPT}"),
     ),
-    always=(
-        ("MIS_RESTART",),
-        ("FS_ACTION",),
-        ("FS_THR_ENABLE",),
-        ("SYSID_MYGCS", "MAV_GCS_SYSID"),
-    ),
+    always=(("MIS_RESTART",), ("FS_ACTION",), ("FS_THR_ENABLE",), ("SYSID_MYGCS", "MAV_GCS_SYSID")),
     speeds=("WP_SPEED", "CRUISE_SPEED"),
     also=("AVOID_ENABLE", "INITIAL_MODE", *_SENSORS, *_SWITCHES),
 )

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
 from companion.config.link_settings import LinkSettingError, read_url
-from companion.desk.check.course_listener import CourseListener
 from companion.desk.check.interview import (
     HEARD_WITHIN,
     NAMES,
@@ -32,7 +32,9 @@ from companion.desk.check.rules import CheckFinding, Verdict, failed, warned
 from companion.link.connection import Connection
 from companion.link.signing import Signing, open_signing
 from companion.link.transport import check_installed, open_transport
+from companion.link.vehicle import VehicleTracker
 from companion.vehicle import known_autopilot
+from companion.vehicle.course import unknown
 from companion.wire.ids import COMPONENT_ID
 
 LINK, CHECK = "link", "autopilot"
@@ -192,3 +194,24 @@ def silence(url: str, interview: Interview) -> str:
     if interview.bytes:
         return f"{url}: {interview.bytes} bytes heard that are no MAVLink: check baud rate and protocol"
     return f"{url}: nothing heard in {HEARD_WITHIN:.0f} s: check wiring, [link] url, and that it sends there"
+
+
+class CourseListener:
+    """Takes an autopilot's messages. missing: what was never known so far, as of `unknown`."""
+
+    def __init__(self, system_id: int) -> None:
+        self._tracker = VehicleTracker(system_id)
+        self.missing = unknown(None, 0.0)
+
+    def hear(self, message: Any, now: float) -> None:
+        """Take a message of the autopilot."""
+        tracker, system = self._tracker, message.get_srcSystem()
+        match message.get_type():
+            case "HEARTBEAT":
+                tracker.heartbeat(system, message, now)
+            case "GLOBAL_POSITION_INT":
+                tracker.position(system, message, now)
+            case "ATTITUDE":
+                tracker.attitude(system, message, now)
+        if self.missing:
+            self.missing = unknown(tracker.vehicle, now)

@@ -1,15 +1,17 @@
-"""Checks the camera: whether pictures come, how many a second, how old, and how they are exposed."""
+"""Checks the camera (whether pictures come, how many, how old, how exposed), and the perceiver's pace."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from anytraverse.pace import Pace
 from companion.cameras.shown import shown
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.vision.exposure import ADVICE
 from companion.vision.infrared import REMEDY, SHARE, TEXT
+from companion.vision.warm_up import too_slow
 
 CAMERA, FRAMES, EXPOSURE, INFRARED = "camera", "frames", "exposure", "infrared"
 _ASPECT_OFF = 0.02
@@ -120,3 +122,28 @@ def check_infrared(rover: CheckedRover) -> list[CheckFinding]:
     if rover.config.camera.handles_infrared(trained=trained):
         return [passed(INFRARED, f"{TEXT}: {'the perceiver is trained for it' if trained else 'accepted'}")]
     return [(failed if rover.holds else warned)(INFRARED, REMEDY)]
+
+
+PERCEIVER = "perceiver"
+_UNMEASURED = "; how often a foreign place matches one of many remembered ones is not measured for it"
+
+
+def check_perceiver(rover: CheckedRover) -> list[CheckFinding]:
+    """Check that the perceiver loads, and is fast enough for the freshness limit T."""
+    if rover.running is not None:
+        told = rover.told(PERCEIVER)
+        model, step = str(told.get("model", "unknown")), told.get("step_ms")
+        if not isinstance(step, float | int) or rover.running.get("latency_ms") is None:
+            return [
+                skipped(PERCEIVER, f"{model}, not timed yet: ask again when some frames have been judged")
+            ]
+        step, measured = step / 1e3, told.get("match_measured") is True
+    else:
+        trouble, model, step, judging, *_ = rover.perceives
+        if trouble:
+            return [failed(PERCEIVER, trouble)]
+        measured = judging is not None and bool(judging.thresholds.match)
+    pace = Pace(step, 1.0 / rover.config.camera.rate, rover.config.freshness)
+    if not pace.keeps:
+        return [(failed if rover.holds else warned)(PERCEIVER, too_slow(pace))]
+    return [passed(PERCEIVER, f"{model}, {1e3 * step:.0f} ms a frame{'' if measured else _UNMEASURED}")]

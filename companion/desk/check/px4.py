@@ -94,11 +94,6 @@ TABLE = Table(
     needed=(),
     always=(("MAV_0_FORWARD",), ("COM_OBL_RC_ACT",), ("COM_OF_LOSS_T",), ("NAV_RCL_ACT",), ("NAV_DLL_ACT",)),
     speeds=("RO_SPEED_LIM", "RO_MAX_THR_SPEED"),
-    for_deadman=(
-        ("COM_RC_IN_MODE",),
-        ("COM_RC_LOSS_T",),
-        ("COM_FAIL_ACT_T",),
-        ("COM_RCL_EXCEPT",),
-    ),
+    for_deadman=(("COM_RC_IN_MODE",), ("COM_RC_LOSS_T",), ("COM_FAIL_ACT_T",), ("COM_RCL_EXCEPT",)),
     also=tuple(f"MAV_{number}_CONFIG" for number in range(INSTANCES)),
 )

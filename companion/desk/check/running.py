@@ -14,7 +14,7 @@ from companion.config import ConfigError, Problem, load_config, state_folder
 from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
 from companion.desk.check.computer import check_space
 from companion.desk.check.here import RUNNING, is_alive, read_status, status
-from companion.desk.check.recording import told_recordings
+from companion.desk.check.observers import told_recordings
 
 WELL, FAULTY, NOT_RUNNING = 0, 1, 2
 _WIDTH = 10

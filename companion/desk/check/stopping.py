@@ -1,4 +1,7 @@
-"""Checks whether the vehicle can stop before an obstacle that the camera shows, and how large a tile is."""
+"""Checks whether the vehicle can stop before what its camera shows, how large a tile is, and its course.
+
+Course and heading are needed to see that it drives backwards.
+"""
 
 from __future__ import annotations
 
@@ -54,3 +57,30 @@ def check_tile(rover: CheckedRover) -> list[CheckFinding]:
         return [failed(TILE, text)]
     text, in_time = describe_tile(rover.config, judging)
     return [(passed if in_time else warned)(TILE, text)]
+
+
+COURSE = "course"
+_REMEDY = {
+    "position": "no position with a fix is heard: test outdoors, and stream GLOBAL_POSITION_INT here at 2 Hz",
+    "heading": "no heading is heard: calibrate the compass, or stream ATTITUDE here",
+}
+
+
+def check_course(rover: CheckedRover) -> list[CheckFinding]:
+    """Check that it would be noticed if the vehicle drove where its camera does not look."""
+    if rover.leaves_link:
+        told = rover.running or {}
+        missing = str(told["course"]) if "course" in told else None
+    else:
+        missing = rover.asked.course if rover.asked.heard else None
+    if missing is None:
+        return [skipped(COURSE, "not known without an autopilot")]
+    if missing:
+        why = _REMEDY.get(missing, missing)
+        return [warned(COURSE, f"not judged whether it drives backwards or out of the view: {why}")]
+    camera, mount = rover.config.camera, rover.config.mount
+    return [
+        passed(
+            COURSE, f"known; the camera looks {mount.heading:g} degrees off the nose, {camera.view:g} wide"
+        )
+    ]

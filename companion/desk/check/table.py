@@ -1,11 +1,26 @@
-"""Lists all checks of `companion check`, in the order in which a person mends what they find."""
+"""Lists all checks of `companion check`, in the order in which a person mends what they find, and runs them.
+
+The command prints what they find; a companion that runs logs it, and serves it as /check.json.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+import json
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from companion.desk.check.camera import check_camera, check_exposure, check_frames, check_infrared
+from companion.config import Config, ConfigError, load_config, state_folder
+from companion.desk.check.camera import (
+    check_camera,
+    check_exposure,
+    check_frames,
+    check_infrared,
+    check_perceiver,
+)
 from companion.desk.check.computer import (
     check_clock,
     check_heat,
@@ -15,18 +30,13 @@ from companion.desk.check.computer import (
     check_speed,
     check_versions,
 )
-from companion.desk.check.course import check_course
-from companion.desk.check.here import check_journal
+from companion.desk.check.here import check_journal, status
 from companion.desk.check.link import check_autopilot, check_forwarding, check_link, check_signing
-from companion.desk.check.live import check_live
-from companion.desk.check.page import check_page
-from companion.desk.check.perceiver import check_perceiver
-from companion.desk.check.recording import check_recording
+from companion.desk.check.observers import check_live, check_page, check_recording, check_video
 from companion.desk.check.rights import check_reach, check_rights
 from companion.desk.check.rover import CheckedRover
-from companion.desk.check.rules import CheckFinding, failed, passed
-from companion.desk.check.stopping import check_stopping, check_tile
-from companion.desk.check.video import check_video
+from companion.desk.check.rules import CheckFinding, Verdict, failed, passed
+from companion.desk.check.stopping import check_course, check_stopping, check_tile
 
 
 class Check(NamedTuple):
@@ -89,3 +99,78 @@ def _survived(check: Check, rover: CheckedRover) -> Iterator[CheckFinding]:
     except Exception as error:  # the other checks still count
         what = f"{type(error).__name__}: {error}"
         yield failed(check.name, f"this check itself fails ({what[:200]}): report that")
+
+
+log = logging.getLogger(__name__)
+
+EVERY = 10.0
+"""Seconds between two refreshes."""
+
+
+class CheckReport:
+    """Holds the newest findings. One thread refreshes them, any thread may read them."""
+
+    def __init__(self, config: Config, clock: Callable[[], float] = time.monotonic) -> None:
+        self._config = config
+        self._folder: Path = config.journal.path
+        self._clock = clock
+        self._found: tuple[float, Sequence[CheckFinding]] | None = None
+        self._wrong: Set[str] = frozenset()
+        self._logged: set[str] = set()
+
+    def refresh(self, figures: Mapping[str, Any]) -> None:
+        """Run all checks on what the companion says of itself. It takes milliseconds, unless the disk hangs.
+
+        figures: as in the status file. What a check finds twice in a row is logged, once a check.
+        """
+        found = list(findings(CheckedRover(self._config, "", self._folder, figures, inside=True)))
+        self._found = self._clock(), found
+        wrong = {finding.check: finding for finding in found if finding.verdict >= Verdict.WARN}
+        for name, finding in wrong.items():
+            if name in self._wrong and name not in self._logged:
+                self._logged.add(name)
+                level = logging.ERROR if finding.verdict is Verdict.FAIL else logging.WARNING
+                log.log(level, "check: %s", finding.line(0))
+        self._wrong = wrong.keys()
+
+    def document(self) -> Mapping[str, Any]:
+        """Return the content of /check.json: JSON values."""
+        if self._found is None:
+            return {"state": "starting"}
+        at, found = self._found
+        ok = all(finding.verdict is not Verdict.FAIL for finding in found)
+        return {"ok": ok, "age": round(self._clock() - at, 1), "checks": [finding.row() for finding in found]}
+
+
+def check(file: str, *, link: str | None = None, as_json: bool = False) -> int:
+    """Print the table. Returns 0 when nothing failed, else 1. link: URL of another way to the autopilot."""
+    found: list[CheckFinding] = []
+    for finding in _findings(file, link):
+        found.append(finding)
+        print(finding.line(WIDTH), flush=True)
+    bad = [finding for finding in found if finding.verdict is Verdict.FAIL]
+    print(_summary(found))
+    if as_json:
+        print(json.dumps({"ok": not bad, "checks": [finding.row() for finding in found]}))
+    return 1 if bad else 0
+
+
+def _summary(found: list[CheckFinding]) -> str:
+    counts = Counter(finding.verdict for finding in found)
+    parts = (
+        (Verdict.FAIL, "to mend, the uppermost first"),
+        (Verdict.WARN, "to know of"),
+        (Verdict.SKIP, "not checked"),
+    )
+    told = [f"{counts[verdict]} {what}" for verdict, what in parts if counts[verdict]]
+    return "; ".join(told) or "all is well"
+
+
+def _findings(file: str, link: str | None) -> Iterator[CheckFinding]:
+    try:
+        config = load_config(file)
+    except ConfigError as error:
+        yield from (failed("config", str(problem)) for problem in error.problems)
+        return
+    folder = state_folder(config)
+    yield from findings(CheckedRover(config, file, folder, status(folder), link))

@@ -20,8 +20,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.assessment import Assessment
 from anytraverse.operations import SetWord
 from anytraverse.picture_size import jpeg_size
-from companion.desk.check.report import CheckReport
-from companion.desk.check.table import CHECKS
+from companion.desk.check.table import CHECKS, CheckReport
 from companion.storage import Journal
 from companion.storage.call_files import ANSWERS, MAX_CALLS, CallFiles
 from companion.storage.log_file import log_to_file

@@ -9,10 +9,9 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import load_config
-from companion.desk.check.autopilot import AutopilotReadings
-from companion.desk.check.course import check_course
-from companion.desk.check.course_listener import CourseListener
+from companion.desk.check.autopilot import AutopilotReadings, CourseListener
 from companion.desk.check.rover import CheckedRover
+from companion.desk.check.stopping import check_course
 from companion.link.parser import Parser
 
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3)

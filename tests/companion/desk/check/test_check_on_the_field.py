@@ -16,9 +16,8 @@ import pytest
 from companion.config import load_config, state_folder
 from companion.daemon.trial_call import REQUEST
 from companion.desk.check import here
-from companion.desk.check.main import check
 from companion.desk.check.running import dry_run
-from companion.desk.check.table import CHECKS
+from companion.desk.check.table import CHECKS, check
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import Stage
 from companion.sim.demo.main import SPEED, set_stage

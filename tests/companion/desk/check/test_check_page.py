@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,15 @@ import pytest
 
 from companion.config import Config
 from companion.config.web import WebSection
-from companion.desk.check import page
-from companion.desk.check.page import check_page
+from companion.desk.check import observers
+from companion.desk.check.observers import check_page
 from companion.desk.check.rover import CheckedRover
 from companion.system.side_process import missing_packages
 
 
 @pytest.fixture(autouse=True)
 def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page, "missing", str)
+    monkeypatch.setattr(observers, "missing_for_page", str)
 
 
 def found(listen: str, running: Mapping[str, Any] | None = None, token: str = "") -> tuple[str, str]:
@@ -70,7 +71,8 @@ def test_a_companion_that_runs_says_how_its_page_does(
 
 
 def test_missing_packages_are_named_with_what_to_type(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page, "missing", lambda: missing_packages({"nowhere": "uvicorn"}, "web"))
+    absent = partial(missing_packages, {"nowhere": "uvicorn"}, "web")
+    monkeypatch.setattr(observers, "missing_for_page", absent)
     verdict, text = found("127.0.0.1:8191")
     assert verdict == "WARN"
     assert text.startswith('uvicorn not installed: pip install "anytraverse-companion[web]"')

@@ -9,7 +9,7 @@ import pytest
 
 from anytraverse.perception import DefaultThresholds
 from companion.config import Config
-from companion.desk.check.perceiver import check_perceiver
+from companion.desk.check.camera import check_perceiver
 from companion.desk.check.rover import CheckedRover
 from companion.vision.warm_up import judging_settings
 from tests.anytraverse.conftest import Painted

@@ -5,25 +5,25 @@ from __future__ import annotations
 import socket
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from companion.config import Config
-from companion.config.live import LiveSection
 from companion.config.schema import JournalSection, RecordingSection
-from companion.desk.check import live, recording
-from companion.desk.check.live import check_live
-from companion.desk.check.recording import check_recording
+from companion.config.web import LiveSection
+from companion.desk.check import observers
+from companion.desk.check.observers import check_live, check_recording
 from companion.desk.check.rover import CheckedRover
 from companion.system.side_process import missing_packages
 
 
 @pytest.fixture(autouse=True)
 def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recording, "missing", str)
-    monkeypatch.setattr(live, "missing", str)
+    monkeypatch.setattr(observers, "missing_for_recording", str)
+    monkeypatch.setattr(observers, "missing_for_live", str)
 
 
 def rover(
@@ -74,7 +74,8 @@ def test_what_keeps_it_from_recording_is_a_warning(tmp_path: Path, monkeypatch: 
     told = {"trouble": "", "files": 3, "bytes": 5_000_000, "lost": 7}
     verdict, text = of_recordings(tmp_path, 20, told)
     assert (verdict, "7 messages lost" in text, "lower [recording] rate" in text) == ("WARN", True, True)
-    monkeypatch.setattr(recording, "missing", lambda: missing_packages({"nowhere": "mcap"}, "record"))
+    absent = partial(missing_packages, {"nowhere": "mcap"}, "record")
+    monkeypatch.setattr(observers, "missing_for_recording", absent)
     assert "pip install" in of_recordings(tmp_path, 20)[1]
 
 
@@ -92,5 +93,6 @@ def test_a_live_view_is_off_or_it_is_said_who_sees_it(monkeypatch: pytest.Monkey
     told = {"url": "ws://127.0.0.1:8765/", "trouble": "", "clients": 1}
     assert of_the_live_view(listen, told)[1] == "ws://127.0.0.1:8765/ shows it to programs on this computer"
     assert of_the_live_view(listen, {"url": "", "trouble": "ended: SIGABRT"})[0] == "WARN"
-    monkeypatch.setattr(live, "missing", lambda: missing_packages({"nowhere": "foxglove-sdk"}, "live"))
+    absent = partial(missing_packages, {"nowhere": "foxglove-sdk"}, "live")
+    monkeypatch.setattr(observers, "missing_for_live", absent)
     assert 'pip install "anytraverse-companion[live]"' in of_the_live_view(listen)[1]

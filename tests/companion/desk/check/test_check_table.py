@@ -14,12 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.config import load_config
-from companion.desk.check import report, table
-from companion.desk.check.main import check
-from companion.desk.check.report import CheckReport
+from companion.desk.check import table
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, warned
-from companion.desk.check.table import CHECKS, Check, findings
+from companion.desk.check.table import CHECKS, Check, CheckReport, check, findings
 
 ROOT = Path(__file__).parents[4]
 
@@ -94,7 +92,7 @@ def made(
     one = CheckReport(rover(tmp_path, {}).config, lambda: now[0])
 
     def finds(*found: CheckFinding) -> None:
-        monkeypatch.setattr(report, "findings", lambda _: iter(found))
+        monkeypatch.setattr(table, "findings", lambda _: iter(found))
 
     return one, finds, now
 

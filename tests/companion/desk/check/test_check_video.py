@@ -11,9 +11,9 @@ import pytest
 
 from companion.config import Config
 from companion.config.video import VideoSection
-from companion.desk.check import video
+from companion.desk.check import observers
+from companion.desk.check.observers import check_video
 from companion.desk.check.rover import CheckedRover
-from companion.desk.check.video import check_video
 
 
 def found(settings: VideoSection, running: Mapping[str, Any] | None = None) -> tuple[str, str]:
@@ -27,11 +27,11 @@ def test_without_an_address_there_is_no_camera_and_all_is_well() -> None:
 
 
 def test_what_gstreamer_lacks_is_told_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video, "missing_of", lambda _python, _encoder: "no x264enc in GStreamer")
+    monkeypatch.setattr(observers, "missing_of", lambda _python, _encoder: "no x264enc in GStreamer")
     verdict, text = found(VideoSection("127.0.0.1:0"))
     assert verdict == "WARN"
     assert text.startswith("no x264enc in GStreamer: sudo apt install python3-gi gir1.2-gst-rtsp-server-1.0 ")
-    monkeypatch.setattr(video, "missing_of", lambda _python, _encoder: "")
+    monkeypatch.setattr(observers, "missing_of", lambda _python, _encoder: "")
     assert found(VideoSection("127.0.0.1:0")) == (
         "PASS",
         "127.0.0.1:0 is free, and will show it to whoever reaches that port",

@@ -22,7 +22,7 @@ pytest.importorskip("google.protobuf")
 pytest.importorskip("websockets")
 
 from companion.config import Config
-from companion.config.live import LiveSection
+from companion.config.web import LiveSection
 from companion.observers.live import live as live_module
 from companion.observers.live.live import Live, LiveChild
 from companion.observers.recording.topics import TOPICS

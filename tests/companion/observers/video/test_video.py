@@ -21,7 +21,7 @@ import pytest
 from companion.config import Config
 from companion.config.schema import JournalSection
 from companion.config.video import VideoSection
-from companion.desk.check.video import missing_of
+from companion.desk.check.observers import missing_of
 from companion.observers.recording.messages import RecordedMessage
 from companion.observers.video.rtsp_server import REPORT, STALE_AFTER
 from companion.observers.video.video import Video, VideoChild

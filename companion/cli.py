@@ -206,7 +206,7 @@ def _check(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError, UnknownWordError
     from companion.config import ConfigError, format_config, load_config, word_problem
     from companion.daemon.policy.hold_gate import require_checkable
-    from companion.wire.signing_key import SigningKeyError, read_key
+    from companion.wire.signing_store import SigningKeyError, read_key
 
     try:
         config = load_config(options.file)

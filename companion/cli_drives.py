@@ -113,10 +113,7 @@ def _replay(options: argparse.Namespace) -> int:
 
     return _of_drives(
         lambda: replaying.run(
-            options.drive,
-            file=options.config,
-            refs=options.refs,
-            update=options.update_refs,
+            options.drive, file=options.config, refs=options.refs, update=options.update_refs
         )
     )
 

@@ -13,16 +13,9 @@ from typing import Any, NamedTuple
 
 from anytraverse.memory import Memory
 from companion.config import Config
-from companion.daemon.composition import (
-    Resources,
-    compose,
-    first_parameters,
-    open_id,
-    stored_u32,
-)
-from companion.daemon.death import report_death
-from companion.daemon.settings.mapping import first_words, restored_policy
-from companion.daemon.startup import load
+from companion.daemon.composition import Resources, compose, first_parameters, open_id, stored_u32
+from companion.daemon.settings.runtime import first_words, restored_policy
+from companion.daemon.startup import load, report_death
 from companion.daemon.supervisor import Supervisor
 from companion.daemon.turn import Observer, Turn
 from companion.desk.check.table import EVERY, CheckReport
@@ -39,7 +32,7 @@ from companion.storage.file_reader import FileReader
 from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
-from companion.system.background import BackgroundJob
+from companion.system.error_guard import BackgroundJob
 from companion.system.service_manager import ServiceManager, stop_on_signals
 from companion.tasks import VISION
 from companion.vision.child import COMMAND, VisionChild

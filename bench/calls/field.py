@@ -13,7 +13,7 @@ from anytraverse.history import Place
 from bench.calls.operators import About
 from companion.calls.decisions import Call
 from companion.desk.drives.drive import DriveFrame
-from companion.desk.tuning.operators import LabelOperator
+from companion.desk.tuning.episode import LabelOperator
 from companion.sim.field.render import LABELS, PinholeCamera
 from companion.sim.field.things import KINDS, FieldThing, World
 from companion.sim.field.trail import Pose, half_width

@@ -21,8 +21,7 @@ from bench.perception.judged import Judge
 from bench.perception.pasting import Cutout
 from bench.perception.things import gather
 from companion.desk.drives.judge import DriveJudge
-from companion.desk.tuning.episode import LabelledDrive
-from companion.desk.tuning.operators import LabelOperator
+from companion.desk.tuning.episode import LabelledDrive, LabelOperator
 from companion.desk.tuning.trial import Combination, Trial
 
 BLOCKS = (2, 4)

@@ -12,7 +12,7 @@ from companion.calls.decisions import Call
 from companion.calls.summary import fractions
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.drives.judge import DriveJudge
-from companion.desk.tuning.operators import LabelOperator, Operator, go
+from companion.desk.tuning.episode import LabelOperator, Operator, go
 from companion.sim.repeats import AskedBefore, ThingId
 from companion.wire.answers import Answer, AnyOperation
 from companion.wire.ids import Motion

@@ -15,10 +15,10 @@ from bench.calls.engines import alone, of_the_field
 from bench.calls.field import FilmedField
 from companion.calls.decisions import Call, CallOpened, Decision, HoldStarted, SetMode
 from companion.calls.machine import OperatorCalls
-from companion.calls.masks import resized
 from companion.calls.mode_monitor import ModeReport
 from companion.calls.policy import PolicyState
-from companion.daemon.settings.mapping import call_numbers
+from companion.calls.tracking import resized
+from companion.daemon.settings.runtime import call_numbers
 from companion.sim.field.render import LABELS
 from companion.sim.field.things import World
 from companion.vehicle import ardupilot

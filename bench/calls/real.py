@@ -19,8 +19,7 @@ from bench.calls.operators import OPERATORS, AnsweredCall, Listed, nothing_known
 from bench.perception.figures import share
 from bench.perception.frames import DRIVABLE
 from companion.desk.drives.judge import DriveJudge
-from companion.desk.tuning.episode import LabelledDrive
-from companion.desk.tuning.operators import LabelOperator
+from companion.desk.tuning.episode import LabelledDrive, LabelOperator
 from companion.desk.tuning.trial import Combination, Trial, run_trials
 
 RATE = 2.0

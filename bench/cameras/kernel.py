@@ -25,7 +25,7 @@ from typing import Any
 
 from companion.cameras import CameraError, CameraOptions, open_camera
 from companion.cameras.newest import CameraState, CameraThread, Patience
-from companion.cameras.v4l2_devices import Device, devices
+from companion.cameras.v4l2 import Device, devices
 
 ROOT = Path(__file__).parents[2]
 LASTS = 600.0

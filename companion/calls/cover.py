@@ -8,10 +8,9 @@ from functools import cached_property
 from anytraverse.assessment import NAMED_MEAN, Assessment, Maps, Reason
 from anytraverse.findings import is_open
 from anytraverse.roi import worst_tile
-from companion.calls.masks import Mask
 from companion.calls.numbers import Numbers
 from companion.calls.thing import Thing, means_outside
-from companion.calls.tracking import blocked_by_name, named_reasons, sized
+from companion.calls.tracking import Mask, blocked_by_name, named_reasons, sized
 
 _FILLS = 0.1
 """Of the picture: a thing that covers as much, as a drum does from 3 m, changes the scene."""

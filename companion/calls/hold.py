@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from anytraverse.assessment import Assessment
-from companion.calls.held_mission import HeldMission
-from companion.calls.mode_monitor import ModeAnswer, ModeReport
+from companion.calls.mode_monitor import HeldMission, ModeAnswer, ModeReport
 from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
 

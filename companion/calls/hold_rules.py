@@ -19,13 +19,12 @@ from companion.calls.decisions import (
     ResumeCancelled,
     SetMode,
 )
-from companion.calls.held_mission import HeldMission
 from companion.calls.hold import Hold, HoldEvent, HoldState, OffboardRelease
-from companion.calls.mode_monitor import ModeAnswer, ModeMonitor, ModeReport
+from companion.calls.mode_monitor import HeldMission, ModeAnswer, ModeMonitor, ModeReport
 from companion.calls.numbers import Numbers
 from companion.calls.reason_filter import ReasonFilter
 from companion.vehicle.ardupilot import ScriptHold
-from companion.vehicle.mission import MissionState
+from companion.vehicle.state import MissionState
 from companion.wire.ids import Motion
 
 OVERRIDE_WINDOW = 1.5

@@ -16,17 +16,15 @@ from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.judging import Settings
 from anytraverse.operations import Operation
-from companion.calls.answer_rules import accept_taken_over, answer_call
-from companion.calls.call_rules import CallController
+from companion.calls.call_rules import CallController, accept_taken_over, answer_call
 from companion.calls.decisions import Call, Decision, FaultAcceptanceEnds, FaultAccepted, HoldMoved, Unasked
 from companion.calls.faults import TOLD_FOR, Fault
 from companion.calls.hold import Hold, HoldEvent
 from companion.calls.hold_rules import HoldController
 from companion.calls.mode_monitor import ModeAnswer, ModeMonitor, ModeReport
 from companion.calls.numbers import Numbers
-from companion.calls.policy import PolicyState
+from companion.calls.policy import PolicyState, Shadow
 from companion.calls.reason_filter import ReasonFilter
-from companion.calls.shadow import Shadow
 from companion.system.error_guard import FatalError
 from companion.wire.ids import Kind, Motion, Outcome, Policy, Result, Stage, State
 

@@ -1,4 +1,4 @@
-"""Watches what the autopilot reports: its mode, its heartbeats, and holds by its script."""
+"""Watches what the autopilot reports: mode, heartbeats, holds by its script, a mission that is held."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
 from companion.vehicle.ardupilot import ScriptHold
-from companion.vehicle.mission import Mission, MissionState
+from companion.vehicle.state import Mission, MissionState
 
 
 @dataclass(frozen=True)
@@ -217,3 +217,52 @@ class ModeMonitor:
         if self._heartbeat_at is not None and at - self._heartbeat_at > self._numbers.heartbeat_lost:
             self._back_at = at  # heartbeats are back: `heartbeat_lost` waits until they last
         self._heartbeat_at = at
+
+
+@dataclass(frozen=True)
+class HeldMission:
+    """The mission that a hold interrupted.
+
+    before: its report as the vehicle stood. now: its newest report in the hold; both None before the first.
+    settled: `before` was reported in the hold: the current item may have moved until then by itself.
+    ended: it is complete, or its state is not known and its last item was reached; until another item is set.
+    """
+
+    before: Mission | None = None
+    now: Mission | None = None
+    settled: bool = False
+    ended: bool = False
+
+    def driving(self, report: ModeReport) -> HeldMission:
+        """Take in a report from before the hold was confirmed, or of a resume that is cancelled."""
+        if report.mission is None:
+            return self
+        return HeldMission(before=report.mission, ended=self.ended or report.mission_ended)
+
+    def standing(self, report: ModeReport) -> HeldMission:
+        """Take in a report that shows the mode of the hold."""
+        mission = report.mission
+        if mission is None or not mission.fresh:
+            return self
+        held = self if self.settled else replace(self, before=mission, settled=True)
+        moved = held.before is not None and (
+            mission.replaces(held.before) or mission.item != held.before.item
+        )
+        ended = mission.state is MissionState.COMPLETE or (held.ended and not moved)
+        return replace(held, now=mission, ended=ended)
+
+    def rebooted(self) -> HeldMission:
+        """Forget the items: the autopilot starts with the first one. What has ended stays ended."""
+        return HeldMission(ended=self.ended)
+
+    @property
+    def replaced(self) -> bool:
+        """Whether there is another mission now than when the vehicle stood."""
+        return self.before is not None and self.now is not None and self.now.replaces(self.before)
+
+    @property
+    def moved(self) -> bool:
+        """Whether another item of the same mission is the current one now."""
+        if self.before is None or self.now is None or self.replaced:
+            return False
+        return self.now.item != self.before.item

@@ -12,14 +12,13 @@ from typing import Any
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call, CallState
-from companion.calls.held_mission import HeldMission
 from companion.calls.hold import Hold, HoldState
 from companion.calls.machine import OperatorCalls
+from companion.calls.mode_monitor import HeldMission
 from companion.calls.reason_filter import CALLS_FOR_WORDS
-from companion.vehicle.mission import Mission, MissionState
-from companion.vehicle.position import read_place
+from companion.vehicle.state import Mission, MissionState, read_place
 from companion.wire.ids import Policy
-from companion.wire.places import place_document
+from companion.wire.json_values import place_document
 
 _U16 = 0xFFFF
 _U32 = 0xFFFFFFFF
@@ -71,10 +70,7 @@ def restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float) -> None:
         raise ValueError(f"call {call.id} and hold {hold.id} cannot both be open")
     policy = calls.policy
     calls.restore(
-        last_id,
-        call if policy is not Policy.OFF else None,
-        hold if policy is Policy.HOLD else None,
-        mode,
+        last_id, call if policy is not Policy.OFF else None, hold if policy is Policy.HOLD else None, mode
     )
 
 

@@ -5,15 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from anytraverse.assessment import (
-    CORRIDOR,
-    NAMED_MEAN,
-    NAMED_TILE,
-    ROI_MEAN,
-    WORST_TILE,
-    Assessment,
-    Reason,
-)
+from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, ROI_MEAN, WORST_TILE, Assessment, Reason
 from anytraverse.history import Place
 from anytraverse.light import light_name
 from anytraverse.preferences import Preferences
@@ -35,12 +27,7 @@ _FLAGS = {
 }
 
 
-_PARTS = {
-    WORST_TILE: "yellow frame",
-    NAMED_TILE: "yellow frame",
-    ROI_MEAN: "region",
-    NAMED_MEAN: "region",
-}
+_PARTS = {WORST_TILE: "yellow frame", NAMED_TILE: "yellow frame", ROI_MEAN: "region", NAMED_MEAN: "region"}
 """Figure that calls for a thing -> the part of the picture that it is of."""
 
 

@@ -10,9 +10,17 @@ import numpy as np
 from anytraverse.assessment import CORRIDOR, NAMED_TILE, Assessment, Maps, Reason
 from anytraverse.history import Embedding, cosine
 from anytraverse.regions import Box
-from companion.calls.masks import Mask, coarse, joined, resized
 from companion.calls.numbers import Numbers
-from companion.calls.tracking import blocked_by_name, sized, track, uncertain_above
+from companion.calls.tracking import (
+    Mask,
+    blocked_by_name,
+    coarse,
+    joined,
+    resized,
+    sized,
+    track,
+    uncertain_above,
+)
 
 REASONS_OF_THINGS = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 _WIDENS = 1.5

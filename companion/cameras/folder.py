@@ -12,7 +12,7 @@ import numpy as np
 from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, decode
 from anytraverse.regular_file import read_regular
 from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, EndOfFrames
-from companion.cameras.playback import PlaybackPace
+from companion.cameras.video import PlaybackPace
 
 _PHOTOS = {".jpg", ".jpeg"}
 _SUFFIXES = _PHOTOS | {".png", ".bmp", ".webp", ".tif", ".tiff"}

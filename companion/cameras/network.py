@@ -23,13 +23,7 @@ import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
 from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, check_size  # noqa: E402
-from companion.cameras import (  # noqa: E402
-    BadFrame,
-    CameraError,
-    CameraOptions,
-    Capture,
-    SourceError,
-)
+from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, SourceError  # noqa: E402
 from companion.cameras.late_frames import CAME_LATE, LateFrames, StreamClock  # noqa: E402
 from companion.cameras.shown import address  # noqa: E402
 

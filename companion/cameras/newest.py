@@ -11,14 +11,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from anytraverse.frame import Frame, Intrinsics, is_depth, is_image, is_intrinsics
-from companion.cameras import (
-    BadFrame,
-    Camera,
-    CameraError,
-    Capture,
-    EndOfFrames,
-    NoFrameYet,
-)
+from companion.cameras import BadFrame, Camera, CameraError, Capture, EndOfFrames, NoFrameYet
 from companion.cameras.shown import plain_words
 
 _log = logging.getLogger(__name__)

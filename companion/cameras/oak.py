@@ -20,13 +20,7 @@ import depthai  # noqa: E402
 import numpy as np  # noqa: E402
 
 from anytraverse.frame import Intrinsics  # noqa: E402
-from companion.cameras import (  # noqa: E402
-    BadFrame,
-    CameraError,
-    CameraOptions,
-    Capture,
-    NoFrameYet,
-)
+from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, NoFrameYet  # noqa: E402
 from companion.cameras.late_frames import CAME_LATE  # noqa: E402
 from companion.cameras.shown import shown  # noqa: E402
 

@@ -19,14 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.cameras import (
-    BadFrame,
-    CameraError,
-    CameraOptions,
-    Capture,
-    NoFrameYet,
-    SourceError,
-)
+from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, NoFrameYet, SourceError
 from companion.cameras.late_frames import CAME_LATE, LateFrames
 from companion.cameras.pixel_formats import frame_bytes, to_rgb
 from companion.cameras.shown import plain_words, program

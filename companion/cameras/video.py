@@ -1,16 +1,16 @@
-"""Plays a video file at its own rate or a given one: `video:PATH`."""
+"""Plays a video file at its own rate or a given one: `video:PATH`. A folder is played at the same pace."""
 
 from __future__ import annotations
 
 import math
 import os
+import time
 from pathlib import Path
 
 import cv2
 
 from anytraverse.decoding import PictureTooLargeError, check_size
-from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, EndOfFrames
-from companion.cameras.playback import PlaybackPace
+from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, EndOfFrames, NoFrameYet
 
 _USUAL_RATE = 30.0
 _HIGHEST_RATE = 240.0
@@ -72,3 +72,26 @@ def own_rate(video: cv2.VideoCapture) -> float:
     """Return the frames per second that a video states, 30 where that is none."""
     rate = float(video.get(cv2.CAP_PROP_FPS))
     return rate if math.isfinite(rate) and 0.0 < rate <= _HIGHEST_RATE else _USUAL_RATE
+
+
+class PlaybackPace:
+    """Lets a reader through `rate` times a second. It never speeds up to make up for lost time."""
+
+    def __init__(self, rate: float) -> None:
+        self._period = 1.0 / rate
+        self._due = time.monotonic()
+
+    def wait(self, timeout: float) -> float:
+        """Wait until the next frame is due, and return time.monotonic() then.
+
+        Raises NoFrameYet when it is not due within `timeout` seconds.
+        """
+        left = self._due - time.monotonic()
+        if left > 0:
+            time.sleep(min(left, timeout))
+        if left > timeout:
+            raise NoFrameYet(f"the next picture is due in {left - timeout:.1f} s: read again")
+        now = time.monotonic()
+        fell_behind = now - self._due >= self._period
+        self._due = self._period + (now if fell_behind else self._due)
+        return now

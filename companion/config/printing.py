@@ -8,8 +8,8 @@ from dataclasses import fields
 from typing import Any
 
 from companion.config.checks import Section, ValueCheck, harmless, number, section_schema, text
+from companion.config.reading import WORDS_OFFERED
 from companion.config.schema import SECTIONS, Config
-from companion.config.words import WORDS_OFFERED
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 

@@ -19,36 +19,32 @@ from companion.daemon.call_texts import CallTexts
 from companion.daemon.daemon import Daemon, Deciders
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor
-from companion.daemon.incident_requests import IncidentRequests
 from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
 from companion.daemon.pointing import Pointing
 from companion.daemon.policy.hold_gate import HoldGate
 from companion.daemon.policy.service import PolicyService
-from companion.daemon.policy.shadow_reporter import ShadowReporter
-from companion.daemon.policy.shadow_statistics import ShadowStatistics
+from companion.daemon.policy.shadow_statistics import ShadowReporter, ShadowStatistics
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
-from companion.daemon.requests import Requests
+from companion.daemon.reports import VehicleReports, VisionResults
+from companion.daemon.requests import IncidentRequests, Requests
 from companion.daemon.settings.echo import ParameterEcho
-from companion.daemon.settings.mapping import (
+from companion.daemon.settings.runtime import (
+    RuntimeSettings,
     call_numbers,
     first_values,
     first_words,
     restored_policy,
     storable_defaults,
 )
-from companion.daemon.settings.runtime import RuntimeSettings
 from companion.daemon.settings.service import SettingsService
 from companion.daemon.settings.words import WordSettings
-from companion.daemon.status import Status
-from companion.daemon.status_file import StatusFile
+from companion.daemon.status import Status, StatusFile
 from companion.daemon.supervisor import Supervisor
 from companion.daemon.telemetry import Telemetry
 from companion.daemon.trial_call import TrialCall
 from companion.daemon.turn import Event, Observers
-from companion.daemon.vehicle_reports import VehicleReports
-from companion.daemon.vision_results import VisionResults
 from companion.link.link import Link
 from companion.storage import Journal
 from companion.storage.call_files import CallFiles, PictureArchive

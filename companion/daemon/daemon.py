@@ -13,12 +13,11 @@ from companion.calls.mode_monitor import ModeAnswer
 from companion.daemon.executor import DecisionExecutor
 from companion.daemon.health import HealthMonitor, StallDetector
 from companion.daemon.policy.service import PolicyService
+from companion.daemon.reports import VehicleReports, VisionResults
 from companion.daemon.requests import Requests
 from companion.daemon.startup import wait
 from companion.daemon.trial_call import TrialCall
 from companion.daemon.turn import Observers, Reminder, Turn, kind_of
-from companion.daemon.vehicle_reports import VehicleReports
-from companion.daemon.vision_results import VisionResults
 from companion.link.inbound import InboundEvent, VehicleUpdate
 from companion.link.link import Link
 from companion.system.computer import Computer

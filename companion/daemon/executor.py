@@ -30,13 +30,7 @@ from companion.daemon.turn import Decided, Event
 from companion.link.mode_commands import ModeCommands
 from companion.system.error_guard import ErrorGuard
 
-_OVER = (
-    HoldEvent.RESUMED,
-    HoldEvent.TAKEN_OVER,
-    HoldEvent.DROPPED,
-    HoldEvent.CONFIRMED,
-    HoldEvent.REBOOTED,
-)
+_OVER = (HoldEvent.RESUMED, HoldEvent.TAKEN_OVER, HoldEvent.DROPPED, HoldEvent.CONFIRMED, HoldEvent.REBOOTED)
 """What makes a mode that waits to be sent outdated."""
 
 

@@ -1,4 +1,4 @@
-"""Waits until the vision process has loaded, and meanwhile runs the link, which reports the start."""
+"""Runs the link before the first turn, while vision loads, and after the last one, as the daemon dies."""
 
 from __future__ import annotations
 
@@ -9,19 +9,16 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import development as mavlink
 
 from anytraverse.errors import AnyTraverseError
-from companion.link.inbound import (
-    InboundEvent,
-    ParameterRequest,
-    PolicyRequest,
-    ResetRequest,
-)
+from companion.calls.hold import HoldState
+from companion.calls.machine import OperatorCalls
+from companion.link.inbound import InboundEvent, ParameterRequest, PolicyRequest, ResetRequest
 from companion.link.link import Link
 from companion.system.service_manager import ServiceManager
 from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement, Answer, Via
-from companion.wire.ids import WARNING, Result
+from companion.wire.ids import ALERT, WARNING, Policy, Result, State
 
 _TICK = 0.02
 _AGAIN = "starting, send it again"
@@ -79,3 +76,29 @@ def _refuse(event: InboundEvent, link: Link, now: float) -> None:
         case _:
             return
     link.texts.send(notices.refused(_AGAIN), WARNING, now)
+
+
+_TICKS, _STEP = 15, 0.02
+
+
+def report_death(link: Link, calls: OperatorCalls) -> None:
+    """Report at once that the daemon dies, to the autopilot's script and to the operator.
+
+    Under the hold policy a vehicle that drives by itself, or was told to drive on, is held. A mode that waits
+    to be sent is dropped: it may be a resume.
+    """
+    link.modes.cancel()
+    now, report, vehicle = time.monotonic(), calls.monitor.newest, link.vehicle
+    # The error may have kept a report from the state machine: a human may have taken over.
+    current = vehicle is not None and (vehicle.custom_mode, vehicle.armed) == (report.mode, report.armed)
+    hold, known = calls.hold, current and calls.monitor.known(now)
+    drives = report.drives_itself or (hold is not None and hold.state is HoldState.RESUMING)
+    drives = drives and known and calls.policy is Policy.HOLD
+    if report.autopilot is not None and (drives or calls.holding.streams):
+        link.modes.command(report.autopilot.rest_mode, now)
+    link.set_state(State.FAULT, calls.current_id, calls.policy)
+    link.texts.send(notices.dying(), ALERT, time.monotonic())
+    # The link sends within its budgets, so that one tick does not send everything.
+    for _ in range(_TICKS):
+        link.tick(time.monotonic())
+        time.sleep(_STEP)

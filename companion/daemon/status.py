@@ -1,13 +1,16 @@
-"""Collects figures of all parts for the status file and /state.json."""
+"""Collects figures of all parts for the status file and /state.json, and writes the status file."""
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from itertools import islice
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -20,13 +23,15 @@ from companion.daemon.settings.service import SettingsService
 from companion.daemon.turn import Observer, Turn
 from companion.link.link import Link
 from companion.storage.call_files import scene_picture
+from companion.storage.writer import Writer
+from companion.system.atomic_write import write_atomically
 from companion.system.computer import Computer
 from companion.vehicle.course import unknown
 from companion.vision.client import VisionClient
 from companion.wire.call_report import STATE
 from companion.wire.documents import MOST_GIVEN
 from companion.wire.ids import VERSION
-from companion.wire.places import place_document
+from companion.wire.json_values import place_document
 
 _DIGITS = 4
 _OF_THE_LINK = ("trouble", "autopilot", "dropped_summaries", "lost", "unsaid", "rejected")
@@ -240,3 +245,44 @@ def _mission(calls: OperatorCalls) -> dict[str, Any] | None:
         return None
     state = mission.state.name.lower()
     return {"state": state, "item": mission.item, "total": mission.total, "over": report.mission_over}
+
+
+_RECENT = 1200
+"""Newest frames whose times are written to the last status file."""
+
+
+class StatusFile(Observer):
+    """Observes which frames are judged, and queues the file for the writer."""
+
+    def __init__(self, writer: Writer, path: Path) -> None:
+        self._writer = writer
+        self._path = path
+        self._frames = 0
+        self._recent: deque[tuple[int, float, float]] = deque(maxlen=_RECENT)
+
+    def see(self, turn: Turn) -> None:
+        """Count the judged frames."""
+        for judged in turn.judged:
+            frame = judged.assessment.frame
+            self._frames += 1
+            self._recent.append((frame.id, frame.captured_at, judged.at))
+
+    def write(self, figures: Mapping[str, Any]) -> dict[str, Any]:
+        """Queue the file: figures, number of judged frames, process id and the state of the disk.
+
+        Return its content.
+        """
+        status = {**figures, "frames": self._frames, "pid": os.getpid(), "disk": self._writer.figures()}
+        content = json.dumps(status).encode()
+        # It is written again every second: a torn one lasts no longer.
+        self._writer.queue_job("status", partial(write_atomically, self._path, content, sync=False))
+        return status
+
+    def leave(self, figures: Mapping[str, Any]) -> None:
+        """Write everything that waits, within `SLOW` seconds, and last the status file.
+
+        Only this last status file has the times of the newest frames, since that list is long and writing
+        wears memory cards out.
+        """
+        self.write({**figures, "recent": list(self._recent)})
+        self._writer.drain()

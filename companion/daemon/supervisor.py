@@ -11,16 +11,15 @@ from companion.daemon.answers.handler import AnswerHandler
 from companion.daemon.call_frames import CallFrames
 from companion.daemon.call_texts import CallTexts
 from companion.daemon.daemon import Daemon
-from companion.daemon.incident_requests import IncidentRequests
 from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
 from companion.daemon.pointing import Pointing
-from companion.daemon.policy.shadow_reporter import ShadowReporter
+from companion.daemon.policy.shadow_statistics import ShadowReporter
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
+from companion.daemon.requests import IncidentRequests
 from companion.daemon.settings.service import SettingsService
-from companion.daemon.status import Status
-from companion.daemon.status_file import StatusFile
+from companion.daemon.status import Status, StatusFile
 from companion.daemon.trial_call import TrialCall
 from companion.daemon.turn import Observers
 from companion.system.computer import Computer

@@ -45,12 +45,7 @@ class TrialCall:
     """Runs at most one test call, and none while a call or hold is open: a real one ends it at once."""
 
     def __init__(
-        self,
-        folder: Path,
-        calls: OperatorCalls,
-        link: Link,
-        vision: VisionClient,
-        position: VehiclePosition,
+        self, folder: Path, calls: OperatorCalls, link: Link, vision: VisionClient, position: VehiclePosition
     ) -> None:
         self._request = folder / REQUEST
         self._calls = calls

@@ -52,10 +52,7 @@ _FIXED: dict[int, tuple[str, Callable[[], Any]]] = {
     mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: ("camera storage", camera_messages.no_storage),
     mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: ("capture status", camera_messages.no_capture),
 }
-_OF_STREAM = (
-    mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION,
-    mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS,
-)
+_OF_STREAM = (mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION, mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS)
 _OF_VIDEO = (mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION, *_OF_STREAM)
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED

@@ -87,12 +87,7 @@ class Link:
         self.text_parameters = TextParameters(self._outbox, self.texts, self._access, self.parameters)
         self.answer_store = AnswerStore() if answer_store is None else answer_store
         self.answers = AnswerService(
-            self._outbox,
-            self.texts,
-            self._access,
-            self.parameters,
-            self.text_parameters,
-            self.answer_store,
+            self._outbox, self.texts, self._access, self.parameters, self.text_parameters, self.answer_store
         )
         self.commands = CommandService(self._outbox, self.texts, self._access, self.parameters)
         self.camera = CameraService(self._outbox, self.texts, self._access, self.answers, camera)
@@ -111,13 +106,7 @@ class Link:
         self.modes = ModeCommands(self._outbox, self._access, self._tracker)
         self.dead_man = DeadMan(self._outbox, self.texts)
         self._router = MessageRouter(
-            self._outbox,
-            self.texts,
-            self._access,
-            self._tracker,
-            self.modes,
-            requests,
-            self.dead_man,
+            self._outbox, self.texts, self._access, self._tracker, self.modes, requests, self.dead_man
         )
         self.alerts = AlertRepeater()
         self._returns_seen = 0

@@ -15,8 +15,7 @@ from companion.link.outbox import Outbox
 from companion.storage.served_tree import InMemoryFile, MissingError, Opened
 from companion.wire import notices
 from companion.wire.ids import COMPONENT_ID, SenderId
-from companion.wire.packed_parameters import ListOptions, pack
-from companion.wire.parameters import MAX_PARAMETERS, Parameter, ParameterError
+from companion.wire.parameters import MAX_PARAMETERS, ListOptions, Parameter, ParameterError, pack
 from companion.wire.refusals import Rejected
 
 

@@ -13,9 +13,9 @@ from companion.config.link_settings import ConnectionSettings
 from companion.link.access_control import COMMON_SHARES
 from companion.link.connection import Connection
 from companion.link.encode import MavlinkVersion, fits_1, pack_1
-from companion.link.filler import completes
 from companion.link.limits import TokenBucket
 from companion.link.signing import Signing
+from companion.link.streams import completes
 from companion.wire.ids import CAMERA_COMPONENT_ID, COMPONENT_ID
 from companion.wire.messages import MESSAGES, Bucket, Message
 from companion.wire.signing import BLOCK

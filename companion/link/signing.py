@@ -15,8 +15,7 @@ from companion.vehicle.state import SOFTWARE_MADE
 from companion.wire import signing as wire
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 from companion.wire.signing import DAY, TICKS, SignedStream, SigningKey, ticks
-from companion.wire.signing_key import SigningKeyError, read_key
-from companion.wire.signing_store import NAME, TimestampFile
+from companion.wire.signing_store import NAME, SigningKeyError, TimestampFile, read_key
 
 log = logging.getLogger(__name__)
 
@@ -89,12 +88,7 @@ class Signing:
     """Signs and checks frames with one key for all connections; each signs with its own link id."""
 
     def __init__(
-        self,
-        key: SigningKey,
-        store: TimestampFile,
-        clock: SigningClock,
-        *,
-        unsigned_autopilot: bool = False,
+        self, key: SigningKey, store: TimestampFile, clock: SigningClock, *, unsigned_autopilot: bool = False
     ) -> None:
         self._key = key
         self._store = store

@@ -1,4 +1,4 @@
-"""Reads and writes bytes over TCP or a serial port, without blocking."""
+"""Reads and writes bytes over TCP or a serial port, without blocking, and ends frames that were cut."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import select
 import socket
 import struct
 
+from pymavlink.dialects.v20 import development as mavlink
+
 from companion.config.link_settings import BITS_PER_BYTE, Address
-from companion.link.filler import FILLER
 from companion.wire.devices import open_port, unconfirmed_bytes, unsent_bytes, watch_peer
 
 CHUNK = 2048
@@ -217,3 +218,20 @@ class Serial(Stream):
 
     def close(self) -> None:
         self._port.close()
+
+
+_LONGEST_FRAME = 280
+FILLER = bytes(_LONGEST_FRAME - 1)
+"""Zeros, no beginning of a frame. A parser that has begun a frame waits for the length that it claims."""
+
+
+def completes(frame: bytes) -> bool:
+    """Whether FILLER makes a valid frame of a part of `frame`, so that cutting it would not destroy it."""
+    mav = mavlink.MAVLink(None)
+    for cut in range(1, len(frame)):
+        try:
+            mav.decode(bytearray(frame[:cut].ljust(len(frame), b"\0")))
+        except mavlink.MAVError:
+            continue
+        return True
+    return False

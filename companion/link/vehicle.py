@@ -9,8 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import RcChannels
-from companion.vehicle.mission import Mission, MissionState
-from companion.vehicle.state import PUSHES, Vehicle, is_set
+from companion.vehicle.state import PUSHES, Mission, MissionState, Vehicle, is_set
 
 FAILED_LASTS = 5.0
 """s that a failed RC receiver counts as failed without a new report."""

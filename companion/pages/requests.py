@@ -17,12 +17,7 @@ from companion.wire.packing import Fractions
 MOST_POSTED = 16 << 10
 """Bytes of a request."""
 MOST_CHANGES = 32
-_MOTIONS = {
-    "none": Motion.NONE,
-    "go": Motion.GO,
-    "stay": Motion.STAY,
-    "look": Motion.LOOK_AGAIN,
-}
+_MOTIONS = {"none": Motion.NONE, "go": Motion.GO, "stay": Motion.STAY, "look": Motion.LOOK_AGAIN}
 
 
 class RequestError(ValueError):

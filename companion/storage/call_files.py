@@ -41,12 +41,7 @@ class CallFiles:
         """The paths of those pictures, by their keys in a record."""
 
     def write_pictures(
-        self,
-        number: int,
-        small: bytes,
-        large: Path,
-        raw: bytes = b"",
-        remembered: Collection[int] = (),
+        self, number: int, small: bytes, large: Path, raw: bytes = b"", remembered: Collection[int] = ()
     ) -> None:
         """Write the pictures of a call or hold. small: JPEG sized for a radio. large: file of the archive.
 

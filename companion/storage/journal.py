@@ -13,10 +13,9 @@ from typing import Any
 
 from anytraverse.memory import Memory
 from companion.storage.batch import Batch, TableRow, as_json, from_json
-from companion.storage.daily_copy import DailyCopy
 from companion.storage.database import FRAME_SINCE, Damaged, Database, JournalError
 from companion.storage.memory_rows import read_memory, write_memory
-from companion.storage.salvage import best, salvage
+from companion.storage.salvage import DailyCopy, best, salvage
 from companion.system.atomic_write import sync_folder
 from companion.wire.call_report import RECORD, CallReport
 

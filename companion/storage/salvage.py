@@ -1,11 +1,13 @@
-"""Reads what is left in a damaged journal, or in the copy beside it, and decides which of both counts."""
+"""Keeps a copy beside the journal. Reads what is left of a damaged one or its copy, and says which counts."""
 
 from __future__ import annotations
 
+import logging
+import shutil
 import sqlite3
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,9 +15,16 @@ from typing import Any, NamedTuple
 from anytraverse.history import History
 from anytraverse.memory import Memory
 from companion.storage.batch import from_json
-from companion.storage.database import ERRORS, TABLES, Damaged
+from companion.storage.database import ERRORS, TABLES, Damaged, Database, JournalError
 from companion.storage.memory_rows import KEYS, OWNER_CONFIGURED, OWNER_IN_USE, read_memory
 
+_log = logging.getLogger(__name__)
+
+AGE = 86_400.0
+"""Seconds after which the daily copy is made anew."""
+_LOOKED_EVERY = 3600.0
+LEAST_FREE = 64 << 20
+"""Bytes that stay free on the disk beside the copy: for the journal itself."""
 WITHIN = 10.0
 """Seconds that reading one file may take."""
 _STEPS = 100
@@ -157,3 +166,52 @@ def _usable(read: sqlite3.Connection, lost: set[int]) -> Salvaged:
     kept["frame"] = [row for row in found["frame"] if isinstance(row[-1], bytes)]
     state = next((from_json(state) for (state,) in rows("SELECT state FROM supervision")), None)
     return Salvaged(memory, memory is not None and min(lost, default=0) >= 0, state, kept)
+
+
+class DailyCopy:
+    """One file, which is replaced as a whole. The thread that writes the journal makes it.
+
+    A rover may boot without a clock: a copy from the future counts as old, and without any clock one is made
+    after a day of running.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._outdated = False
+        self._look_at = float("-inf")
+
+    def outdated(self) -> None:
+        """Have the copy replaced by the next `keep`: what was forgotten must not come back from it."""
+        self._outdated, self._look_at = True, float("-inf")
+
+    def date(self) -> str:
+        """Return when the copy was made, local time, for a person."""
+        try:
+            return time.strftime("%Y-%m-%d %H:%M", time.localtime(self.path.stat().st_mtime))
+        except OSError:
+            return "an unknown time"
+
+    def keep(self, database: Database) -> None:
+        """Copy the journal where that is due and the disk has room. Raises JournalError."""
+        now = time.monotonic()
+        if now < self._look_at:
+            return
+        self._look_at = now + _LOOKED_EVERY
+        try:
+            if self._outdated:
+                self.path.unlink(missing_ok=True)
+            elif not self._is_old():
+                return
+            free = shutil.disk_usage(self.path.parent).free
+            if free < database.size + LEAST_FREE:
+                _log.warning("the journal is not copied: %d MB are free on its disk", free // 1_000_000)
+                return
+            database.copy_to(self.path)
+        except OSError as error:
+            raise JournalError(f"{self.path} cannot be written ({error.strerror}): check the disk") from error
+        self._outdated = False
+
+    def _is_old(self) -> bool:
+        with suppress(FileNotFoundError):
+            return not 0.0 <= time.time() - self.path.stat().st_mtime < AGE
+        return True

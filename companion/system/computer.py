@@ -110,10 +110,7 @@ class Computer:
             room = os.statvfs(existing(self._folder))
         except OSError:
             return {"disk": None, "disk_free": None}
-        return {
-            "disk": room.f_blocks * room.f_frsize >> 20,
-            "disk_free": room.f_bavail * room.f_frsize >> 20,
-        }
+        return {"disk": room.f_blocks * room.f_frsize >> 20, "disk_free": room.f_bavail * room.f_frsize >> 20}
 
     def _some(self, pattern: str) -> list[str]:
         return sorted(glob(f"sys/class/thermal/{pattern}", root_dir=self._root))[:_MOST]

@@ -25,15 +25,7 @@ class Measured(NamedTuple):
 
 ARDUPILOT = tuple(
     Measured(*pair)
-    for pair in (
-        (0.61, 1.0),
-        (0.88, 1.5),
-        (1.35, 2.5),
-        (1.84, 3.5),
-        (2.83, 5.6),
-        (3.84, 7.8),
-        (4.85, 10.0),
-    )
+    for pair in ((0.61, 1.0), (0.88, 1.5), (1.35, 2.5), (1.84, 3.5), (2.83, 5.6), (3.84, 7.8), (4.85, 10.0))
 )
 """Stops by HOLD from a steady speed, measured with ArduPilot Rover 4.7-dev in its own simulation."""
 

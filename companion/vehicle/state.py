@@ -1,13 +1,61 @@
-"""Holds the autopilot's newest report: its mode, where the vehicle is, how it moves, and the time."""
+"""Holds the autopilot's newest report: mode, mission, place, motion, the time. Measures the way driven."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
 
 from anytraverse.history import Place
-from companion.vehicle.mission import Mission
+from companion.wire.json_values import place_attributes
+
+
+class MissionState(IntEnum):
+    """MAVLink's MISSION_STATE."""
+
+    UNKNOWN = 0
+    NO_MISSION = 1
+    NOT_STARTED = 2
+    ACTIVE = 3
+    PAUSED = 4
+    COMPLETE = 5
+
+
+@dataclass(frozen=True)
+class Mission:
+    """The newest report of the mission. Items are numbered as the autopilot numbers them.
+
+    item: the current one. total: how many there are, None where that is not reported. id: of the mission's
+    content, 0 where that is not reported. at: when it was reported, seconds of the link's monotonic clock.
+    fresh: it was reported in the last 5 s, and since the autopilot entered its mode.
+    reached: the item that was reached last in this mode, None for none. reached_at: when.
+    """
+
+    item: int
+    total: int | None
+    state: MissionState
+    id: int
+    at: float
+    fresh: bool = True
+    reached: int | None = None
+    reached_at: float = 0.0
+
+    def at_last(self, first: int) -> bool:
+        """Whether the last item was reached, or the current one is past the end. first: the first's number.
+
+        Where it is not reported how many there are: the item that was reached has stayed the current one.
+        """
+        if self.total is None:
+            return self.reached == self.item and self.at > self.reached_at
+        last = self.total - 1 + first
+        return self.item > last or (self.reached is not None and self.reached >= last)
+
+    def replaces(self, other: Mission) -> bool:
+        """Whether this is another mission than `other`, as far as the autopilot reports that."""
+        return (self.total, self.id) != (other.total, other.id)
 
 
 @dataclass(frozen=True)
@@ -128,3 +176,41 @@ def is_moving(vehicle: Vehicle | None, now: float, *, drives_itself: bool) -> bo
         return drives_itself
     pushes = vehicle.pushes_since is not None and now - vehicle.pushes_since >= PUSHES_FOR
     return speed > MOVES or (drives_itself and pushes)
+
+
+def read_place(saved: Any) -> Place:
+    """Read what `place_document` made. Values that are missing or out of range are left unknown."""
+    return Place(**place_attributes(saved))
+
+
+_METRES_PER_DEGREE = 111_320.0
+_JUMP = 20.0
+"""Metres. A longer step between two positions is a new fix and no driving; it is not counted."""
+_JITTER = 0.3
+"""Metres. A shorter step may be noise; it counts once the vehicle is this far from the last counted point."""
+
+
+class Odometer:
+    """Adds up the distances between the vehicle's positions."""
+
+    def __init__(self) -> None:
+        self._last: tuple[float, float] | None = None
+        self._metres = 0.0
+
+    def travelled(self, position: tuple[float, float, float | None] | None) -> float | None:
+        """Add the newest position (latitude and longitude in degrees), and return the metres driven so far.
+
+        None until a first position is known.
+        """
+        if position is not None:
+            latitude, longitude, _ = position
+            if self._last is None:
+                self._last = latitude, longitude
+            # A flat earth is exact enough here: steps are a few metres long.
+            north = (latitude - self._last[0]) * _METRES_PER_DEGREE
+            east = (longitude - self._last[1]) * _METRES_PER_DEGREE * math.cos(math.radians(latitude))
+            step = math.hypot(north, east)
+            if step >= _JITTER:
+                self._last = latitude, longitude
+                self._metres += step if step <= _JUMP else 0.0
+        return None if self._last is None else self._metres

@@ -7,15 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Any
 
-from anytraverse.operations import (
-    ForgetCall,
-    ForgetWord,
-    NewEpisode,
-    Operation,
-    OtherPlace,
-    SetWord,
-    Tap,
-)
+from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
 from companion.wire import layouts
 from companion.wire.ids import VERSION, Motion, Outcome, Reasons, Result, SenderId, Stage
 from companion.wire.packing import (

@@ -23,6 +23,8 @@ from companion.wire.json_values import (
     list_of,
     mapping_of,
     number_of,
+    place_attributes,
+    place_document,
     text_of,
     weights_of,
     whole_of,
@@ -41,7 +43,6 @@ from companion.wire.packing import (
     u16_to_fraction,
 )
 from companion.wire.payloads import check_version
-from companion.wire.places import place_attributes, place_document
 
 STATE = (
     "id", "kind", "stage", "holding", "age", "frame_id", "why", "worst_tile_box", "roi_uncertainty",

@@ -53,10 +53,7 @@ LINES: dict[str, Line] = {
         "cosine to the reference scene below which it calls", "", _THRESHOLD.format("scene"), _KEPT
     ),
     "AT_THR_TILE": Line(
-        "uncertainty of the ROI's worst tile that calls; -2: not judged",
-        "",
-        _THRESHOLD.format("tile"),
-        _KEPT,
+        "uncertainty of the ROI's worst tile that calls; -2: not judged", "", _THRESHOLD.format("tile"), _KEPT
     ),
     "AT_THR_TRAV": Line("drivable share below which it is blocked", "", "0.4, `[thresholds] trav`", _KEPT),
     "AT_POLICY": Line("0 report, 1 shadow, 2 hold, 3 off", "", "`[call] policy`", "off only"),

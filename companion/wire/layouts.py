@@ -149,11 +149,7 @@ PACK_INCIDENT = Layout(
     Field("H", "id", "of the call or hold, 0: the last minute"),
     start=1,
 )
-CANCEL_INCIDENT = Layout(
-    "8 CANCEL INCIDENT: pack it no more",
-    Field("H", "id", "as in 7"),
-    start=1,
-)
+CANCEL_INCIDENT = Layout("8 CANCEL INCIDENT: pack it no more", Field("H", "id", "as in 7"), start=1)
 OPERATIONS = {
     1: SET,
     2: TAP,

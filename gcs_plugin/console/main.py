@@ -18,7 +18,7 @@ from typing import Any
 
 from anytraverse.release import own_version
 from companion.pages.listen import Listen, check_token, hashed, read_listen
-from companion.wire.signing_key import SigningKeyError, read_key
+from companion.wire.signing_store import SigningKeyError, read_key
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.console.console import Console
 from gcs_plugin.console.links import Links

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TextIO
 
 from anytraverse.release import own_version
-from companion.wire.signing_key import SigningKeyError, read_key
+from companion.wire.signing_store import SigningKeyError, read_key
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.connection import EXAMPLES, LinkError, OperatorConnection, open_connection

@@ -12,7 +12,7 @@ from companion.wire.delivery import DeliveryStatus
 from companion.wire.ids import Result
 from companion.wire.packing import PayloadError
 from companion.wire.typed_answers import CommandError, WeightMissingError
-from companion.wire.weights import own_weight, turned
+from companion.wire.words_text import own_weight, turned
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.fetch import Fetch, FetchStatus

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from companion.cameras import CameraError, CameraOptions, Capture
 from companion.cameras.shown import shown
-from companion.cameras.v4l2_devices import DeviceError, devices
+from companion.cameras.v4l2 import DeviceError, devices
 from companion.config import ConfigError, load_config
 from companion.desk.check.watching import newest_capture
 

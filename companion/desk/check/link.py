@@ -10,8 +10,7 @@ from companion.desk.check.autopilot import CHECK, LINK
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.wire.signing import DAY, ticks
-from companion.wire.signing_key import SigningKeyError, read_key
-from companion.wire.signing_store import NAME, newest_stored
+from companion.wire.signing_store import NAME, SigningKeyError, newest_stored, read_key
 
 FORWARDING, SIGNING = "forwarding", "signing"
 _RECOVER = f"set its clock; if others are refused, stop the companion, delete {NAME}, and load the key again"

@@ -13,7 +13,7 @@ from companion.desk.drives.drive import DriveError
 from companion.desk.drives.rehearsal import AskedCall
 from companion.pages import wording
 from companion.wire.typed_answers import CommandError, read_typed
-from companion.wire.weights import turned
+from companion.wire.words_text import turned
 
 _SEPARATOR = " = "
 _LARGEST = 16 << 20

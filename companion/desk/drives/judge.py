@@ -15,7 +15,7 @@ from companion.calls.policy import PolicyState
 from companion.calls.summary import call_data
 from companion.config import Config
 from companion.daemon.answers.outcome import outcome_text
-from companion.daemon.settings.mapping import call_numbers
+from companion.daemon.settings.runtime import call_numbers
 from companion.desk.drives.drive import DriveFrame
 from companion.wire.answers import Answer
 from companion.wire.call_report import CallReport

@@ -1,4 +1,4 @@
-"""Implements `companion rehearse`: which calls a drive would raise, answered at the desk."""
+"""Implements `companion rehearse`: which calls a drive would raise, answered at the desk, and their page."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from companion.desk.drives.drive import Drive, DriveError
 from companion.desk.drives.frames import open_drive
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
-from companion.desk.drives.report import page as report_page
 from companion.desk.memory.command import merged, read_checked
 from companion.desk.memory.scene_file import Scene, write_scenes
 from companion.vision.warm_up import load_engine
@@ -27,6 +26,11 @@ from companion.wire.call_report import reason_names
 
 if TYPE_CHECKING:
     from companion.desk.drives.browser_desk import BrowserDesk
+from html import escape
+from itertools import groupby
+
+from anytraverse.html_page import document, figure
+from companion.pages import wording
 
 _TOLD_EVERY = 5.0
 _OURS = ("frames.jsonl", "calls", "calls.json", "answers.txt", "memory.jsonl", "index.html")
@@ -152,7 +156,7 @@ def _made(folder: Path) -> Path:
 
 def _write(folder: Path, title: str, found: Rehearsal, figures: dict[str, Any]) -> None:
     listed = [_listed(call) for call in found.calls]
-    shown = report_page(f"Rehearsal of {title}", found, figures, str(folder / "answers.txt"))
+    shown = _page(f"Rehearsal of {title}", found, figures, str(folder / "answers.txt"))
     _write_text(folder / "calls.json", json.dumps({**figures, "each": listed}, indent=1) + "\n")
     _write_text(folder / "index.html", shown)
 
@@ -210,7 +214,69 @@ class _Progress:
         if now - self._told_at > _TOLD_EVERY:
             self._told_at = now
             left = max(0, self._count - number) * (now - self._began) / number
-            print(
-                f"{number} of {self._count} frames, {calls} calls, {left:.0f} s left",
-                file=sys.stderr,
-            )
+            print(f"{number} of {self._count} frames, {calls} calls, {left:.0f} s left", file=sys.stderr)
+
+
+_STYLE = """
+h3 { margin: 1.2rem 0 .2rem; font-size: 1rem; }
+p { margin: .2rem 0; }
+.shots { max-width: 62rem; }
+figure { margin: .4rem 0; }
+code { overflow-wrap: anywhere; }
+.tenths { display: flex; gap: .3rem; align-items: end; height: 7rem; max-width: 30rem; margin: 1rem 0;
+  padding: 0; list-style: none; }
+.tenths li { flex: 1; text-align: center; font-size: .85rem; }
+.tenths div { background: var(--green); border-radius: 2px 2px 0 0; }
+"""
+_TALLEST = 70
+
+
+def _page(title: str, rehearsal: Rehearsal, figures: Mapping[str, Any], answers: str) -> str:
+    """Return the page. title: names the drive. answers: where the file of answers is."""
+    parts = [f"<h1>{escape(title)}</h1>", f"<p>{_headline(figures)}</p>", _tenths(figures["by_tenth"])]
+    if any(not call.by_person for call in rehearsal.calls):
+        parts.append(
+            "<p>Calls that nobody answered got a go, so that each place is asked about once. They are not "
+            f"remembered. Write an answer for each into <code>{escape(answers)}</code>, and rehearse again "
+            "with <code>--answers</code>.</p>"
+        )
+    by_group = sorted(rehearsal.calls, key=lambda call: (call.group, call.id))
+    for group, found in groupby(by_group, key=lambda call: call.group):
+        alike = list(found)
+        parts.append(f"<h2>Scene {group}: {len(alike)} {'call' if len(alike) == 1 else 'calls'}</h2>")
+        parts += map(_call, alike)
+    return document(title, _STYLE, parts)
+
+
+def _headline(figures: Mapping[str, Any]) -> str:
+    return (
+        f"Calls: {figures['calls']}, in {figures['groups']} scenes; answered: {figures['answered']}. "
+        f"Remembered places known again: {figures['matches']}. "
+        f"Frames: {figures['frames']}, {figures['drive_s']:g} s of the drive; not OK: {figures['not_ok']}. "
+        f"Holds, if policy hold were in force: {figures['would_hold']}."
+    )
+
+
+def _tenths(tenths: list[int]) -> str:
+    most = max(1, *tenths)
+    bars = (
+        f'<li>{count or ""}<div style="height:{round(_TALLEST * count / most)}px"></div>{number}</li>'
+        for number, count in enumerate(tenths, 1)
+    )
+    return f'<p class="faint">Calls in each tenth of the drive</p><ol class="tenths">{"".join(bars)}</ol>'
+
+
+def _call(call: AskedCall) -> str:
+    said = [f"<p><code>{escape(line)}</code>: {escape(text)}</p>" for line, text, _ in call.said]
+    return "".join(
+        [
+            f"<h3>C{call.id} at {call.at:.1f} s, {escape(call.frame)}</h3>",
+            f"<p>{escape(wording.reason(call.data))}</p>",
+            f'<p class="faint">{escape(wording.figures(call.data))}</p>',
+            '<div class="shots">',
+            figure(call.raw, "What the camera saw"),
+            figure(call.judged, "How it was judged"),
+            "</div>",
+            *(said or ['<p class="faint">Not answered.</p>']),
+        ]
+    )

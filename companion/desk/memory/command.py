@@ -22,7 +22,7 @@ from anytraverse.regions import Box
 from anytraverse.synonyms import Meaning, meaning_of, opposed
 from companion.config import Config, load_config, state_folder
 from companion.desk.memory import listing
-from companion.desk.memory.pictures import delete_unused, picture_of, read_picture, store_picture
+from companion.desk.memory.listing import delete_unused, picture_of, read_picture, store_picture
 from companion.desk.memory.scene_file import ExpectedModel, Scene, SceneFileError, read_scenes, write_scenes
 from companion.storage.batch import Batch
 from companion.storage.database import JournalError

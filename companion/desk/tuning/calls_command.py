@@ -21,9 +21,9 @@ from companion.config import Config, ConfigError, load_config
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
 from companion.desk.tuning.episode import Episode, given_answers
-from companion.desk.tuning.grid import Grid, GridError, around, read_region, read_tiles, read_values
 from companion.desk.tuning.report import counted, csv_rows, page, text_of
 from companion.desk.tuning.running import Where, processes_of, run_episode
+from companion.desk.tuning.trial import Grid, GridError, around, read_region, read_tiles, read_values
 from companion.vision.warm_up import load_engine
 
 

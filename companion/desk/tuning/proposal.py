@@ -14,10 +14,9 @@ from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.stopping import Stopping, judge_stopping, with_settings
 from companion.desk.drives.drive import DriveError
-from companion.desk.tuning.grid import Grid
-from companion.desk.tuning.operators import NEAR_S, Given
+from companion.desk.tuning.episode import NEAR_S, Given
 from companion.desk.tuning.report import combination
-from companion.desk.tuning.trial import Combination, TrialOutcome
+from companion.desk.tuning.trial import Combination, Grid, TrialOutcome
 
 _SHARES = (0.05, 0.02, 0.005)
 """Of the frames that are beyond a threshold of the grid. Where more are, calls are no exception any more."""

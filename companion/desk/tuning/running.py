@@ -21,8 +21,7 @@ from companion.config import Config
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.episode import Episode
-from companion.desk.tuning.grid import GridError
-from companion.desk.tuning.trial import Combination, Trial, TrialEngine, TrialOutcome, run_trials
+from companion.desk.tuning.trial import Combination, GridError, Trial, TrialEngine, TrialOutcome, run_trials
 from companion.vision.warm_up import load_engine
 
 _MANY = 40

@@ -30,7 +30,7 @@ from companion.calls.decisions import (
     WouldResume,
 )
 from companion.observers.recording.foxglove import encode
-from companion.wire.places import place_document
+from companion.wire.json_values import place_document
 
 _DIGITS = 6
 EVENTS = (CallOpened, CallClosed, HoldStarted, HoldMoved, WouldHold, WouldResume)

@@ -1,4 +1,4 @@
-// Proposes a word's weight, and says which words an answer turns. `companion/wire/weights.py` says the same. Pure.
+// Proposes a word's weight, and says which words an answer turns. `companion/wire/words_text.py` says the same. Pure.
 
 import { capital, signed } from "./wording.js";
 

@@ -29,7 +29,7 @@ from companion.calls.policy import PolicyState
 from companion.calls.snapshot import restore, snapshot
 from companion.vehicle import Autopilot as KnownAutopilot
 from companion.vehicle import ardupilot
-from companion.vehicle.mission import Mission
+from companion.vehicle.state import Mission
 from companion.wire.ids import Motion, Outcome, Policy, Result
 
 HEIGHT, WIDTH = 40, 60

@@ -8,8 +8,8 @@ import pytest
 
 from companion.calls.hold import HoldEvent, HoldState
 from companion.vehicle.ardupilot import INITIALISING
-from companion.vehicle.mission import Mission, MissionState
 from companion.vehicle.px4 import LOITER, LOITERING, MISSION
+from companion.vehicle.state import Mission, MissionState
 from companion.wire.ids import Motion, Policy, State
 from tests.companion.calls.scenes import AUTO, BROKEN, CLEAR, DRUM, GUIDED, HOLD, Scene, View
 

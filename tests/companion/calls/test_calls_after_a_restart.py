@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from anytraverse.assessment import Reason
 from companion.calls.decisions import Call, CallState
-from companion.calls.held_mission import HeldMission
 from companion.calls.hold import Hold, HoldEvent, HoldState
 from companion.calls.machine import OperatorCalls
+from companion.calls.mode_monitor import HeldMission
 from companion.calls.snapshot import restore, snapshot
-from companion.vehicle.mission import Mission, MissionState
+from companion.vehicle.state import Mission, MissionState
 from companion.wire.ids import Outcome, Policy, Stage, State
 from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, LOG, MANUAL, Scene
 

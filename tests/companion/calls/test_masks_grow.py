@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
-from companion.calls.masks import below, coarse, connected, resized, wider
+from companion.calls.tracking import below, coarse, connected, resized, wider
 
 Mask = NDArray[np.bool_]
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 9))

@@ -8,7 +8,7 @@ from anytraverse.assessment import Reason
 from companion.calls.decisions import WouldHold
 from companion.calls.hold import HoldEvent, HoldState
 from companion.config import Config
-from companion.daemon.settings.mapping import restored_policy
+from companion.daemon.settings.runtime import restored_policy
 from companion.wire.ids import Outcome, Policy, Stage, State
 from tests.companion.calls.scenes import AUTO, BROKEN, CLEAR, DRUM, HOLD, LOG, MANUAL, Scene, View
 

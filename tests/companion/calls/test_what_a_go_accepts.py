@@ -12,7 +12,7 @@ from anytraverse.findings import find, make_maps, roi_figures
 from anytraverse.judging import Settings
 from anytraverse.regions import Box
 from anytraverse.roi import Mask, RoiFigures
-from companion.calls import masks
+from companion.calls import tracking
 from companion.calls.answered_things import AnsweredThings
 from companion.calls.thing import Thing as AskedThing
 from companion.wire.ids import Outcome, Policy, Stage
@@ -395,7 +395,7 @@ def test_the_search_for_the_accepted_thing_is_bounded_whatever_the_size_of_the_m
     report.run(0.5, DRUM)
     seen = enlarged(report.judged(report.frame), scale, report.numbers.judging)
     searched: list[tuple[tuple[int, ...], int]] = []
-    plain = masks.connected
+    plain = tracking.connected
 
     def recorded(seed: Mask, within: Mask, steps: int) -> Mask:
         searched.append((seed.shape, steps))

@@ -25,7 +25,7 @@ from companion.cameras import (
     split_source,
 )
 from companion.cameras.folder import pictures
-from companion.cameras.playback import PlaybackPace
+from companion.cameras.video import PlaybackPace
 
 _FAST = CameraOptions(playback=1000.0)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from companion.cameras import CameraError, open_camera
-from companion.cameras.v4l2_devices import DeviceError, query
+from companion.cameras.v4l2 import DeviceError, query
 
 
 @pytest.mark.parametrize(

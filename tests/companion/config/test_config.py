@@ -19,7 +19,7 @@ from companion.cameras import CameraOptions
 from companion.config import Config, ConfigError, Problem, format_config, load_config
 from companion.config.checks import checks_of
 from companion.config.schema import SECTIONS
-from companion.daemon.settings.mapping import call_numbers, restored_policy
+from companion.daemon.settings.runtime import call_numbers, restored_policy
 from companion.vision.warm_up import judging_settings, load_and_warm_up, load_engine
 from companion.wire.ids import Policy
 

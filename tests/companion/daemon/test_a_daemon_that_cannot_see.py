@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as mavlink
 from anytraverse.operations import Tap
 from companion.calls.decisions import Decision
 from companion.cameras.newest import CameraState
-from companion.daemon.death import report_death
+from companion.daemon.startup import report_death
 from companion.system.error_guard import FatalError
 from companion.wire import notices
 from companion.wire.ids import Motion, Policy, Result

@@ -24,7 +24,7 @@ from bench.processes import children
 from companion import run
 from companion.config import Config, load_config
 from companion.config.link_settings import LinkSettingError
-from companion.daemon.settings.mapping import restored_policy
+from companion.daemon.settings.runtime import restored_policy
 from companion.daemon.startup import load
 from companion.link.answer_store import AnswerStore
 from companion.sim.loopback_link import LoopbackLink

@@ -12,7 +12,7 @@ from companion.daemon.status import FrameRate
 from companion.storage.call_files import PictureArchive
 from companion.system.error_guard import ErrorGuard
 from companion.tasks import Liveness, tasks
-from companion.vehicle.position import Odometer
+from companion.vehicle.state import Odometer
 
 JPEG = b"a picture"
 

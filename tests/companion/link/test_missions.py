@@ -8,7 +8,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from companion.link.inbound import VehicleUpdate
 from companion.sim.loopback_link import LoopbackLink
-from companion.vehicle.mission import Mission, MissionState
+from companion.vehicle.state import Mission, MissionState
 
 ACTIVE, COMPLETE = MissionState.ACTIVE, MissionState.COMPLETE
 PILOT = (1, 1)

@@ -24,7 +24,7 @@ from companion.observers.page.page import missing
 from companion.wire.answers import Acknowledgement, Answer, AnyOperation
 from companion.wire.ids import Motion, Reasons, Result, Stage
 from companion.wire.typed_answers import placed, read_typed
-from companion.wire.weights import own_weight, turned
+from companion.wire.words_text import own_weight, turned
 from tests.companion.observers.page import played
 from tests.gcs_plugin.conftest import THING_CALL, TinyRover
 from tests.gcs_plugin.console.served import MISSING, Served

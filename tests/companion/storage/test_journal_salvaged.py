@@ -22,9 +22,8 @@ from anytraverse.perception import Example
 from anytraverse.preferences import Preferences, Setting
 from companion.storage import Batch, Journal, TableRow
 from companion.storage.batch import as_json
-from companion.storage.daily_copy import AGE
 from companion.storage.journal_copy import told_of_damage
-from companion.storage.salvage import Salvaged, best, salvage
+from companion.storage.salvage import AGE, Salvaged, best, salvage
 from companion.storage.writer import Writer
 
 SCENES = 40

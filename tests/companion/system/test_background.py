@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from companion.system.background import BackgroundJob
+from companion.system.error_guard import BackgroundJob
 from tests.waiting import wait_for
 
 

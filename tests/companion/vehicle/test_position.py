@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.history import Place
-from companion.vehicle.position import read_place
-from companion.vehicle.state import WallClock
-from companion.wire.places import place_document
+from companion.vehicle.state import WallClock, read_place
+from companion.wire.json_values import place_document
 
 _ANGLE = st.none() | st.integers(-9000, 9000).map(lambda hundredths: hundredths / 100)
 

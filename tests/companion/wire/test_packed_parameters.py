@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.mavftp import MAVFTP
 
-from companion.wire.packed_parameters import ListOptions, pack
-from companion.wire.parameters import Parameter, build
+from companion.wire.parameters import ListOptions, Parameter, build, pack
 
 NAMES = st.text("ABCDEFGH_0123", min_size=1, max_size=16)
 FLOATS = st.floats(width=32, allow_nan=False, allow_infinity=False)

@@ -26,7 +26,7 @@ from companion.wire.signing import (
     refusal,
     ticks,
 )
-from companion.wire.signing_key import SigningKeyError, read_key
+from companion.wire.signing_store import SigningKeyError, read_key
 
 SECRET = bytes(range(32))
 KEY = SigningKey(SECRET)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from anytraverse.operations import ForgetWord, Operation, OtherPlace, SetWord, Tap
 from anytraverse.preferences import turns_sign
 from companion.wire.typed_answers import NO_BOX, NO_FRAME
-from companion.wire.weights import own_weight, turned
+from companion.wire.words_text import own_weight, turned
 
 WEIGHT = st.floats(-1.0, 1.0).map(lambda weight: weight + 0.0)
 WORD = st.sampled_from(["water", "grass", "bush", "mud", "old drum"])

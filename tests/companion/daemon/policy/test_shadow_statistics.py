@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from anytraverse.assessment import Reason
 from anytraverse.preferences import Preferences
 from companion.calls.decisions import WouldHold, WouldResume
-from companion.calls.shadow import Shadow
+from companion.calls.policy import Shadow
 from companion.daemon.policy.shadow_statistics import ShadowStatistics, rate
 from companion.wire.parameters import build
 

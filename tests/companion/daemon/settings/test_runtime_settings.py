@@ -12,8 +12,15 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.daemon.settings.mapping import first_values, first_words, storable_defaults
-from companion.daemon.settings.runtime import SMALLEST_ROI, RuntimeSettings, judging_values, tuned
+from companion.daemon.settings.runtime import (
+    SMALLEST_ROI,
+    RuntimeSettings,
+    first_values,
+    first_words,
+    judging_values,
+    storable_defaults,
+    tuned,
+)
 from companion.wire.parameters import ROI, build
 
 JUDGING = Settings(region=Box(0.333, 0.6, 0.667, 0.95), thresholds=Thresholds(roi=0.3, tile=None))

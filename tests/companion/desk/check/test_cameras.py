@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from companion.cameras.v4l2_devices import Device, DeviceError
+from companion.cameras.v4l2 import Device, DeviceError
 from companion.cli import main
 from companion.desk.check import cameras
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
 from anytraverse.regions import Box
-from companion.desk.tuning.grid import MOST, Grid, GridError, around, read_region, read_tiles, read_values
+from companion.desk.tuning.trial import MOST, Grid, GridError, around, read_region, read_tiles, read_values
 
 REGION = Box(0.3, 0.5, 0.7, 0.9)
 

@@ -18,8 +18,7 @@ from companion.calls.decisions import Call
 from companion.config import load_config
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.drives.judge import DriveJudge
-from companion.desk.tuning.episode import LabelledDrive
-from companion.desk.tuning.operators import LabelOperator
+from companion.desk.tuning.episode import LabelledDrive, LabelOperator
 from companion.desk.tuning.trial import Combination
 from companion.vision.warm_up import load_engine
 from companion.wire.answers import Answer

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from anytraverse.operations import Operation
 from bench.faults.row import BACK_WITHIN, HOLD_WITHIN, Row, RowOutcome, Work
 from bench.faults.standing_wire import SYSTEM, Wire
-from companion.cameras.frame_socket import CapturedFrame, FrameServer
+from companion.cameras.field import CapturedFrame
 from companion.desk.check.here import read_status
 from companion.sim.demo.child import LoggedProcess
+from companion.sim.field.frame_server import FrameServer
 from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.call_report import CallReport
 from companion.wire.delivery import Pending

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.cameras.frame_socket import CapturedFrame, FrameError, FrameServer, FrameStream, FrameTimeout
+from companion.cameras.field import CapturedFrame, FrameError, FrameStream, FrameTimeout
+from companion.sim.field.frame_server import FrameServer
 
 _PERIOD = 1.0 / 12.0
 

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.cameras.frame_socket import CapturedFrame, FrameServer
+from companion.cameras.field import CapturedFrame
 from companion.sim.field.album import Album
 from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.control import ControlServer
+from companion.sim.field.frame_server import FrameServer
 from companion.sim.field.onboard import install
 from companion.sim.field.ports import UdpPort
 from companion.sim.field.px4 import Px4

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from companion.cameras import CameraError, NoFrameYet, SourceError, open_camera
-from companion.cameras.frame_socket import CapturedFrame, FrameServer
+from companion.cameras.field import CapturedFrame
 from companion.cameras.newest import CameraThread, Patience
+from companion.sim.field.frame_server import FrameServer
 from tests.waiting import wait_for
 
 _QUICK = Patience(wait=0.1, silence=5.0, first=0.005, longest=0.02)

@@ -18,7 +18,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.cameras.frame_socket import FrameStream, FrameTimeout
+from companion.cameras.field import FrameStream, FrameTimeout
 from companion.sim.field.__main__ import main
 from companion.sim.field.control import FieldControl
 from companion.sim.field.router import DatagramParser

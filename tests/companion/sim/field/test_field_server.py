@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.cameras.frame_socket import FrameStream
+from companion.cameras.field import FrameStream
 from companion.sim.field.control import FieldControl
 from companion.sim.field.server import FieldOptions, FieldServer
 from companion.sim.field.things import World

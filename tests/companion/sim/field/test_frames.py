@@ -14,17 +14,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.cameras.frame_socket import (
+from companion.cameras.field import (
     HEADER,
     MAGIC,
     CapturedFrame,
     FrameError,
-    FrameServer,
     FrameStream,
     FrameTimeout,
     decode_header,
-    encode,
 )
+from companion.sim.field.frame_server import FrameServer, encode
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from companion.config.link_settings import MAIN, ConnectionSettings, LinkSetting
 from companion.link.connection import Connection
 from companion.link.parser import Parser
 from companion.link.periodic import PeriodicTelemetry
-from companion.link.sender import LIFETIME, Sender
+from companion.link.sender import Sender
 from companion.link.signing import Signing
 from companion.link.transport import Transport, opener
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, CAMERA_COMPONENT_ID, COMPONENT_ID
@@ -54,30 +54,13 @@ class Channel:
     """
 
     def __init__(
-        self,
-        name: str,
-        settings: ConnectionSettings,
-        opener: Callable[[], Transport],
-        now: float,
-        *,
-        system_id: int,
-        signing: Signing | None = None,
-        link_id: int = 0,
-        camera_id: int = CAMERA_COMPONENT_ID,
+        self, name: str, settings: ConnectionSettings, connection: Connection, sender: Sender, now: float
     ) -> None:
         self.name = name
         self.asked_budget = settings.asked_budget
-        self._connection = Connection(opener, now)
+        self._connection = connection
         self._parser = Parser()
-        self.sender = Sender(
-            self._connection,
-            settings,
-            now,
-            system_id=system_id,
-            signing=signing,
-            link_id=link_id,
-            camera_id=camera_id,
-        )
+        self.sender = sender
         self.periodic = PeriodicTelemetry(self.sender, now)
         self._waits_for_vehicle = settings.waits_for_vehicle
         self._opened = 0
@@ -172,20 +155,6 @@ class Channel:
         """Whether messages of row `name` are sent: in an id conflict only those that stop the vehicle."""
         return not self.id_conflict or name in STOPPING
 
-    def push(
-        self,
-        name: str,
-        message: Any,
-        now: float,
-        *,
-        key: object = None,
-        lifetime: float = LIFETIME,
-        to: tuple[int, int] | None = None,
-    ) -> None:
-        """Queue a message of a row that it `takes`."""
-        if self.takes(name):
-            self.sender.push(name, message, now, key=key, lifetime=lifetime, to=to)
-
     def send_now(self, name: str, now: float) -> None:
         """Send the queued messages of row `name` at once, not with the next `tick`."""
         if self._may_send:
@@ -225,16 +194,11 @@ def channels_of(
 
     Openers and signing: as for `Link`.
     """
-    return [
-        Channel(
-            name,
-            one,
-            openers.get(name) or opener(one.address()),
-            now,
-            system_id=settings.system_id,
-            signing=signing,
-            link_id=number,
-            camera_id=camera_id,
+    system_id, found = settings.system_id, []
+    for number, (name, one) in enumerate(settings.connections().items()):
+        connection = Connection(openers.get(name) or opener(one.address()), now)
+        sender = Sender(
+            connection, one, now, system_id=system_id, signing=signing, link_id=number, camera_id=camera_id
         )
-        for number, (name, one) in enumerate(settings.connections().items())
-    ]
+        found.append(Channel(name, one, connection, sender, now))
+    return found

@@ -91,7 +91,8 @@ class Outbox:
         """
         share = None if to is None else self._share(to)
         for channel in self._channels_to(to):
-            channel.push(name, message, now, key=key, lifetime=lifetime, to=share)
+            if channel.takes(name):
+                channel.sender.push(name, message, now, key=key, lifetime=lifetime, to=share)
 
     def takes(self, name: str, to: SenderId) -> bool:
         """Whether a message of row `name` to `to` is queued: not while another component uses our ids."""

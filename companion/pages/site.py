@@ -35,7 +35,13 @@ HEAD = b"""<!doctype html>
 <link rel="stylesheet" href="/style.css">
 <script type="module" src="/main.js"></script>
 """
-"""What each index.html begins with when it is served: the file itself begins with its title."""
+FOOT = b"""  <p id="about"></p>
+</footer>
+<p id="say" class="unseen" role="status" aria-live="assertive"></p>
+</body>
+</html>
+"""
+"""What each index.html is served between: the file begins with its title, and ends within its footer."""
 _LARGEST_HEADER = 16 << 10
 _POSTED_WITHIN = 5.0
 _LAST_ANSWERS = 0.1
@@ -46,13 +52,15 @@ _LEAVES_WITHIN = 2
 def static_routes(folder: Path) -> list[Route]:
     """Make a route for each file of the page in `folder`, and for those that both pages share.
 
-    They are read once, here. index.html is "/", below `HEAD`.
+    They are read once, here. index.html is "/", between `HEAD` and `FOOT`.
     """
     found = {}
     for file in (*sorted(_SHARED.iterdir()), *sorted(folder.iterdir())):
         if file.suffix in _TYPES:
-            path, head = ("/", HEAD) if file.name == "index.html" else (f"/{file.name}", b"")
-            found[path] = Route(path, _fixed(head + file.read_bytes(), _TYPES[file.suffix]))
+            path, content = f"/{file.name}", file.read_bytes()
+            if file.name == "index.html":
+                path, content = "/", HEAD + content + FOOT
+            found[path] = Route(path, _fixed(content, _TYPES[file.suffix]))
     return list(found.values())
 
 

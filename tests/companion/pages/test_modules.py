@@ -41,7 +41,7 @@ def test_what_a_module_imports_is_exported(page: Path) -> None:
 def test_a_page_has_no_file_of_the_name_of_a_shared_one_and_loads_all_its_own(page: Path) -> None:
     assert {file.name for file in page.iterdir()}.isdisjoint(file.name for file in SHARED.iterdir())
     site = pytest.importorskip("companion.pages.site")
-    index = site.HEAD.decode() + (page / "index.html").read_text()
+    index = site.HEAD.decode() + (page / "index.html").read_text() + site.FOOT.decode()
     assert 'src="/main.js"' in index
     for style in ("/look.css", "/style.css"):
         assert f'href="{style}"' in index

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import logging
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -14,6 +15,7 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
+from companion.system.log_lines import log_to_stderr
 from companion.system.socket_units import SocketUnit, arguments
 
 log = logging.getLogger(__name__)
@@ -197,6 +199,19 @@ def begin(count: int, *, niceness: int, first_out: int) -> list[str]:
     end_with(int(given.pop()))
     step_back(niceness, first_out)
     return given
+
+
+def settle_in(memory: int, **limits: int) -> None:
+    """Prepare a process for its work: limit what it takes, leave its end to the supervisor, log to stderr.
+
+    memory: bytes of data, at most. limits: further ones, such as NOFILE.
+    """
+    for name, most in {"DATA": memory, **limits}.items():
+        with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
+            resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (most, most))
+    for number in (signal.SIGINT, signal.SIGTERM):  # the supervisor says when to end
+        signal.signal(number, signal.SIG_IGN)
+    log_to_stderr(logging.WARNING)
 
 
 def end_with(parent: int) -> None:

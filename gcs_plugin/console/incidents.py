@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from companion.pages.incidents import shown
+from companion.pages.calls import incident_shown
 from companion.wire.answers import Answer, PackIncident
 from companion.wire.delivery import Pending
 from companion.wire.ids import Motion
@@ -116,7 +116,7 @@ class RoverIncidents:
 
     def document(self, call: int) -> dict[str, Any]:
         """Return what the page shows of the incident files of a call, 0: of the last minute."""
-        return shown(self._told, call, self._asked.get(call), self._how)
+        return incident_shown(self._told, call, self._asked.get(call), self._how)
 
     def _how(self, name: str, size: int) -> dict[str, Any]:
         """Return how a file can be had."""

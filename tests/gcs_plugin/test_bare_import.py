@@ -56,7 +56,6 @@ def test_every_module_imports_with_pymavlink_alone_and_sets_no_environment() -> 
         "companion.pages",
         "companion.pages.calls",
         "companion.pages.given",
-        "companion.pages.incidents",
         "companion.pages.listen",
         "companion.pages.requests",
         "companion.pages.wording",

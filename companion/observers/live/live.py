@@ -11,15 +11,17 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from companion.config import Config
-from companion.observers.live.messages import LONGEST_REPORT, LiveReport
 from companion.observers.recording.feed import BUFFER, FedService
 from companion.pages.listen import Listen
+from companion.system.datagrams import decode
 from companion.system.side_process import SideChild, missing_packages
 from companion.system.watchdog import Restarts
 from companion.tasks import LIVE
+from companion.wire.json_values import whole_of
 
 log = logging.getLogger(__name__)
 
+_LONGEST_REPORT = 64
 COMMAND = (sys.executable, "-m", "companion.observers.live")
 
 
@@ -34,17 +36,14 @@ class LiveChild(SideChild):
     def __init__(self, listen: Listen, command: Sequence[str] = COMMAND) -> None:
         """Start the process. listen: where it does. Raises OSError."""
         where = listen.host, str(listen.port)
-        super().__init__(command, where, unit="live", buffer=BUFFER, longest=LONGEST_REPORT + 1)
+        super().__init__(command, where, unit="live", buffer=BUFFER, longest=_LONGEST_REPORT)
 
 
 class Live(FedService[LiveChild]):
     """Owns the live view's process. The main loop calls `poll` in every turn."""
 
     def __init__(
-        self,
-        config: Config,
-        launch: Callable[[Listen], LiveChild] = LiveChild,
-        restarts: Restarts = LIVE,
+        self, config: Config, launch: Callable[[Listen], LiveChild] = LiveChild, restarts: Restarts = LIVE
     ) -> None:
         """launch: starts the process that listens there or raises OSError. restarts: time limits."""
         self._listen = config.live.address
@@ -67,16 +66,17 @@ class Live(FedService[LiveChild]):
 
     def _take(self, said: bytes, _now: float) -> bool:
         try:
-            told = LiveReport.decoded(said)
+            told = decode(said).content
         except ValueError:
             return False
-        if self._listen is None or self._listen.port not in (0, told.port):
+        port, clients = whole_of(told.get("port"), 1, 0xFFFF), whole_of(told.get("clients"), 0, 0xFFFF)
+        if port is None or clients is None or self._listen is None or self._listen.port not in (0, port):
             return False
         if not self.running:
             # A port that was free is the same one after a restart.
-            self._listen = self._listen._replace(port=told.port)
+            self._listen = self._listen._replace(port=port)
             log.info("the live view is on %s", self._listen.url("ws"))
-        self._clients = told.clients
+        self._clients = clients
         return True
 
     def _start_fed(self) -> LiveChild:

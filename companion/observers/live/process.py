@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import resource
-import signal
 import socket
 import time
 from typing import NoReturn
@@ -14,11 +11,11 @@ import foxglove
 from foxglove.websocket import ChannelView, Client, WebSocketServer
 
 from anytraverse.release import own_version
-from companion.observers.live.messages import LiveReport
-from companion.observers.recording.messages import RecordedMessage
-from companion.observers.recording.taking import take_messages
+from companion.observers.recording.messages import RecordedMessage, take_messages
 from companion.observers.recording.topics import TOPICS, Topic
-from companion.system.log_lines import end_process, log_to_stderr
+from companion.system.child_process import settle_in
+from companion.system.datagrams import Datagram
+from companion.system.log_lines import end_process
 
 log = logging.getLogger(__name__)
 
@@ -61,12 +58,15 @@ class Viewers:
             message_backlog_size=_MOST_WAITING,
         )
 
-    def report(self, now: float) -> LiveReport:
-        """Say how it goes. now: monotonic seconds. Raises OSError when it does not listen any more."""
+    def report(self, now: float) -> Datagram:
+        """Say where it listens, and how many viewers see at least one topic. now: monotonic seconds.
+
+        Raises OSError when it does not listen any more.
+        """
         if now - self._checked_at >= _CHECKED_EVERY:
             self._checked_at = now
             socket.create_connection((self._host, self._server.port), _ANSWERS_WITHIN).close()
-        return LiveReport(self._server.port, len(self._seen_by))
+        return Datagram(b"l", {"port": self._server.port, "clients": len(self._seen_by)})
 
     def show(self, message: RecordedMessage) -> None:
         """Show a message to whoever wants its topic."""
@@ -92,12 +92,7 @@ class Viewers:
 
 def main(descriptor: int, host: str, port: int) -> NoReturn:
     """Show what the supervisor sends until it is gone. descriptor: of the channel."""
-    for limit, most in ((resource.RLIMIT_DATA, _MOST_MEMORY), (resource.RLIMIT_NOFILE, _MOST_FILES)):
-        with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
-            resource.setrlimit(limit, (most, most))
-    for number in (signal.SIGINT, signal.SIGTERM):  # the supervisor says when to end
-        signal.signal(number, signal.SIG_IGN)
-    log_to_stderr(logging.WARNING)
+    settle_in(_MOST_MEMORY, NOFILE=_MOST_FILES)
     code = 0
     try:
         foxglove.set_log_level("CRITICAL")  # whoever reaches the port could fill the log

@@ -9,7 +9,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from companion.observers.page.messages import PageMessage, PageMessageKind
+from companion.observers.page.messages import PageMessageKind
+from companion.system.datagrams import Datagram
 
 FRESH = 3.0
 """Seconds after which what was told counts as outdated. It comes once a second."""
@@ -49,7 +50,7 @@ class News:
         self.points: deque[tuple[float, Any, Any]] = deque(maxlen=POINTS)
         """When the region of interest was how drivable and how uncertain: what is plotted."""
 
-    def take(self, message: PageMessage) -> None:
+    def take(self, message: Datagram) -> None:
         """Take what the supervisor tells. Raises ValueError for what it never tells."""
         if message.kind not in (PageMessageKind.NEWS, PageMessageKind.PICTURE):
             raise ValueError("a second setup, or an acknowledgement of nothing")
@@ -58,7 +59,7 @@ class News:
         if not isinstance(at, float | int):
             raise ValueError("news or a picture without time")
         at = min(at, self._clock())
-        if message.kind is PageMessageKind.NEWS:
+        if message.kind == PageMessageKind.NEWS:
             before = self.state
             self.told, self.told_at = content, at
             ahead = content.get("ahead")
@@ -70,7 +71,7 @@ class News:
             frame = content.get("frame")
             if not isinstance(frame, int):
                 raise ValueError("a picture without frame")
-            self.picture = _Picture(frame, at, message.picture)
+            self.picture = _Picture(frame, at, message.data)
         self.wake()
 
     def wake(self) -> None:

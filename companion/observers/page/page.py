@@ -14,20 +14,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from companion.config import Config
-from companion.observers.page.messages import (
-    ALIVE,
-    LARGEST,
-    LONGEST_SAID,
-    WANTED,
-    PageMessage,
-    PageMessageKind,
-    decode_answer,
-)
+from companion.observers.page.messages import ALIVE, ANSWER, LONGEST_SAID, WANTED, PageMessageKind
 from companion.pages.listen import hashed
+from companion.system.datagrams import LARGEST, Datagram, decode
 from companion.system.side_process import SideChild, SideService, missing_packages
 from companion.system.watchdog import Restarts
 from companion.tasks import PAGE
-from companion.wire.answers import Acknowledgement
+from companion.wire.answers import MAX_PAYLOAD, Acknowledgement
 
 log = logging.getLogger(__name__)
 
@@ -53,11 +46,7 @@ class WebChild(SideChild):
     def __init__(self, listener: socket.socket, command: Sequence[str] = COMMAND) -> None:
         """Start the process, which inherits `listener`. Raises OSError."""
         super().__init__(
-            command,
-            unit="page",
-            buffer=2 * LARGEST,
-            inherits=[listener.fileno()],
-            longest=LONGEST_SAID + 1,
+            command, unit="page", buffer=2 * LARGEST, inherits=[listener.fileno()], longest=LONGEST_SAID + 1
         )
 
 
@@ -74,7 +63,7 @@ class Page(SideService[WebChild]):
         self._listen = listen = config.web.address
         off = "switched off by [web] listen" if listen is None else missing()
         super().__init__("page", restarts, off)
-        self._setup = PageMessage(
+        self._setup = Datagram(
             PageMessageKind.SETUP,
             {
                 "folder": os.path.abspath(config.journal.path),
@@ -109,7 +98,7 @@ class Page(SideService[WebChild]):
         if self.child is not None and now - self._told_at >= every:
             self._told_at, self._acknowledged = now, False
             with self._guard.survived("the page", now):
-                self.send(PageMessage(PageMessageKind.NEWS, {**news(), "at": now}).encoded())
+                self.send(Datagram(PageMessageKind.NEWS, {**news(), "at": now}).encoded())
 
     def wanted(self) -> bool:
         """Whether somebody watches, so that a picture should be drawn; True once a second at most."""
@@ -120,7 +109,7 @@ class Page(SideService[WebChild]):
         """Show a drawn frame. captured_at: monotonic seconds. picture: JPEG."""
         try:
             self.send(
-                PageMessage(PageMessageKind.PICTURE, {"frame": frame, "at": captured_at}, picture).encoded()
+                Datagram(PageMessageKind.PICTURE, {"frame": frame, "at": captured_at}, picture).encoded()
             )
         except ValueError as error:
             level = logging.DEBUG if self._too_large else logging.WARNING
@@ -130,7 +119,7 @@ class Page(SideService[WebChild]):
     def acknowledge(self, acknowledgement: Acknowledgement) -> None:
         """Tell the page what became of an answer. The page asks again when it does not hear of it."""
         content = {"payload": acknowledgement.pack().hex()}
-        self.send(PageMessage(PageMessageKind.ACKNOWLEDGEMENT, content).encoded())
+        self.send(Datagram(PageMessageKind.ACKNOWLEDGEMENT, content).encoded())
         self._acknowledged = True
 
     def figures(self) -> dict[str, Any]:
@@ -143,15 +132,19 @@ class Page(SideService[WebChild]):
         self._end_listening()
 
     def _take(self, said: bytes, now: float) -> bool:
-        answer = decode_answer(said) if self._may_answer else None
-        if said not in (ALIVE, WANTED) and answer is None:
+        try:
+            kind, content, payload = decode(said)
+        except ValueError:
+            return False
+        at = content.get("at")
+        if kind == ANSWER and self._may_answer and isinstance(at, float) and len(payload) <= MAX_PAYLOAD:
+            self.answer(payload, at)
+        elif kind not in (ALIVE, WANTED):
             return False
         if not self.running:
             log.info("the page is on %s", self.url)
-        if said == WANTED and now - self._wanted_at >= _WANTED_EVERY:
+        if kind == WANTED and now - self._wanted_at >= _WANTED_EVERY:
             self._wanted_at, self._wanted = now, True
-        if answer is not None:
-            self.answer(*answer)
         return True
 
     def _start(self) -> WebChild:

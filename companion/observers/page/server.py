@@ -7,12 +7,11 @@ import contextlib
 import logging
 import os
 import re
-import resource
 import select
-import signal
 import socket
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any, BinaryIO, NoReturn, TypeVar
@@ -26,14 +25,16 @@ from starlette.routing import Route
 from companion.observers.page.answering import Answering
 from companion.observers.page.calls import shown_calls
 from companion.observers.page.files import StateFolder
-from companion.observers.page.messages import ALIVE, LARGEST, WANTED, PageMessageKind, decode, encode_answer
+from companion.observers.page.messages import ALIVE, ANSWER, WANTED, PageMessageKind
 from companion.observers.page.metrics import Metrics
 from companion.observers.page.news import SILENT, News
 from companion.pages.access import Gate, WrongTokens
-from companion.pages.incidents import shown
+from companion.pages.calls import incident_shown
 from companion.pages.requests import MOST_POSTED
 from companion.pages.site import EventStreams, Server, as_json, event, posted, static_routes
-from companion.system.log_lines import end_process, log_to_stderr
+from companion.system.child_process import settle_in
+from companion.system.datagrams import LARGEST, Datagram, decode
+from companion.system.log_lines import end_process
 from companion.wire.incidents import incidents_from
 from companion.wire.json_values import mapping_of
 
@@ -156,7 +157,7 @@ class PageSite:
         answering, told = self._answering, incidents_from(mapping_of(self._news.told.get("incidents")))
         if answering is None:
             return lambda _call: None
-        return lambda call: shown(
+        return lambda call: incident_shown(
             told, call, answering.asked_for_incident(call), lambda name, _size: {"url": f"/incidents/{name}"}
         )
 
@@ -204,8 +205,7 @@ class PageSite:
         if named is None:
             return PlainTextResponse("there is no such file\n", 404)
         return await self._read(
-            lambda: self._folder.scene(named[1]),
-            lambda content: Response(content, media_type="image/jpeg"),
+            lambda: self._folder.scene(named[1]), lambda content: Response(content, media_type="image/jpeg")
         )
 
     async def _read(self, read: Callable[[], _T], shown: Callable[[_T], Response]) -> Response:
@@ -228,11 +228,7 @@ class PageSite:
 
 def main(channel: int, listener: int) -> NoReturn:
     """Run until the supervisor is gone. channel, listener: descriptors of sockets."""
-    with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
-        resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
-    log_to_stderr(logging.WARNING)
+    settle_in(_MOST_MEMORY)
     for name in ("uvicorn", "uvicorn.error"):  # one line for each broken request would fill the log
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
@@ -246,13 +242,13 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     if not select.select([channel], [], [], _SETUP_WITHIN)[0]:
         raise TimeoutError("the supervisor says nothing")
     kind, setup, _ = decode(channel.recv(LARGEST))
-    if kind is not PageMessageKind.SETUP:
+    if kind != PageMessageKind.SETUP:
         raise ValueError("the first message is no setup")
     channel.settimeout(0)
     news = News()
     answering = None
     if setup["token_hash"]:
-        answering = Answering(news, lambda payload, now: _send(channel, encode_answer(payload, now)))
+        answering = Answering(news, partial(_hand_over, channel))
     site = PageSite(news, StateFolder(setup["folder"]), answering)
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
     most_posted = MOST_POSTED if answering is not None else 0
@@ -281,7 +277,7 @@ def _listen(channel: socket.socket, news: News, answering: Answering | None) -> 
         os._exit(0)
     try:
         message = decode(packed)
-        if message.kind is PageMessageKind.ACKNOWLEDGEMENT and answering is not None:
+        if message.kind == PageMessageKind.ACKNOWLEDGEMENT and answering is not None:
             answering.acknowledge(bytes.fromhex(str(message.content.get("payload"))))
         else:
             news.take(message)
@@ -293,6 +289,11 @@ def _send(channel: socket.socket, said: bytes) -> None:
     """Tell the supervisor something. It is dropped when too many messages wait."""
     with contextlib.suppress(BlockingIOError):
         channel.send(said)
+
+
+def _hand_over(channel: socket.socket, payload: bytes, now: float) -> None:
+    """Hand an answer to the supervisor. payload: of a TUNNEL 45003."""
+    _send(channel, Datagram(ANSWER, {"at": now}, payload).encoded())
 
 
 async def _beat(channel: socket.socket, server: Server, site: PageSite, answering: Answering | None) -> None:

@@ -1,9 +1,13 @@
-"""Defines what supervisor and recording process say to each other, in datagrams (SOCK_SEQPACKET)."""
+"""Defines and takes what supervisor and recording process say to each other: datagrams (SOCK_SEQPACKET)."""
 
 from __future__ import annotations
 
+import contextlib
+import select
+import socket
 import struct
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from companion.observers.recording.topics import Topic
@@ -105,3 +109,36 @@ class RecordingReport(NamedTuple):
             raise ValueError("a trouble that cannot be printed")
         files, size, written, lost = _REPORT.unpack_from(packed)
         return cls(files, size, written, lost, trouble)
+
+
+BEAT = 0.5
+"""Seconds between two reports."""
+
+
+def take_messages(
+    descriptor: int, take: Callable[[RecordedMessage], None], report: Callable[[], bytes]
+) -> None:
+    """Take messages until the supervisor has closed the channel, or is gone.
+
+    descriptor: of the channel. report: what is told twice a second. Neither may wait. Raises ValueError for
+    what is no message.
+    """
+    joiner, reported_at = Joiner(), float("-inf")
+    with (
+        contextlib.suppress(ConnectionResetError, BrokenPipeError),
+        socket.socket(fileno=descriptor) as channel,
+    ):
+        channel.settimeout(0)
+        while True:
+            now = time.monotonic()
+            if now - reported_at >= BEAT:
+                reported_at = now
+                with contextlib.suppress(BlockingIOError):
+                    channel.send(report())
+            if not select.select([channel], [], [], BEAT)[0]:
+                continue
+            part = channel.recv(LARGEST_PART)
+            if not part:
+                return
+            if (message := joiner.feed(part)) is not None:
+                take(message)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import resource
-import signal
 import threading
 import time
 from collections import deque
 from pathlib import Path
 from typing import NoReturn
 
-from companion.observers.recording.messages import RecordedMessage, RecordingReport
+from companion.observers.recording.messages import BEAT, RecordedMessage, RecordingReport, take_messages
 from companion.observers.recording.ring_writer import RingWriter
-from companion.observers.recording.taking import BEAT, take_messages
-from companion.system.log_lines import end_process, log_to_stderr
+from companion.system.child_process import settle_in
+from companion.system.log_lines import end_process
 
 log = logging.getLogger(__name__)
 
@@ -98,11 +95,7 @@ class Writing(threading.Thread):
 
 def main(descriptor: int, folder: str, most: int) -> NoReturn:
     """Record until the supervisor is gone. descriptor: of the channel. most: bytes of all recordings."""
-    with contextlib.suppress(OSError, ValueError):  # this computer's limit is lower
-        resource.setrlimit(resource.RLIMIT_DATA, (_MOST_MEMORY, _MOST_MEMORY))
-    for number in (signal.SIGINT, signal.SIGTERM):  # the supervisor says when to end
-        signal.signal(number, signal.SIG_IGN)
-    log_to_stderr(logging.WARNING)
+    settle_in(_MOST_MEMORY)
     writing = Writing(RingWriter(Path(folder), most))
     writing.start()
     code = 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 from collections.abc import Callable, Sequence
@@ -13,6 +12,7 @@ from companion.cameras.shown import shown
 from companion.config import Config
 from companion.config.video import PATH
 from companion.observers.video.rtsp_server import LARGEST, NO_GSTREAMER, PORT_TAKEN, REPORT
+from companion.system.datagrams import Datagram
 from companion.system.side_process import SideChild, SideService
 from companion.system.watchdog import Restarts
 from companion.tasks import VIDEO
@@ -134,5 +134,5 @@ class Video(SideService[VideoChild]):
             "encoder": self._settings.encoder,
             "cache": self._folder,
         }
-        child.send(b"c" + json.dumps(setup).encode())
+        child.send(Datagram(b"c", setup).encoded())
         return child

@@ -15,9 +15,11 @@ from pathlib import Path
 import pytest
 
 from companion.observers.page import page as page_module
-from companion.observers.page.messages import LARGEST, PageMessage, PageMessageKind
+from companion.observers.page.messages import PageMessageKind
 from companion.observers.page.news import FRESH
 from companion.observers.page.page import WebChild, missing
+from companion.system.datagrams import LARGEST
+from companion.system.datagrams import Datagram as PageMessage
 from companion.system.side_process import missing_packages
 from companion.system.watchdog import Restarts
 from companion.tasks import PAGE

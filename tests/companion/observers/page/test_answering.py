@@ -13,9 +13,10 @@ import pytest
 from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from companion.observers.page.answering import MOST_WAITING, Answering
 from companion.observers.page.calls import shown_calls
-from companion.observers.page.messages import PageMessage, PageMessageKind
+from companion.observers.page.messages import PageMessageKind
 from companion.observers.page.news import News
 from companion.pages.requests import RequestError
+from companion.system.datagrams import Datagram as PageMessage
 from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import PAGE_SENDER, Motion, Result
 

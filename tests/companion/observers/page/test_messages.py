@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.observers.page.messages import LARGEST, PageMessage, PageMessageKind, decode
+from companion.observers.page.messages import PageMessageKind
+from companion.system.datagrams import LARGEST, decode
+from companion.system.datagrams import Datagram as PageMessage
 
 JSON = st.dictionaries(
     st.text(max_size=8),

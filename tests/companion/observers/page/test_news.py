@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from bench.virtual_time import Clock
-from companion.observers.page.messages import PageMessage, PageMessageKind
+from companion.observers.page.messages import PageMessageKind
 from companion.observers.page.news import FRESH, PICTURE_FRESH, News
+from companion.system.datagrams import Datagram as PageMessage
 
 
 def told(state: object, at: float) -> PageMessage:

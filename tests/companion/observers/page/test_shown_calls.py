@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from bench.virtual_time import Clock
 from companion.observers.page.calls import shown_calls
 from companion.observers.page.files import StateFolder
-from companion.observers.page.messages import PageMessage, PageMessageKind
+from companion.observers.page.messages import PageMessageKind
 from companion.observers.page.news import News
+from companion.system.datagrams import Datagram as PageMessage
 from tests.companion.wire.test_documents import JSON, RECORD, STATE
 
 RECORDS: list[dict[str, Any]] = [

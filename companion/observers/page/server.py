@@ -11,7 +11,6 @@ import select
 import socket
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any, BinaryIO, NoReturn, TypeVar
@@ -248,7 +247,9 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     news = News()
     answering = None
     if setup["token_hash"]:
-        answering = Answering(news, partial(_hand_over, channel))
+        answering = Answering(
+            news, lambda payload, now: _send(channel, Datagram(ANSWER, {"at": now}, payload).encoded())
+        )
     site = PageSite(news, StateFolder(setup["folder"]), answering)
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
     most_posted = MOST_POSTED if answering is not None else 0
@@ -289,11 +290,6 @@ def _send(channel: socket.socket, said: bytes) -> None:
     """Tell the supervisor something. It is dropped when too many messages wait."""
     with contextlib.suppress(BlockingIOError):
         channel.send(said)
-
-
-def _hand_over(channel: socket.socket, payload: bytes, now: float) -> None:
-    """Hand an answer to the supervisor. payload: of a TUNNEL 45003."""
-    _send(channel, Datagram(ANSWER, {"at": now}, payload).encoded())
 
 
 async def _beat(channel: socket.socket, server: Server, site: PageSite, answering: Answering | None) -> None:

@@ -18,8 +18,7 @@ from companion.observers.page import page as page_module
 from companion.observers.page.messages import PageMessageKind
 from companion.observers.page.news import FRESH
 from companion.observers.page.page import WebChild, missing
-from companion.system.datagrams import LARGEST
-from companion.system.datagrams import Datagram as PageMessage
+from companion.system.datagrams import LARGEST, Datagram
 from companion.system.side_process import missing_packages
 from companion.system.watchdog import Restarts
 from companion.tasks import PAGE
@@ -302,6 +301,6 @@ def test_the_longest_message_gets_through(tmp_path: Path) -> None:
         stage.news["status"]["filler"] = ""
         stage.news["at"] = "in place of the time"
         stage.news["status"]["filler"] = "x" * (
-            LARGEST - len(PageMessage(PageMessageKind.NEWS, stage.news).encoded())
+            LARGEST - len(Datagram(PageMessageKind.NEWS, stage.news).encoded())
         )
         stage.until(lambda: stage.get("/status.json").body.count(b"x") > LARGEST // 2)

@@ -16,7 +16,7 @@ from companion.observers.page.calls import shown_calls
 from companion.observers.page.messages import PageMessageKind
 from companion.observers.page.news import News
 from companion.pages.requests import RequestError
-from companion.system.datagrams import Datagram as PageMessage
+from companion.system.datagrams import Datagram
 from companion.wire.answers import Acknowledgement, Answer
 from companion.wire.ids import PAGE_SENDER, Motion, Result
 
@@ -45,9 +45,7 @@ class Desk:
     def tell(self, opened: dict[str, Any] | None, **words: float) -> None:
         state = {"state": "calling", "words": words or {"grass": 1.0}, "open": opened}
         self.news.take(
-            PageMessage(
-                PageMessageKind.NEWS, {"state": state, "status": {"state": "calling"}, "at": self.now}
-            )
+            Datagram(PageMessageKind.NEWS, {"state": state, "status": {"state": "calling"}, "at": self.now})
         )
 
     def post(self, **told: Any) -> str:

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.observers.page.messages import PageMessageKind
-from companion.system.datagrams import LARGEST, decode
-from companion.system.datagrams import Datagram as PageMessage
+from companion.system.datagrams import LARGEST, Datagram, decode
 
 JSON = st.dictionaries(
     st.text(max_size=8),
@@ -27,7 +26,7 @@ JSON = st.dictionaries(
 def test_a_message_is_read_as_it_was_written(
     kind: PageMessageKind, content: dict[str, object], picture: bytes
 ) -> None:
-    message = PageMessage(kind, content, picture)
+    message = Datagram(kind, content, picture)
     assert decode(message.encoded()) == message
 
 
@@ -46,4 +45,4 @@ def test_deeply_nested_bytes_are_refused() -> None:
 @pytest.mark.parametrize("content", [{"x": "y" * LARGEST}, {"x": float("nan")}, {"x": float("inf")}])
 def test_what_is_too_long_or_no_number_is_not_sent(content: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"bytes, at most|JSON compliant"):
-        PageMessage(PageMessageKind.NEWS, content).encoded()
+        Datagram(PageMessageKind.NEWS, content).encoded()

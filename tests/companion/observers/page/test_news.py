@@ -7,11 +7,11 @@ import pytest
 from bench.virtual_time import Clock
 from companion.observers.page.messages import PageMessageKind
 from companion.observers.page.news import FRESH, PICTURE_FRESH, News
-from companion.system.datagrams import Datagram as PageMessage
+from companion.system.datagrams import Datagram
 
 
-def told(state: object, at: float) -> PageMessage:
-    return PageMessage(PageMessageKind.NEWS, {"told": "", "status": {"state": state}, "at": at})
+def told(state: object, at: float) -> Datagram:
+    return Datagram(PageMessageKind.NEWS, {"told": "", "status": {"state": state}, "at": at})
 
 
 def test_nothing_is_well_before_the_first_news() -> None:
@@ -56,7 +56,7 @@ def test_what_waited_on_its_way_is_as_old_as_it_was_then() -> None:
     news = News(clock)
     news.take(told("ok", clock.now - FRESH - 0.01))
     news.take(
-        PageMessage(PageMessageKind.PICTURE, {"frame": 3, "at": clock.now - PICTURE_FRESH - 0.01}, b"jpeg")
+        Datagram(PageMessageKind.PICTURE, {"frame": 3, "at": clock.now - PICTURE_FRESH - 0.01}, b"jpeg")
     )
     assert news.trouble() == "no news from the companion"
     assert news.shown_picture() is None
@@ -73,7 +73,7 @@ def test_a_time_that_is_still_to_come_makes_nothing_last_longer() -> None:
 def test_a_picture_is_shown_while_it_is_fresh_and_never_again() -> None:
     clock = Clock()
     news = News(clock)
-    news.take(PageMessage(PageMessageKind.PICTURE, {"frame": 3, "at": clock.now - 1.0}, b"jpeg"))
+    news.take(Datagram(PageMessageKind.PICTURE, {"frame": 3, "at": clock.now - 1.0}, b"jpeg"))
     clock.sleep(PICTURE_FRESH - 1.0)
     shown = news.shown_picture()
     assert shown is not None
@@ -85,13 +85,13 @@ def test_a_picture_is_shown_while_it_is_fresh_and_never_again() -> None:
 @pytest.mark.parametrize(
     "message",
     [
-        PageMessage(PageMessageKind.SETUP, {}),
-        PageMessage(PageMessageKind.PICTURE, {"frame": 1}, b"x"),
-        PageMessage(PageMessageKind.PICTURE, {"frame": "1", "at": 0.0}, b"x"),
-        PageMessage(PageMessageKind.PICTURE, {"frame": 1, "at": "now"}, b"x"),
-        PageMessage(PageMessageKind.NEWS, {"status": {"state": "ok"}}),
+        Datagram(PageMessageKind.SETUP, {}),
+        Datagram(PageMessageKind.PICTURE, {"frame": 1}, b"x"),
+        Datagram(PageMessageKind.PICTURE, {"frame": "1", "at": 0.0}, b"x"),
+        Datagram(PageMessageKind.PICTURE, {"frame": 1, "at": "now"}, b"x"),
+        Datagram(PageMessageKind.NEWS, {"status": {"state": "ok"}}),
     ],
 )
-def test_what_the_supervisor_never_says_is_refused(message: PageMessage) -> None:
+def test_what_the_supervisor_never_says_is_refused(message: Datagram) -> None:
     with pytest.raises(ValueError, match=r"setup|without"):
         News(Clock()).take(message)

@@ -15,7 +15,7 @@ from companion.observers.page.calls import shown_calls
 from companion.observers.page.files import StateFolder
 from companion.observers.page.messages import PageMessageKind
 from companion.observers.page.news import News
-from companion.system.datagrams import Datagram as PageMessage
+from companion.system.datagrams import Datagram
 from tests.companion.wire.test_documents import JSON, RECORD, STATE
 
 RECORDS: list[dict[str, Any]] = [
@@ -84,5 +84,5 @@ def test_what_is_ahead_is_plotted_while_it_is_known() -> None:
     clock = Clock()
     news = News(clock)
     for ahead in ({"traversability": 0.9, "uncertainty": 0.1}, None, {"traversability": None}):
-        news.take(PageMessage(PageMessageKind.NEWS, {"ahead": ahead, "at": clock.now}))
+        news.take(Datagram(PageMessageKind.NEWS, {"ahead": ahead, "at": clock.now}))
     assert list(news.points) == [(clock.now, 0.9, 0.1), (clock.now, None, None)]

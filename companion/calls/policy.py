@@ -22,6 +22,8 @@ GAP = 1.0
 SILENT = 3.0
 """Seconds without a valid pulse after which the switch counts as lost."""
 _HIGH, _LOW, _MIDDLE = 1700, 1300, 1500
+_LONGEST_STEP = 2.0
+"""Seconds. A longer time between two updates is not counted as watched: the daemon itself stood still."""
 
 
 class Side(str, Enum):
@@ -147,10 +149,6 @@ class PolicyState:
             self.requested, self.requested_by = Policy.OFF, off_by
         if self.switch is not None:
             self.switch.off = saved.get("channel") == self.switch.channel
-
-
-_LONGEST_STEP = 2.0
-"""Seconds. A longer time between two updates is not counted as watched: the daemon itself stood still."""
 
 
 @dataclass

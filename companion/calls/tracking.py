@@ -16,6 +16,12 @@ Mask = NDArray[np.bool_]
 
 _CELLS = 96
 """Most cells a side of the mask of a tracked thing. Larger masks are made coarser."""
+_UNCERTAIN_PIXEL = 0.5
+"""Uncertainty above which a pixel belongs to the thing, where tiles have no threshold."""
+_REACH = 0.25
+"""Over the ROI's width: a thing becomes wider by less than this from frame to frame."""
+NAMED_FIGURES = frozenset({NAMED_TILE, NAMED_MEAN})
+"""The figures of things that only a negative word explains."""
 
 
 def coarse(mask: Mask) -> Mask:
@@ -91,14 +97,6 @@ def _mask(bits: int, height: int, width: int) -> Mask:
     packed = np.frombuffer(bits.to_bytes((count + 7) // 8, "little"), np.uint8)
     spaced = np.unpackbits(packed, count=count, bitorder="little").reshape(height, width + 1)
     return spaced[:, :-1].astype(np.bool_)
-
-
-_UNCERTAIN_PIXEL = 0.5
-"""Uncertainty above which a pixel belongs to the thing, where tiles have no threshold."""
-_REACH = 0.25
-"""Over the ROI's width: a thing becomes wider by less than this from frame to frame."""
-NAMED_FIGURES = frozenset({NAMED_TILE, NAMED_MEAN})
-"""The figures of things that only a negative word explains."""
 
 
 def named_reasons(seen: Assessment) -> frozenset[Reason]:

@@ -21,6 +21,12 @@ from numpy.typing import NDArray
 from companion.cameras import CameraError, CameraOptions, Capture, NoFrameYet, SourceError
 from companion.cameras.shown import shown
 
+HEADER = struct.Struct("<4sIdHH")
+MAGIC = b"ATF1"
+NEXT = b"\x01"
+MAX_PIXELS = 1920 * 1080
+SEND_TIMEOUT = 2.0
+
 
 class FieldCamera:
     """Delivers frames of the simulated field, with the capture times that the simulator set.
@@ -60,13 +66,6 @@ def _address(place: str) -> tuple[str, int]:
             f"{shown(f'field:{place}')} is no loopback address with a port: write field:127.0.0.1:PORT"
         )
     return host.strip("[]"), port
-
-
-HEADER = struct.Struct("<4sIdHH")
-MAGIC = b"ATF1"
-NEXT = b"\x01"
-MAX_PIXELS = 1920 * 1080
-SEND_TIMEOUT = 2.0
 
 
 class FrameError(Exception):

@@ -26,6 +26,15 @@ _OLDEST = 10.0
 """Seconds of age up to which a time stamp is believed to be of the monotonic clock."""
 _AHEAD = 0.05
 """Seconds by which the kernel's estimate of the capture time may be too late."""
+_QUERYCAP, _ENUM_FMT, _ENUM_FRAMESIZES = 0x80685600, 0xC0405602, 0xC02C564A
+_CAPABILITIES = struct.Struct("<16s32s32s3I12x")
+_FORMAT = struct.Struct("<3I32s2I12x")
+_SIZE = struct.Struct("<11I")
+_CAPTURE = 0x1 | 0x1000  # V4L2_CAP_VIDEO_CAPTURE, and the same of several planes
+_HAS_DEVICE_CAPS = 0x80000000
+_PLAIN = 1
+_MOST = 64
+_NO_PICTURES = "delivers no pictures"
 
 
 class V4l2Device:
@@ -99,17 +108,6 @@ class V4l2Device:
             video.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
             if not video.set(cv2.CAP_PROP_EXPOSURE, round(options.exposure / _EXPOSURE_UNIT)):
                 raise CameraError(f"{self._path} has no exposure time to set: leave [camera] exposure out")
-
-
-_QUERYCAP, _ENUM_FMT, _ENUM_FRAMESIZES = 0x80685600, 0xC0405602, 0xC02C564A
-_CAPABILITIES = struct.Struct("<16s32s32s3I12x")
-_FORMAT = struct.Struct("<3I32s2I12x")
-_SIZE = struct.Struct("<11I")
-_CAPTURE = 0x1 | 0x1000  # V4L2_CAP_VIDEO_CAPTURE, and the same of several planes
-_HAS_DEVICE_CAPS = 0x80000000
-_PLAIN = 1
-_MOST = 64
-_NO_PICTURES = "delivers no pictures"
 
 
 class DeviceError(Exception):

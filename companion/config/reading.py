@@ -31,6 +31,7 @@ SERVICE = Path("/var/lib/anytraverse")
 """The service's state folder. systemd sets $STATE_DIRECTORY for the service, but not in a person's shell."""
 _OF_JUDGING = {"camera": ("rate", "view", "latency"), "perceiver": ("name", "precision", "scene_every")}
 """Settings by which frames are judged, beside `OF_A_VEHICLE`. Where a network runs is this computer's."""
+WORDS_OFFERED = listing(text, 0, MAX_WORDS)
 
 
 def load_config(path: str | Path) -> Config:
@@ -201,9 +202,6 @@ def _read_section(
 
 def _path(keys: str) -> tuple[str, ...]:
     return tuple(keys.split("."))
-
-
-WORDS_OFFERED = listing(text, 0, MAX_WORDS)
 
 
 class _Words(NamedTuple):

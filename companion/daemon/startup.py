@@ -22,6 +22,7 @@ from companion.wire.ids import ALERT, WARNING, Policy, Result, State
 
 _TICK = 0.02
 _AGAIN = "starting, send it again"
+_TICKS, _STEP = 15, 0.02
 
 
 def load(
@@ -76,9 +77,6 @@ def _refuse(event: InboundEvent, link: Link, now: float) -> None:
         case _:
             return
     link.texts.send(notices.refused(_AGAIN), WARNING, now)
-
-
-_TICKS, _STEP = 15, 0.02
 
 
 def report_death(link: Link, calls: OperatorCalls) -> None:

@@ -43,6 +43,8 @@ AHEAD_FRESH = 3.0
 
 _RATE_OVER, _SAMPLED_EVERY = 10, 0.9
 """Samples, and seconds between two of them, over which the rate of the camera's frames is taken."""
+_RECENT = 1200
+"""Newest frames whose times are written to the last status file."""
 
 
 class FrameRate:
@@ -245,10 +247,6 @@ def _mission(calls: OperatorCalls) -> dict[str, Any] | None:
         return None
     state = mission.state.name.lower()
     return {"state": state, "item": mission.item, "total": mission.total, "over": report.mission_over}
-
-
-_RECENT = 1200
-"""Newest frames whose times are written to the last status file."""
 
 
 class StatusFile(Observer):

@@ -14,6 +14,8 @@ from companion.wire.ids import CHANGING_RESULTS, PAGE_SENDER, Motion, Result
 
 _Key = tuple[Any, ...]
 _T = TypeVar("_T")
+_ROW = (0, 0xFF), (0, 0xFF), (1, 0xFFFFFFFF), (0, 0xFFFF), (0, max(Result))
+"""Least and most of the numbers of a saved reply: system, component, transaction, target, result."""
 
 
 class SenderCache(Generic[_T]):
@@ -65,8 +67,6 @@ UNDECIDED_FOR = 30.0
 REPEAT_WITHIN = 5.0
 """s in which the same command or AT_ANSWER counts as a repetition."""
 _SAVED = 16
-_ROW = (0, 0xFF), (0, 0xFF), (1, 0xFFFFFFFF), (0, 0xFFFF), (0, max(Result))
-"""Least and most of the numbers of a saved reply: system, component, transaction, target, result."""
 
 
 Known = tuple[float, Acknowledgement | None]

@@ -21,6 +21,9 @@ STUCK_AFTER = 1.0
 ROOM = 0.1
 """s of a serial line that its kernel may hold before a frame that an urgent one would have to wait for."""
 STUCK = "takes nothing: check its cable and flow control"
+_LONGEST_FRAME = 280
+FILLER = bytes(_LONGEST_FRAME - 1)
+"""Zeros, no beginning of a frame. A parser that has begun a frame waits for the length that it claims."""
 
 
 class StuckError(OSError):
@@ -218,11 +221,6 @@ class Serial(Stream):
 
     def close(self) -> None:
         self._port.close()
-
-
-_LONGEST_FRAME = 280
-FILLER = bytes(_LONGEST_FRAME - 1)
-"""Zeros, no beginning of a frame. A parser that has begun a frame waits for the length that it claims."""
 
 
 def completes(frame: bytes) -> bool:

@@ -14,6 +14,8 @@ from companion.wire.incidents import SHORT, Incidents
 from companion.wire.packing import clean
 from companion.wire.texts import name
 
+_KINDS = {SHORT: "the short file", "": "the whole file"}
+
 
 def shown(
     call: CallReport,
@@ -82,9 +84,6 @@ def nearest(found: NearestScene, said: str, motion: str, alike: float | None, pi
         "text": clean(f"{most} {there} ({found.similarity:.2f}): {said} {answer}."),
         "picture": picture,
     }
-
-
-_KINDS = {SHORT: "the short file", "": "the whole file"}
 
 
 def incident_shown(

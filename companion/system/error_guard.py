@@ -10,6 +10,8 @@ from contextlib import contextmanager
 log = logging.getLogger(__name__)
 
 _REPORT_INTERVAL = 10.0
+_LAST_JOB = 0.2
+"""Seconds that the end may wait for the job under way."""
 
 
 class FatalError(Exception):
@@ -45,10 +47,6 @@ class ErrorGuard:
                 self._reported_at[what] = now
                 log.exception("%s failed", what)
                 self._report(now)
-
-
-_LAST_JOB = 0.2
-"""Seconds that the end may wait for the job under way."""
 
 
 class BackgroundJob:

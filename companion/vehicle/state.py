@@ -12,6 +12,12 @@ from typing import Any
 from anytraverse.history import Place
 from companion.wire.json_values import place_attributes
 
+_METRES_PER_DEGREE = 111_320.0
+_JUMP = 20.0
+"""Metres. A longer step between two positions is a new fix and no driving; it is not counted."""
+_JITTER = 0.3
+"""Metres. A shorter step may be noise; it counts once the vehicle is this far from the last counted point."""
+
 
 class MissionState(IntEnum):
     """MAVLink's MISSION_STATE."""
@@ -181,13 +187,6 @@ def is_moving(vehicle: Vehicle | None, now: float, *, drives_itself: bool) -> bo
 def read_place(saved: Any) -> Place:
     """Read what `place_document` made. Values that are missing or out of range are left unknown."""
     return Place(**place_attributes(saved))
-
-
-_METRES_PER_DEGREE = 111_320.0
-_JUMP = 20.0
-"""Metres. A longer step between two positions is a new fix and no driving; it is not counted."""
-_JITTER = 0.3
-"""Metres. A shorter step may be noise; it counts once the vehicle is this far from the last counted point."""
 
 
 class Odometer:

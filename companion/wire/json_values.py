@@ -18,6 +18,10 @@ LONGEST = 300
 """Characters of a text."""
 LARGEST = 256 << 10
 """Bytes of a document: several times what a rover writes, and read in some 30 ms whatever it holds."""
+_ANGLES = ("roll", "pitch", "yaw")
+_DIGITS = {"latitude": 7, "longitude": 7}
+_MOST = {"latitude": 90.0, "longitude": 180.0, "time": 1e11}
+"""Greatest values; 360 of the other angles."""
 
 
 class DocumentError(ValueError):
@@ -92,12 +96,6 @@ def weights_of(raw: Any, most: int = MAX_WORDS) -> dict[str, float]:
         if word and weight is not None:
             found[word] = check_weight(word, weight)
     return found
-
-
-_ANGLES = ("roll", "pitch", "yaw")
-_DIGITS = {"latitude": 7, "longitude": 7}
-_MOST = {"latitude": 90.0, "longitude": 180.0, "time": 1e11}
-"""Greatest values; 360 of the other angles."""
 
 
 class _Placed(Protocol):

@@ -64,6 +64,18 @@ WORD_PREFIX = "AT_W_"
 _ROOM = MAX_NAME - len(WORD_PREFIX)
 _ALIAS = re.compile(r"[A-Z0-9_]+")
 _NO_ALIASES: Mapping[str, str] = MappingProxyType({})
+# The file of all parameters, in the format of ArduPilot's `@PARAM/param.pck`, little-endian: README.md and
+# AP_Filesystem_Param.cpp of its libraries/AP_Filesystem. ArduPilot pads with zeros, so that no value crosses
+# a block. We do not: our file does not change while it is read.
+MAGIC = 0x671B
+MAGIC_WITH_DEFAULTS = 0x671C
+_HEAD = struct.Struct("<HHH")
+_FLOAT = 4
+_HAS_DEFAULT = 1 << 4
+_MOST_IN_COMMON = 15
+_LAST = 0xFFFE
+_DIGITS = 6
+"""Decimal places of a value; values that differ only behind them are equal."""
 
 
 class ParameterError(ValueError):
@@ -186,20 +198,6 @@ def _with_value(parameter: Parameter, value: float) -> Parameter:
     if not parameter.accepts(value):
         raise ParameterError(f"{parameter.name} = {value:g} is refused: it takes {parameter.allowed()}")
     return replace(parameter, value=value)
-
-
-# The file of all parameters, in the format of ArduPilot's `@PARAM/param.pck`, little-endian: README.md and
-# AP_Filesystem_Param.cpp of its libraries/AP_Filesystem. ArduPilot pads with zeros, so that no value crosses
-# a block. We do not: our file does not change while it is read.
-MAGIC = 0x671B
-MAGIC_WITH_DEFAULTS = 0x671C
-_HEAD = struct.Struct("<HHH")
-_FLOAT = 4
-_HAS_DEFAULT = 1 << 4
-_MOST_IN_COMMON = 15
-_LAST = 0xFFFE
-_DIGITS = 6
-"""Decimal places of a value; values that differ only behind them are equal."""
 
 
 @dataclass(frozen=True)

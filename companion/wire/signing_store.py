@@ -28,6 +28,21 @@ from companion.wire.signing import KEY_BYTES, MAX_STREAMS, TICKS, SignedStream, 
 _LARGEST = 256
 _OTHERS = 0o077
 _NOT_OURS = "the signing key {path} belongs to another user: chown it to the user who runs this program"
+NAME = "signing.state"
+SYNC_EVERY = 5.0
+HANGS_AFTER = 10.0
+"""Seconds after which a disk that does not take what is written counts as hanging."""
+CLOSE_WITHIN = 1.0
+RESERVE = int((SYNC_EVERY + HANGS_AFTER) * TICKS)
+"""What is added to each timestamp after a boot without a clean end, for those that were not synced."""
+OWN_RESERVE = TICKS
+"""What is added to the newest of all after a kill, for our own that were not written."""
+_MAGIC = b"ATS1"
+_HEAD = struct.Struct("<4s16sQQI")
+_ROW = struct.Struct("<BBBxQI")
+_SIZE = _HEAD.size + MAX_STREAMS * _ROW.size
+_CLOSED = bytes(16)
+"""In place of the boot id, after a clean end: all timestamps are on disk."""
 
 
 class SigningKeyError(ValueError):
@@ -73,23 +88,6 @@ def _parse(path: Path, content: bytes) -> SigningKey:
     if not any(secret):
         raise SigningKeyError(f"the signing key {path} is all zeros, which means no signing: make another")
     return SigningKey(secret)
-
-
-NAME = "signing.state"
-SYNC_EVERY = 5.0
-HANGS_AFTER = 10.0
-"""Seconds after which a disk that does not take what is written counts as hanging."""
-CLOSE_WITHIN = 1.0
-RESERVE = int((SYNC_EVERY + HANGS_AFTER) * TICKS)
-"""What is added to each timestamp after a boot without a clean end, for those that were not synced."""
-OWN_RESERVE = TICKS
-"""What is added to the newest of all after a kill, for our own that were not written."""
-_MAGIC = b"ATS1"
-_HEAD = struct.Struct("<4s16sQQI")
-_ROW = struct.Struct("<BBBxQI")
-_SIZE = _HEAD.size + MAX_STREAMS * _ROW.size
-_CLOSED = bytes(16)
-"""In place of the boot id, after a clean end: all timestamps are on disk."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,11 @@ _SAVE_EVERY = 60.0
 _LARGEST = 1e11
 """Upper limit of a saved figure: as a Unix time it is a year that `datetime` can still represent."""
 _REASONS = tuple(reason.value for reason in Reason)
+log = logging.getLogger(__name__)
+TEXT_GAP = 10.0
+"""Least seconds between two texts about would-be holds. Their running numbers show how many were skipped."""
+LOG_EVERY, TEXT_EVERY = 600.0, 1800.0
+"""Seconds watched between two totals in the log, and to the operator."""
 
 
 @dataclass
@@ -238,14 +243,6 @@ def _figure(value: Any) -> float:
     if not 0 <= value < _LARGEST:
         raise ValueError(f"{value} cannot be")
     return float(value)
-
-
-log = logging.getLogger(__name__)
-
-TEXT_GAP = 10.0
-"""Least seconds between two texts about would-be holds. Their running numbers show how many were skipped."""
-LOG_EVERY, TEXT_EVERY = 600.0, 1800.0
-"""Seconds watched between two totals in the log, and to the operator."""
 
 
 class ShadowReporter(Observer):

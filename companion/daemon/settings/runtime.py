@@ -47,6 +47,8 @@ THRESHOLDS: Mapping[str, str] = MappingProxyType(
 """Parameter -> field of `Thresholds`."""
 OF_THE_PERCEIVER = (parameters.THR_ROI, parameters.THR_SCENE, THR_TILE)
 """Thresholds that have a meaning only for the perceiver that they were set for."""
+_STORED_ELSEWHERE = frozenset({POLICY, ANSWER, SHADOW_HOLDS, TAP_WORD})
+"""Settings that may be set and are stored elsewhere, or not at all."""
 
 
 def judging_values(judging: Settings) -> dict[str, float]:
@@ -191,10 +193,6 @@ def _read(parameter: Parameter | None, row: Any) -> tuple[float, float] | None:
     except (TypeError, ValueError, OverflowError):
         return None
     return (value, over) if parameter is not None and parameter.accepts(value) else None
-
-
-_STORED_ELSEWHERE = frozenset({POLICY, ANSWER, SHADOW_HOLDS, TAP_WORD})
-"""Settings that may be set and are stored elsewhere, or not at all."""
 
 
 def call_numbers(config: Config, judging: Settings) -> Numbers:

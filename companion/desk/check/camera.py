@@ -20,6 +20,8 @@ _SLOW = 0.8
 _DARK, _FLAT = 25.0, 4.0
 """Mean of a picture's brightness, of 255, and its standard deviation, below which something is wrong."""
 _WHITE_SHARE = 0.4
+PERCEIVER = "perceiver"
+_UNMEASURED = "; how often a foreign place matches one of many remembered ones is not measured for it"
 
 
 def check_camera(rover: CheckedRover) -> list[CheckFinding]:
@@ -122,10 +124,6 @@ def check_infrared(rover: CheckedRover) -> list[CheckFinding]:
     if rover.config.camera.handles_infrared(trained=trained):
         return [passed(INFRARED, f"{TEXT}: {'the perceiver is trained for it' if trained else 'accepted'}")]
     return [(failed if rover.holds else warned)(INFRARED, REMEDY)]
-
-
-PERCEIVER = "perceiver"
-_UNMEASURED = "; how often a foreign place matches one of many remembered ones is not measured for it"
 
 
 def check_perceiver(rover: CheckedRover) -> list[CheckFinding]:

@@ -19,6 +19,19 @@ from companion.pages.listen import read_listen
 from companion.system.computer import existing
 
 PAGE = "page"
+VIDEO = "video"
+_WITHIN = 30.0
+_PROBE = """
+import sys, gi
+for name in sys.argv[1].split():
+    gi.require_version(name, "1.0")
+from gi.repository import Gst, GstRtspServer
+Gst.init(None)
+print(" ".join(name for name in sys.argv[2:] if Gst.ElementFactory.find(name) is None))
+"""
+RECORDING = "recording"
+OFF = "[recording] size = 0 ends it"
+LIVE = "live view"
 
 
 def check_page(rover: CheckedRover) -> list[CheckFinding]:
@@ -60,18 +73,6 @@ def served(
     return passed(name, f"{where} is free, and will show it {whose}")
 
 
-VIDEO = "video"
-_WITHIN = 30.0
-_PROBE = """
-import sys, gi
-for name in sys.argv[1].split():
-    gi.require_version(name, "1.0")
-from gi.repository import Gst, GstRtspServer
-Gst.init(None)
-print(" ".join(name for name in sys.argv[2:] if Gst.ElementFactory.find(name) is None))
-"""
-
-
 def check_video(rover: CheckedRover) -> list[CheckFinding]:
     """Check that the video can be served, and say where."""
     settings = rover.config.video
@@ -98,10 +99,6 @@ def missing_of(python: str, encoder: str) -> str:
     if probed.returncode:
         return "GStreamer's RTSP server for Python is not installed"
     return f"no {', '.join(probed.stdout.split())} in GStreamer" if probed.stdout.strip() else ""
-
-
-RECORDING = "recording"
-OFF = "[recording] size = 0 ends it"
 
 
 def check_recording(rover: CheckedRover) -> list[CheckFinding]:
@@ -138,9 +135,6 @@ def told_recordings(told: object) -> str:
     if not isinstance(files, int) or not isinstance(size, int):
         return "not known"
     return f"{files} files, {size / 1e6:.0f} MB{f', {lost} messages lost' if lost else ''}"
-
-
-LIVE = "live view"
 
 
 def check_live(rover: CheckedRover) -> list[CheckFinding]:

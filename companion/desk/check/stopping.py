@@ -12,6 +12,11 @@ from companion.desk.check.rules import CheckFinding, failed, passed, skipped, wa
 
 CHECK = "stopping"
 TILE = "tile"
+COURSE = "course"
+_REMEDY = {
+    "position": "no position with a fix is heard: test outdoors, and stream GLOBAL_POSITION_INT here at 2 Hz",
+    "heading": "no heading is heard: calibrate the compass, or stream ATTITUDE here",
+}
 
 
 def check_stopping(rover: CheckedRover) -> list[CheckFinding]:
@@ -57,13 +62,6 @@ def check_tile(rover: CheckedRover) -> list[CheckFinding]:
         return [failed(TILE, text)]
     text, in_time = describe_tile(rover.config, judging)
     return [(passed if in_time else warned)(TILE, text)]
-
-
-COURSE = "course"
-_REMEDY = {
-    "position": "no position with a fix is heard: test outdoors, and stream GLOBAL_POSITION_INT here at 2 Hz",
-    "heading": "no heading is heard: calibrate the compass, or stream ATTITUDE here",
-}
 
 
 def check_course(rover: CheckedRover) -> list[CheckFinding]:

@@ -38,6 +38,10 @@ from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, Verdict, failed, passed
 from companion.desk.check.stopping import check_course, check_stopping, check_tile
 
+log = logging.getLogger(__name__)
+EVERY = 10.0
+"""Seconds between two refreshes."""
+
 
 class Check(NamedTuple):
     """One row of the table. look: checks, and returns one finding or more. what: what it checks."""
@@ -99,12 +103,6 @@ def _survived(check: Check, rover: CheckedRover) -> Iterator[CheckFinding]:
     except Exception as error:  # the other checks still count
         what = f"{type(error).__name__}: {error}"
         yield failed(check.name, f"this check itself fails ({what[:200]}): report that")
-
-
-log = logging.getLogger(__name__)
-
-EVERY = 10.0
-"""Seconds between two refreshes."""
 
 
 class CheckReport:

@@ -34,6 +34,18 @@ from companion.pages import wording
 
 _TOLD_EVERY = 5.0
 _OURS = ("frames.jsonl", "calls", "calls.json", "answers.txt", "memory.jsonl", "index.html")
+_STYLE = """
+h3 { margin: 1.2rem 0 .2rem; font-size: 1rem; }
+p { margin: .2rem 0; }
+.shots { max-width: 62rem; }
+figure { margin: .4rem 0; }
+code { overflow-wrap: anywhere; }
+.tenths { display: flex; gap: .3rem; align-items: end; height: 7rem; max-width: 30rem; margin: 1rem 0;
+  padding: 0; list-style: none; }
+.tenths li { flex: 1; text-align: center; font-size: .85rem; }
+.tenths div { background: var(--green); border-radius: 2px 2px 0 0; }
+"""
+_TALLEST = 70
 
 
 def run(
@@ -215,20 +227,6 @@ class _Progress:
             self._told_at = now
             left = max(0, self._count - number) * (now - self._began) / number
             print(f"{number} of {self._count} frames, {calls} calls, {left:.0f} s left", file=sys.stderr)
-
-
-_STYLE = """
-h3 { margin: 1.2rem 0 .2rem; font-size: 1rem; }
-p { margin: .2rem 0; }
-.shots { max-width: 62rem; }
-figure { margin: .4rem 0; }
-code { overflow-wrap: anywhere; }
-.tenths { display: flex; gap: .3rem; align-items: end; height: 7rem; max-width: 30rem; margin: 1rem 0;
-  padding: 0; list-style: none; }
-.tenths li { flex: 1; text-align: center; font-size: .85rem; }
-.tenths div { background: var(--green); border-radius: 2px 2px 0 0; }
-"""
-_TALLEST = 70
 
 
 def _page(title: str, rehearsal: Rehearsal, figures: Mapping[str, Any], answers: str) -> str:

@@ -24,6 +24,9 @@ from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.episode import Operator
 from companion.wire.typed_answers import CommandError
 
+MOST = 10_000
+MOST_REGIONS = 10
+
 
 @dataclass(frozen=True)
 class Combination:
@@ -157,10 +160,6 @@ def run_trials(trials: Sequence[Trial], frames: Iterable[DriveFrame]) -> list[Tr
         for trial in trials:
             trial.step(number, frame)
     return [trial.outcome for trial in trials]
-
-
-MOST = 10_000
-MOST_REGIONS = 10
 
 
 class GridError(AnyTraverseError):

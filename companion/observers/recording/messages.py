@@ -18,6 +18,8 @@ LARGEST_PART = 64 << 10
 """Bytes of a datagram: it needs no large piece of the kernel's memory."""
 _HEADER = struct.Struct("<BBIQ")
 _MORE, _LAST = b"+", b"."
+BEAT = 0.5
+"""Seconds between two reports."""
 
 
 class RecordedMessage(NamedTuple):
@@ -109,10 +111,6 @@ class RecordingReport(NamedTuple):
             raise ValueError("a trouble that cannot be printed")
         files, size, written, lost = _REPORT.unpack_from(packed)
         return cls(files, size, written, lost, trouble)
-
-
-BEAT = 0.5
-"""Seconds between two reports."""
 
 
 def take_messages(

@@ -146,7 +146,9 @@ def test_a_vision_that_hangs_is_killed_and_started_again_on_what_it_knew(held: R
     assert held.engine.memory.preferences.format() == words
     assert held.vision.trouble == ""
     assert held.state == ("CALLING", 1)
-    assert [text for text in held.texts if "FAULT" in text] == ["C1 FAULT vision hangs"]
+    # The new process has judged no frame yet.
+    faults = ["C1 FAULT vision hangs", "C1 FAULT no fresh frame"]
+    assert [text for text in held.texts if "FAULT" in text] == faults
 
 
 def test_an_answer_caught_by_the_hang_is_busy_leaves_nothing_and_its_go_is_void(held: Rig) -> None:

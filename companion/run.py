@@ -151,7 +151,7 @@ def _main(
     service.ready(time.monotonic())
     try:
         job = closing.enter_context(BackgroundJob())
-        report = _Report(supervisor, beside, writer, checks, service, job)
+        report = _StatusReporter(supervisor, beside, writer, checks, service, job)
         supervisor.observers.add(report)
         _run(supervisor, link, stop, service, beside, report.news)
     except Exception:
@@ -196,7 +196,7 @@ def _signing(config: Config) -> Signing | None:
     return open_signing(key, config.journal.path, unsigned_autopilot=exempt)
 
 
-class _Report(Observer):
+class _StatusReporter(Observer):
     """Observes the turns: once a second it writes the status file, and tells systemd how it goes.
 
     It has the computer measured and the checks run, in the background, and makes what the page is told.

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.description = (
         "Make a checkpoint into a bundle, one folder to copy to the rover: of CLIPSeg (clipseg:DIR), or of "
-        "SigLIP 2 or TIPSv2 (dense:DIR)."
+        "SigLIP 2 or TIPSv2 (dense:FOLDER)."
     )
     drawn = ", ".join(f'"{name}"' for name in (RANDOM, *RANDOM_DENSE))
     parser.add_argument(

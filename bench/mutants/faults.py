@@ -70,7 +70,7 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "companion/system/watchdog.py": _VISION,
     "companion/vision/freeze_detector.py": (*_DAEMON, *_VISION),
     "companion/link/vehicle.py": _LINK,
-    "companion/link/vehicle_commands.py": _LINK,
+    "companion/link/setpoints_and_intervals.py": _LINK,
     "companion/link/access_control.py": _LINK,
     "companion/link/mode_commands.py": _tests("link", "mode_commands", "vehicle"),
     "companion/link/dead_man.py": _tests("link", "dead_man"),

@@ -1,4 +1,4 @@
-"""Commands the hold: what may be commanded for it, and when it may end.
+"""Decides what is commanded for a hold, and when it may end; `machine` decides that one starts.
 
 A human always wins. The vehicle is held only out of the autopilot's own driving modes, only when armed, and
 only while the autopilot's heartbeats come. Only a hold that the companion commanded is ended.

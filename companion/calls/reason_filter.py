@@ -1,4 +1,7 @@
-"""Debounces the reasons of the frames, and leaves out accepted ones. Pure: time is an input."""
+"""Debounces the reasons of the frames, leaves out accepted ones, and makes it a fault when no OK frame came.
+
+Pure: time is an input.
+"""
 
 from __future__ import annotations
 

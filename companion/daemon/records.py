@@ -22,7 +22,7 @@ from companion.storage.writer import Writer
 from companion.vision.client import MAX_DRAWINGS, STORED_FRAMES, VisionClient, VisionResult
 from companion.vision.messages import Drawn, FrameJudged
 from companion.wire import notices, texts
-from companion.wire.call_report import FIGURES, NearestScene
+from companion.wire.call_report import FIGURES_MEMBERS, NearestScene
 from companion.wire.ids import Kind
 
 log = logging.getLogger(__name__)
@@ -103,7 +103,7 @@ class Records(Observer):
             return
         answers = list(self._answers[1]) if call.id == self._answers[0] else []
         told = replace(recorded(call), nearest=self._nearest(call.id, seen))
-        figures = told.document((*FIGURES, "why", "nearest"))
+        figures = told.document((*FIGURES_MEMBERS, "why", "nearest"))
         job = partial(self._files.begin_record, call.id, figures, answers, self._remembered())
         self._writer.queue_job("record", job)
 

@@ -28,7 +28,7 @@ from companion.system.atomic_write import write_atomically
 from companion.system.computer import Computer
 from companion.vehicle.course import unknown
 from companion.vision.client import VisionClient
-from companion.wire.call_report import STATE
+from companion.wire.call_report import STATE_MEMBERS
 from companion.wire.documents import MOST_GIVEN
 from companion.wire.ids import VERSION
 from companion.wire.json_values import place_document
@@ -197,7 +197,7 @@ class Status(Observer):
             "mission": status["mission"],
             "latency_ms": status["latency_ms"],
             "judging": status["judging"],
-            "open": None if current is None else current.document(STATE, _DIGITS),
+            "open": None if current is None else current.document(STATE_MEMBERS, _DIGITS),
             "known_place": status["known_place"],
             "words": {word: round(words[word], _DIGITS) for word in words},
             "given": self._given(),

@@ -26,11 +26,11 @@ from companion.link.outbox import Outbox
 from companion.link.parameter_server import FOLDER as PARAMETERS
 from companion.link.parameter_server import ParameterFile, ParameterServer
 from companion.link.router import MessageRouter, RequestDispatcher
+from companion.link.setpoints_and_intervals import MessageIntervals, Setpoints
 from companion.link.signing import Signing
 from companion.link.text_parameters import TextParameters
 from companion.link.transport import Transport
 from companion.link.vehicle import VehicleTracker
-from companion.link.vehicle_commands import MessageIntervals, Setpoints
 from companion.storage.served_tree import Tree
 from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle

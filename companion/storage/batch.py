@@ -9,7 +9,7 @@ from typing import Any
 
 from anytraverse.memory import Memory
 from companion.storage.database import JournalError
-from companion.wire.call_report import FIGURES, CallReport
+from companion.wire.call_report import FIGURES_MEMBERS, CallReport
 
 MAX_ROWS = 256
 """Answers and closed calls that may wait for the disk. Beyond that the oldest are dropped."""
@@ -26,7 +26,7 @@ class TableRow:
     @classmethod
     def of_call(cls, call: CallReport, at: float) -> TableRow:
         """Make the row of a closed call. at: seconds since 1970. Raises JournalError as `as_json` does."""
-        values = (call.id, at, call.outcome.name.lower(), as_json(call.document(FIGURES)))
+        values = (call.id, at, call.outcome.name.lower(), as_json(call.document(FIGURES_MEMBERS)))
         return cls("calls", "id, closed_at, outcome, record", values)
 
     @classmethod

@@ -17,7 +17,7 @@ from companion.storage.database import FRAME_SINCE, Damaged, Database, JournalEr
 from companion.storage.memory_rows import read_memory, write_memory
 from companion.storage.salvage import DailyCopy, best, salvage
 from companion.system.atomic_write import sync_folder
-from companion.wire.call_report import RECORD, CallReport
+from companion.wire.call_report import RECORD_MEMBERS, CallReport
 
 _log = logging.getLogger(__name__)
 
@@ -114,7 +114,9 @@ class Journal:
             {**(from_json(record) or {}), "id": number, "closed": at, "outcome": outcome}
             for number, at, outcome, record in found
         )
-        return [CallReport.read({**one, "answers": [*self.answers(one["id"])]}, RECORD) for one in told]
+        return [
+            CallReport.read({**one, "answers": [*self.answers(one["id"])]}, RECORD_MEMBERS) for one in told
+        ]
 
     def answers(self, call_id: int) -> tuple[Mapping[str, Any], ...]:
         """Return the answers to a call, oldest first, without damaged ones. Raises JournalError."""

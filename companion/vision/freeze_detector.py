@@ -1,4 +1,4 @@
-"""Detects a frozen camera: one that delivers the same picture again and again with new capture times."""
+"""Detects a frozen camera, in the supervisor: the same picture comes again and again as if new."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Defines the report of a call or hold: what radio, files, journal and pages tell of it.
 
 On the radio it is the TUNNEL payload 45002, little-endian, at most 128 bytes. Elsewhere it is a JSON object,
-of which each document has some members: `STATE`, `FIGURES` or `RECORD`. A later version may differ, and a
-radio is not trusted: each value that is read is checked, lists and texts are bounded.
+of which each document has some members: `STATE_MEMBERS`, `FIGURES_MEMBERS` or `RECORD_MEMBERS`. A later
+version may differ, and a radio is not trusted: each value that is read is checked, lists and texts are
+bounded.
 """
 
 from __future__ import annotations
@@ -44,17 +45,28 @@ from companion.wire.packing import (
 )
 from companion.wire.payloads import check_version
 
-STATE = (
+STATE_MEMBERS = (
     "id", "kind", "stage", "holding", "age", "frame_id", "why", "worst_tile_box", "roi_uncertainty",
     "worst_tile", "drivable_share", "similarity", "picture",
 )  # fmt: skip
 """Members of what /state.json tells of the open call or hold."""
-FIGURES = (
+FIGURES_MEMBERS = (
     "frame_id", "reasons", "words", "roi_uncertainty", "worst_tile", "worst_tile_box", "drivable_share",
     "similarity", "place",
 )  # fmt: skip
 """Members of a closed call in the journal."""
-RECORD = ("id", *FIGURES, "why", "nearest", "picture", "large", "raw", "outcome", "closed", "answers")
+RECORD_MEMBERS = (
+    "id",
+    *FIGURES_MEMBERS,
+    "why",
+    "nearest",
+    "picture",
+    "large",
+    "raw",
+    "outcome",
+    "closed",
+    "answers",
+)
 """Members of /calls/N.json."""
 ONLY_RECORDED = frozenset({"judged_by", "time", "attitude", "nearest", "large", "raw", "closed", "answers"})
 """Attributes of a report that nothing but a record tells."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from anytraverse.preferences import MAX_WORDS
-from companion.wire.call_report import RECORD, STATE, CallReport, picture_of, reasons_of
+from companion.wire.call_report import RECORD_MEMBERS, STATE_MEMBERS, CallReport, picture_of, reasons_of
 from companion.wire.ids import Stage, words_hash
 from companion.wire.json_values import (
     DocumentError,
@@ -113,7 +113,7 @@ def read_checks(content: bytes) -> tuple[CheckRow, ...]:
 
 def read_record(content: bytes) -> CallReport:
     """Read /calls/N.json. Raises DocumentError, for one without an id too."""
-    return CallReport.read(read_object(content), RECORD)
+    return CallReport.read(read_object(content), RECORD_MEMBERS)
 
 
 def _open_call(
@@ -121,7 +121,9 @@ def _open_call(
 ) -> CallReport | None:
     """Read the open call or hold. Its region of interest is that of now; a test is not told as one."""
     try:
-        call = CallReport.read(mapping_of(told.get("open")), STATE, ("id", "kind", "stage", "frame_id"))
+        call = CallReport.read(
+            mapping_of(told.get("open")), STATE_MEMBERS, ("id", "kind", "stage", "frame_id")
+        )
     except DocumentError:
         return None
     if call.stage is Stage.CLOSED:

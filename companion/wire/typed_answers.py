@@ -1,7 +1,7 @@
 """Parses and formats an answer as an operator types it: changes, then a motion. Pure.
 
 Changes are separated by `;`: `bush: -1`, `tap drum -1`, `tap drum -1 0.40 0.55 0.60 0.80`, `forget bush`,
-`forget call 7`, `new episode`, `other place`, `other place 7`. The motion is `go`, `stay` or `look`.
+`forget call 7`, `new episode`, `other place`, `other place 7`. The motion is one of `MOTIONS`.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ NO_FRAME = 0
 NO_BOX = (0.0, 0.0, 0.0, 0.0)
 """Frame and box of a tap as it is typed, `tap drum -1`, until `placed` finds them. No rover takes the box."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)\Z", re.ASCII)
-_ENDS_WITH_MOTION = re.compile(
-    r"(.*[^\s,])[\s,]+(go|ok|stay|look(?:\s+again)?)\s*\Z", re.IGNORECASE | re.DOTALL
-)
+_MOTION = "|".join(motion.replace(" ", r"\s+") for motion in sorted(MOTIONS, key=len, reverse=True))
+_ENDS_WITH_MOTION = re.compile(rf"(.*[^\s,])[\s,]+({_MOTION})\s*\Z", re.IGNORECASE | re.DOTALL)
 _TAP = re.compile(r"tap\s+(.*)", re.IGNORECASE)
 _FORGET_CALL = re.compile(r"forget\s+call\s+[ch]?(\d{1,5})\Z", re.ASCII | re.IGNORECASE)
 _FORGET = re.compile(r"forget\s+(.*)", re.IGNORECASE)
-_ORDER = re.compile(r"(go|ok|stay|look|forget|set|answer|policy|rover)\s+\S", re.IGNORECASE)
+_ORDER = re.compile(rf"({_MOTION}|forget|set|answer|policy|rover)\s+\S", re.IGNORECASE)
 _OTHER_PLACE = re.compile(
     r"(?:other|not\s+(?:the|that)(?:\s+same)?)\s+place(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII | re.IGNORECASE
 )

@@ -75,7 +75,7 @@ class SessionStatistics:
 
 PROGRESS_S = 3.0
 HELP = """\
-  go                       drive on; the thing in the call is accepted once
+  go, or ok                drive on; the thing in the call is accepted once
   stay                     keep standing, stop the alarm; teaches nothing
   look                     look again
   bush: -1                 a word and its weight: 1 drive over it, -1 never. Several: bush: -1; grass: 1

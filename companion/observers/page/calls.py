@@ -8,7 +8,7 @@ from typing import Any
 from companion.pages import wording
 from companion.pages.calls import nearest, shown
 from companion.pages.given import OwnAnswers
-from companion.wire.call_report import PICTURES, RECORD, CallReport, picture_path
+from companion.wire.call_report import PICTURES, RECORD_MEMBERS, CallReport, picture_path
 from companion.wire.documents import StateFile, state_from
 from companion.wire.ids import PAGE_SENDER
 from companion.wire.json_values import DocumentError
@@ -38,7 +38,7 @@ def shown_calls(
     now, kept = state_from(state), {}
     for written in records:
         try:
-            read = CallReport.read(written, RECORD)
+            read = CallReport.read(written, RECORD_MEMBERS)
         except DocumentError:
             continue
         kept[read.id] = read

@@ -16,7 +16,7 @@ from anytraverse.roi import Tile
 from companion.calls.summary import current_data, recorded
 from companion.vision.pictures import thumbnail
 from companion.wire import texts
-from companion.wire.call_report import FIGURES
+from companion.wire.call_report import FIGURES_MEMBERS
 from companion.wire.ids import Policy
 from tests.companion.calls.scenes import AHEAD, AUTO, BESIDE, DRUM, GNOME, HOLD, Scene, Thing, View
 
@@ -132,7 +132,7 @@ def test_journal_and_pictures_show_the_box_that_is_told(small: Scene) -> None:
     tile, region = seen.roi.worst_tile, small.numbers.judging.region
     box = tile.shown
     sides = [round(side, 4) for side in (box.left, box.top, box.right, box.bottom)]
-    assert recorded(small.call).document(FIGURES)["worst_tile_box"] == sides
+    assert recorded(small.call).document(FIGURES_MEMBERS)["worst_tile_box"] == sides
     large, alone = (
         replace(seen, roi=replace(seen.roi, worst_tile=Tile(one, tile.uncertainty)))
         for one in (box, tile.box)

@@ -1,4 +1,4 @@
-"""Album, odometer, liveness and mishaps, each alone."""
+"""The picture archive, the odometer, liveness and the error guard, each alone."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_an_album_keeps_the_newest_pictures_over_restarts(tmp_path: Path) -> None:
+def test_a_picture_archive_keeps_the_newest_pictures_over_restarts(tmp_path: Path) -> None:
     for number in range(3):
         PictureArchive(tmp_path, 2).add(JPEG, f"C{number} Unknown thing!")
     assert names(tmp_path) == ["00002-c1-unknown-thing.jpg", "00003-c2-unknown-thing.jpg"]
 
 
-def test_an_album_of_many_years_stays_bounded(tmp_path: Path) -> None:
+def test_a_picture_archive_of_many_years_stays_bounded(tmp_path: Path) -> None:
     (tmp_path / "99999-old.jpg").touch()
     for _ in range(2):
         pictures = PictureArchive(tmp_path, 2)
@@ -37,14 +37,14 @@ def test_an_album_of_many_years_stays_bounded(tmp_path: Path) -> None:
     assert names(tmp_path) == ["100002-new.jpg", "100003-new.jpg"]
 
 
-def test_an_album_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path) -> None:
+def test_a_picture_archive_leaves_other_files_alone_and_clears_torn_ones(tmp_path: Path) -> None:
     (tmp_path / "notes-of-mine.jpg").touch()
     (tmp_path / ".00007-torn.jpg.part").touch()
     PictureArchive(tmp_path, 1).add(JPEG, "new")
     assert names(tmp_path) == ["00001-new.jpg", "notes-of-mine.jpg"]
 
 
-def test_an_album_of_none_is_not_wanted(tmp_path: Path) -> None:
+def test_a_picture_archive_of_none_is_not_wanted(tmp_path: Path) -> None:
     assert not PictureArchive(tmp_path / "none", 0).wanted
     assert not (tmp_path / "none").exists()
 
@@ -77,7 +77,7 @@ def test_the_most_basic_silent_task_is_named_first() -> None:
     assert liveness.silent(5.9) == ["vision"]
 
 
-def test_a_mishap_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_error_is_logged_and_said_once_in_a_while_by_kind(caplog: pytest.LogCaptureFixture) -> None:
     said: list[float] = []
     error_guard = ErrorGuard(said.append)
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.wire.call_report import (
-    FIGURES,
+    FIGURES_MEMBERS,
     MOST_ANSWERS,
-    RECORD,
-    STATE,
+    RECORD_MEMBERS,
+    STATE_MEMBERS,
     CallReport,
     GivenAnswer,
     NearestScene,
@@ -73,20 +73,20 @@ REPORTS = st.builds(
 
 @given(REPORTS)
 def test_a_report_comes_back_from_the_state_and_from_its_record(report: CallReport) -> None:
-    told = json.loads(json.dumps(report.document(STATE, 4)))
-    state = CallReport.read(told, STATE, STATE[:3])
-    assert json.dumps(state.document(STATE, 4)) == json.dumps(told)
+    told = json.loads(json.dumps(report.document(STATE_MEMBERS, 4)))
+    state = CallReport.read(told, STATE_MEMBERS, STATE_MEMBERS[:3])
+    assert json.dumps(state.document(STATE_MEMBERS, 4)) == json.dumps(told)
     assert (state.kind, state.stage, state.age_s) == (report.kind, report.stage, report.age_s)
-    told = json.loads(json.dumps(report.document(RECORD)))
-    record = CallReport.read(told, RECORD)
+    told = json.loads(json.dumps(report.document(RECORD_MEMBERS)))
+    record = CallReport.read(told, RECORD_MEMBERS)
     told_by_record = replace(report, kind=Kind.CALL, stage=Stage.CLOSED, holding=False, age_s=0)
     assert record == told_by_record
-    assert record.document(FIGURES) == report.document(FIGURES)
+    assert record.document(FIGURES_MEMBERS) == report.document(FIGURES_MEMBERS)
 
 
-@given(st.dictionaries(st.sampled_from([*RECORD, *STATE]), JSON))
+@given(st.dictionaries(st.sampled_from([*RECORD_MEMBERS, *STATE_MEMBERS]), JSON))
 def test_any_values_are_read_within_bounds(told: dict[str, Any]) -> None:
-    for members in (STATE, RECORD):
+    for members in (STATE_MEMBERS, RECORD_MEMBERS):
         report = CallReport.read({**told, "id": 7}, members)
         CallReport.unpack(report.pack())
         assert len(report.why) <= LONGEST
@@ -96,10 +96,10 @@ def test_any_values_are_read_within_bounds(told: dict[str, Any]) -> None:
 @pytest.mark.parametrize("wrong", [{}, {"id": 0}, {"id": "7"}, {"id": True}, {"id": 0x10000}])
 def test_a_call_without_an_id_is_none(wrong: dict[str, Any]) -> None:
     with pytest.raises(DocumentError, match="has no id"):
-        CallReport.read({**WRITTEN, "id": None, **wrong}, RECORD)
+        CallReport.read({**WRITTEN, "id": None, **wrong}, RECORD_MEMBERS)
 
 
 def test_a_kind_of_a_later_version_is_none_where_it_is_needed() -> None:
-    told = CallReport(7, stage=Stage.OPEN).document(STATE) | {"kind": "question"}
+    told = CallReport(7, stage=Stage.OPEN).document(STATE_MEMBERS) | {"kind": "question"}
     with pytest.raises(DocumentError, match="has no kind"):
-        CallReport.read(told, STATE, ("id", "kind"))
+        CallReport.read(told, STATE_MEMBERS, ("id", "kind"))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from anytraverse.operations import ForgetWord, SetWord, Tap
 from companion.wire.answers import Answer
-from companion.wire.call_report import RECORD, CallReport
+from companion.wire.call_report import RECORD_MEMBERS, CallReport
 from companion.wire.ids import Motion
 from companion.wire.typed_answers import CommandError, placed, read_typed, typed
 from tests.companion.link.payloads import CALL
@@ -60,6 +60,6 @@ def test_a_box_that_is_nothing_as_it_is_sent_is_refused() -> None:
 
 
 def test_a_call_whose_worst_tile_is_nothing_as_it_is_sent_points_at_no_place() -> None:
-    call = CallReport.read({"id": 7, "worst_tile_box": [0.40001, 0.5, 0.40004, 0.6]}, RECORD)
+    call = CallReport.read({"id": 7, "worst_tile_box": [0.40001, 0.5, 0.40004, 0.6]}, RECORD_MEMBERS)
     with pytest.raises(CommandError, match="call 7 points at no place"):
         placed(read_typed("tap drum -1, stay"), call)

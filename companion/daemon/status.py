@@ -202,6 +202,7 @@ class Status(Observer):
             "words": {word: round(words[word], _DIGITS) for word in words},
             "given": self._given(),
             "vocabulary": list(self._settings.words.of.values()),
+            "tapped": [word for word in words if word in self._vision.memory.examples],
             "settings": {name: round(value, _DIGITS) for name, value in self._settings.settings.items()},
             "set_by_ground": sorted(status["set_by_ground"]),
             "place": place_document(place),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,12 +28,16 @@ _WELL = CHANGING_RESULTS - {Result.NOT_COVERED}
 
 @dataclass(frozen=True)
 class Answered:
-    """An answer from a page. at: seconds since 1970. words: weight by word before it. call: that it is to."""
+    """An answer from a page. at: seconds since 1970. call: that it is to.
+
+    words: weight by word before it. tapped: those of them that were tapped in pictures.
+    """
 
     pending: Pending
     at: float
     words: Mapping[str, float]
     call: CallReport | None = None
+    tapped: Collection[str] = ()
 
     @property
     def taught(self) -> bool:
@@ -82,11 +86,14 @@ class OwnAnswers:
     def undoing(self) -> tuple[Operation, ...]:
         """Return what takes them back: a remembered scene of the call is forgotten, its words are as before.
 
+        A word that was tapped and then forgotten stays forgotten.
         () where `undone` may still be applied, or was.
         """
         taught, undone = [one for one in self.answers if one.taught], self.undone
         if not taught or (undone is not None and (undone.applied or not undone.settled)):
             return ()
+        # A forgotten word's examples are lost, and without them the perceiver may not know it.
+        lost = {word for one in taught for word in one.tapped}
         before = taught[0].words
         touched = {
             change.word: not isinstance(change, ForgetWord)
@@ -97,7 +104,7 @@ class OwnAnswers:
         restored = (
             SetWord(word, before[word]) if word in before else ForgetWord(word)
             for word, in_use in touched.items()
-            if in_use or word in before
+            if in_use or (word in before and word not in lost)
         )
         scenes = {ForgetCall(one.pending.answer.target) for one in taught if one.remembered}
         return (*scenes, *restored)

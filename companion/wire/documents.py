@@ -47,13 +47,15 @@ class KnownPlace:
 class StateFile:
     """What counts now, of /state.json. words: weight by word. open_call: None for no call or hold.
 
-    given: weight by word, of those that are out of use and were given before.
+    given: weight by word, of those that are out of use and were given before. tapped: those in use that were
+    tapped in pictures.
     """
 
     starting: bool
     words: Mapping[str, float]
     given: Mapping[str, float]
     vocabulary: tuple[str, ...]
+    tapped: tuple[str, ...]
     settings: Mapping[str, float]
     known_place: KnownPlace | None
     open_call: CallReport | None
@@ -89,9 +91,8 @@ def state_from(told: Mapping[str, Any]) -> StateFile:
         starting=told.get("state") == "starting",
         words=words,
         given=weights_of(told.get("given"), MOST_GIVEN),
-        vocabulary=tuple(
-            word for raw in list_of(told.get("vocabulary"))[:MOST_IN_VOCABULARY] if (word := word_of(raw))
-        ),
+        vocabulary=_words(told.get("vocabulary"), MOST_IN_VOCABULARY),
+        tapped=_words(told.get("tapped"), MAX_WORDS),
         settings=settings,
         known_place=_known_place(told.get("known_place")),
         open_call=_open_call(told, settings, words),
@@ -100,6 +101,10 @@ def state_from(told: Mapping[str, Any]) -> StateFile:
         model=text_of(told.get("model")),
         version=text_of(told.get("version")),
     )
+
+
+def _words(raw: Any, most: int) -> tuple[str, ...]:
+    return tuple(word for one in list_of(raw)[:most] if (word := word_of(one)))
 
 
 def read_checks(content: bytes) -> tuple[CheckRow, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -113,12 +113,17 @@ class Stories:
             story.said.append((wall, clean(text)))
 
     def answered(
-        self, pending: Pending, call: CallReport | None, words: Mapping[str, float], wall: float
+        self,
+        pending: Pending,
+        call: CallReport | None,
+        words: Mapping[str, float],
+        tapped: Collection[str],
+        wall: float,
     ) -> None:
         """Take note of an answer that leaves from here."""
         story = self.by_id.get(pending.answer.target)
         if story is not None:
-            story.own.answers.append(Answered(pending, wall, dict(words), call))
+            story.own.answers.append(Answered(pending, wall, dict(words), call, tapped))
 
     def others_were_first(self, call: TrackedCall) -> bool:
         """Whether the call was answered, and not from here."""

@@ -146,7 +146,9 @@ class Console:
         told = call.data if call is not None else None
         check_answer(answer, told, current_call(rover))
         pending = self.client.answer(desk.system, answer, now)
-        desk.stories.answered(pending, told, desk.fetched.words, wall)
+        state = desk.fetched.state
+        tapped = state.tapped if state is not None else ()
+        desk.stories.answered(pending, told, desk.fetched.words, tapped, wall)
         named = (one for one in answer.operations if isinstance(one, SetWord | Tap))
         desk.fetched.note_named({one.word: one.weight for one in named})
         return "sent" if rover.alive(now) else "the rover is not heard: it is sent as soon as it is"

@@ -64,7 +64,7 @@ class Answering:
         named = call if call is not None and call.id == answer.target else None
         check_answer(answer, named, call.id if call is not None else 0)
         pending = self._begin(answer)
-        self._answers.append(Answered(pending, self._wall(), dict(state.words), named))
+        self._answers.append(Answered(pending, self._wall(), dict(state.words), named, state.tapped))
         self.deliver()
         return "sent"
 

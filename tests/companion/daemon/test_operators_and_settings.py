@@ -12,8 +12,12 @@ from anytraverse.operations import ForgetCall, ForgetWord, SetWord, Tap
 from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import MountSection, StoppingSection
+from companion.pages.given import Answered, OwnAnswers
+from companion.wire.answers import Answer
 from companion.wire.call_report import CallReport
-from companion.wire.ids import TUNNEL_CALL, Kind, Motion, Outcome, Policy, Result, Stage
+from companion.wire.delivery import Pending
+from companion.wire.documents import state_from
+from companion.wire.ids import CHANGING_RESULTS, TUNNEL_CALL, Kind, Motion, Outcome, Policy, Result, Stage
 from tests.anytraverse.conftest import AHEAD
 from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
@@ -295,3 +299,22 @@ def test_an_autopilot_that_refuses_a_mode_is_in_the_log(rig: Rig, caplog: pytest
         rig.stage.send(denied, (1, 1))
         rig.see(0.1, "drum")
     assert "says no to mode 4: MAV_RESULT 2" in caplog.text
+
+
+def test_the_undo_of_an_answer_that_forgot_a_tapped_word_is_taken(held: Rig) -> None:
+    call = held.calls.call
+    assert call is not None
+    held.answer(1, Motion.NONE, Tap(call.frame_id, BOX, "gnome", -1.0))
+    held.see(1.0, "drum")
+    state = state_from(held.daemon.status.state_file())
+    assert state.tapped == ("gnome",)
+    answer = Answer(1, Motion.GO, (ForgetWord("gnome"), SetWord("trail", 1.0)), 8)
+    given = Pending(1, answer, 0.0)
+    held.answer(1, answer.motion, *answer.operations, transaction=8)
+    held.see(4.0, "drum")
+    given.acknowledge(held.acks[-1], final=True)
+    undoing = OwnAnswers([Answered(given, 0.0, state.words, None, state.tapped)]).undoing()
+    held.answer(0, Motion.NONE, *undoing, transaction=9)
+    held.see(1.0, "drum")
+    assert held.acks[-1].result in CHANGING_RESULTS
+    assert set(held.vision.words) == {"grass", "rock"}

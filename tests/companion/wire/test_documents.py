@@ -21,6 +21,7 @@ STATE: dict[str, Any] = {
     "model": "m",
     "words": {"grass": 1.0, "dirt path": 0.5},
     "vocabulary": ["grass", "gravel"],
+    "tapped": ["dirt path"],
     "settings": {"AT_ROI_L": 0.3, "AT_ROI_T": 0.5, "AT_ROI_R": 0.7, "AT_ROI_B": 0.95, "AT_THR_ROI": 0.4},
     "open": {
         "id": 7,
@@ -85,6 +86,7 @@ def test_an_open_call_is_read_as_its_data_on_the_wire_would_be() -> None:
     assert call.why == "unknown 71% in yellow frame, over 25% calls"
     assert CallReport.unpack(call.pack()) == replace(call, why="")
     assert state.words == {"grass": 1.0, "dirt path": 0.5}
+    assert (state.vocabulary, state.tapped) == (("grass", "gravel"), ("dirt path",))
     assert state.known_place is not None
     assert state.known_place.changed == {"gravel": (None, 1.0)}
 

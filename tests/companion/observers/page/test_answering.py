@@ -42,8 +42,9 @@ class Desk:
         self.sent.append(answer)
         self.parts.append((part, parts))
 
-    def tell(self, opened: dict[str, Any] | None, **words: float) -> None:
-        state = {"state": "calling", "words": words or {"grass": 1.0}, "open": opened}
+    def tell(self, opened: dict[str, Any] | None, tapped: tuple[str, ...] = (), **words: float) -> None:
+        used = words or {"grass": 1.0}
+        state = {"state": "calling", "words": used, "tapped": list(tapped), "open": opened}
         self.news.take(
             Datagram(PageMessageKind.NEWS, {"state": state, "status": {"state": "calling"}, "at": self.now})
         )
@@ -200,6 +201,16 @@ def test_words_that_an_answer_made_forgotten_come_back_with_their_weights() -> N
     desk.tell(None, grass=1.0)
     desk.undo(7)
     assert desk.sent[-1].operations == (ForgetCall(7), SetWord("rock", -0.5)), "mud is out of use as before"
+
+
+def test_a_tapped_word_that_an_answer_made_forgotten_stays_so_since_its_examples_are_lost() -> None:
+    desk = Desk()
+    desk.tell(OPEN, ("gnome",), grass=1.0, gnome=-1.0)
+    desk.post(call=7, changes=[{"forget": "gnome"}, {"word": "mud", "weight": 1}])
+    desk.acknowledge()
+    desk.tell(None, grass=1.0, mud=1.0)
+    desk.undo(7)
+    assert desk.sent[-1].operations == (ForgetCall(7), ForgetWord("mud"))
 
 
 def test_of_a_holds_answer_without_a_tap_which_no_scene_remembers_the_words_are_taken_back() -> None:

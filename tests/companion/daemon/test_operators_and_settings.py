@@ -310,7 +310,7 @@ def test_the_undo_of_an_answer_that_forgot_a_tapped_word_is_taken(held: Rig) -> 
     assert state.tapped == ("gnome",)
     answer = Answer(1, Motion.GO, (ForgetWord("gnome"), SetWord("trail", 1.0)), 8)
     given = Pending(1, answer, 0.0)
-    held.answer(1, answer.motion, *answer.operations, transaction=8)
+    held.answer(1, answer.motion, *answer.changes, transaction=8)
     held.see(4.0, "drum")
     given.acknowledge(held.acks[-1], final=True)
     undoing = OwnAnswers([Answered(given, 0.0, state.words, None, state.tapped)]).undoing()

@@ -26,6 +26,8 @@ from anytraverse.synonyms import refuse_contradictions
 
 MAX_EXAMPLES = 16
 """The most tapped examples of one word; beyond it the oldest is dropped."""
+LARGEST_EXAMPLES = 2 << 20
+"""Bytes of the examples of all words, at most: each remembered scene keeps them."""
 MAX_NAMED = 8
 """The most call ids that an error lists when the call to forget is not known; the newest ones."""
 
@@ -78,6 +80,8 @@ def changed_memory(
         word = clean_word(tap.word)
         settings[word] = Setting(check_weight(word, tap.weight), clock)
         examples[word] = (*examples.get(word, ()), _example(tap, perceiver, seen))[-MAX_EXAMPLES:]
+    if sum(example.vector.nbytes for kept in examples.values() for example in kept) > LARGEST_EXAMPLES:
+        raise ExampleError("as many taps of this model cannot be remembered: forget a tapped word first")
     for word in settings:
         if word not in examples:
             perceiver.meaning(word)

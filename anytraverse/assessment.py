@@ -67,8 +67,9 @@ class Finding:
 
     @classmethod
     def fault(cls, figure: str) -> Finding:
-        """Make a finding that something is broken; `figure` says what."""
-        return cls(Reason.FAULT, figure, bad=True, clear=False)
+        """Make a finding that something is broken; `figure` says what, in one line."""
+        line = "".join(one if one.isprintable() else " " for one in figure)  # as of a library's error
+        return cls(Reason.FAULT, line, bad=True, clear=False)
 
 
 @dataclass(eq=False)

@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from anytraverse.answers import MAX_EXAMPLES, AnswerOutcome
+from anytraverse.answers import LARGEST_EXAMPLES, MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Assessment, Maps
 from anytraverse.frame import is_intrinsics
 from anytraverse.history import MAX_REFUSED, Embedding, Entry
@@ -34,9 +34,8 @@ from companion.vision.messages import (
 
 LARGEST_MAP = 4 << 20
 """Pixels of one map, at most."""
-LONGEST_VECTOR = 1 << 14
-LARGEST_SCENE = 2 << 20
-"""Bytes of a scene's vectors, at most: as many taps as there may be, of a bundle of 1900 channels."""
+LONGEST_VECTOR = (1 << 14) + 2
+"""Of the widest bundle: its channels, and what a tap remembers beside them."""
 _AHEAD = 0.001
 """Seconds by which a time stamp of the vision process may lie in the future, because of rounding."""
 _U32 = 0xFFFFFFFF
@@ -205,7 +204,7 @@ def _check_vectors(examples: Examples, *others: Embedding | None) -> None:
     _need(_texts(*examples, *(one.model_id for one in taps)), "words of examples")
     vectors = [one for one in (*others, *(tap.vector for tap in taps)) if one is not None]
     _need(_vectors(*vectors), "vectors of a scene")
-    _need(sum(one.nbytes for one in vectors) <= LARGEST_SCENE, "a scene that is so large")
+    _need(sum(tap.vector.nbytes for tap in taps) <= LARGEST_EXAMPLES, "examples that are so large")
 
 
 def _vectors(*vectors: Embedding) -> bool:

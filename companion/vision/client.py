@@ -506,7 +506,9 @@ class VisionClient:
 def _log(said: Logged) -> None:
     """Log lines of the process. A logger of the name that it gives would never be freed."""
     if log.isEnabledFor(said.level):
-        name, text = clean(said.name)[:_LONGEST_NAME], "\n  ".join(map(clean, said.text.splitlines()))
+        lines = (one.replace("\t", "    ") for one in said.text.splitlines())
+        text = "\n  ".join(one[: len(one) - len(one.lstrip(" "))] + clean(one) for one in lines)
+        name = clean(said.name)[:_LONGEST_NAME]
         log.handle(logging.LogRecord(name, said.level, "", 0, text, None, None))
 
 

@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, Struct, convert, msgpack, structs
+from msgspec import Meta, Raw, Struct, convert, msgpack, structs
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment
@@ -131,7 +131,10 @@ def decode(packed: bytes) -> Report:
         if contents.rest:
             raise CodecError("content of no array")
         if not isinstance(report, Logged):  # it has no parts, and its lines are cleaned where they are logged
-            _check_parts(report, msgpack.decode(view[_LENGTH.size : end]))
+            fields: Any = (
+                list[Raw] if isinstance(report, Drawn | Encoded) else Any
+            )  # no second copy of a picture
+            _check_parts(report, msgpack.decode(view[_LENGTH.size : end], type=fields))
     except Exception as error:  # damaged bytes may raise anything
         raise CodecError(f"unreadable: {clean(str(error)[:_LONGEST_ERROR])}") from error
     finally:

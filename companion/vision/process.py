@@ -94,7 +94,7 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            text = self.format(record)[:_LONGEST_LINE]
+            text = self.format(record)[:_LONGEST_LINE].encode(errors="backslashreplace").decode()
         except Exception:  # a wrong format in a log call must not end the process
             self.handleError(record)
             return

@@ -188,7 +188,7 @@ def test_a_roi_without_a_pixel_is_a_fault(make_rover: type[Rover]) -> None:
 
 def test_a_perceiver_that_says_it_failed_is_a_fault_in_its_words(rover: Rover) -> None:
     def fail(_: object) -> Array:
-        raise PerceiverError("the model has run out of memory")
+        raise PerceiverError("the model has\nrun out of\x1bmemory")
 
     rover.eyes.spoil_embedding = fail
     in_encoding = rover.see()

@@ -9,7 +9,7 @@ import pytest
 
 from anytraverse.answers import MAX_EXAMPLES
 from anytraverse.assessment import Observation, Reason
-from anytraverse.errors import UnknownWordError
+from anytraverse.errors import ExampleError, UnknownWordError
 from anytraverse.operations import Tap
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
@@ -69,6 +69,18 @@ def test_another_tap_adds_an_example_and_the_oldest_go(taught: Rover) -> None:
         taught.answer({}, call, 7, taps=tap(call))
     assert len(taught.memory.examples["gnome"]) == MAX_EXAMPLES
     assert first not in taught.memory.examples["gnome"]
+
+
+def test_a_tap_that_makes_the_examples_too_large_to_be_remembered_is_refused(
+    taught: Rover, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "anytraverse.answers.LARGEST_EXAMPLES", taught.memory.examples["gnome"][0].vector.nbytes
+    )
+    before, call = taught.memory, taught.call(thing="gnome")
+    with pytest.raises(ExampleError, match="forget a tapped word first"):
+        taught.answer({}, call, 7, taps=tap(call))
+    assert taught.memory == before
 
 
 def test_a_tap_teaches_a_known_word_what_else_it_means(rover: Rover) -> None:

@@ -615,7 +615,9 @@ def test_its_log_lines_are_clean_and_no_name_makes_a_logger(
 ) -> None:
     loggers = len(logging.root.manager.loggerDict)
     for number in range(100):
-        stage.child.report(Logged(logging.ERROR, f"a{number}\n{'x' * 4000}", "text\x1b[2J 100 %s\n\x07ERROR"))
+        stage.child.report(
+            Logged(logging.ERROR, f"a{number}\n{'x' * 4000}", "text\x1b[2J 100 %s\n\x07E\n\tF")
+        )
         stage.vision.poll(stage.clock.now)
     assert len(logging.root.manager.loggerDict) == loggers
     lines = [one for one in caplog.records if one.name.startswith("a")]
@@ -623,7 +625,7 @@ def test_its_log_lines_are_clean_and_no_name_makes_a_logger(
     for one in lines:
         assert one.name.isprintable()
         assert len(one.name) < 200
-        assert one.getMessage() == "text [2J 100 %s\n  ERROR"
+        assert one.getMessage() == "text [2J 100 %s\n  E\n      F"
 
 
 def test_what_it_says_below_the_level_of_the_log_is_left_out(

@@ -81,7 +81,8 @@ def test_a_line_of_the_log_that_cannot_be_made_costs_that_line_only(
         handler = _Lines(port)
         for number in (1, "two", 3):
             handler.handle(logging.LogRecord("x", logging.INFO, "", 0, "%d of %s", (number, "n"), None))
-        assert [line.text for line in port.lines] == ["1 of n", "3 of n"]
+        handler.handle(logging.LogRecord("x", logging.INFO, "", 0, "no /dev/\udcff", None, None))
+        assert [line.text for line in port.lines] == ["1 of n", "3 of n", r"no /dev/\udcff"]
     assert "Arguments: ('two', 'n')" in capsys.readouterr().err
 
 

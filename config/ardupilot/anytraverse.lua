@@ -4,15 +4,23 @@ overriding a human. ArduPilot Rover 4.5 or newer.
 
 When in a guarded mode, armed, the companion (component 191 of this vehicle) is silent for ATS_TIMEOUT, reports a
 fault, or the obstacle feed that the autopilot avoids by is dead, the mode becomes HOLD and a text says why. By
-itself this script arms nothing and resumes nothing: the only mode it sets is HOLD, never over MANUAL, RTL or a
-failsafe's. A fault in spite of which a human drives on (the companion says so) holds nobody; its silence still does.
+itself this script arms nothing and resumes nothing: the only modes it sets are HOLD and, to brake, GUIDED, never
+over MANUAL, RTL or a failsafe's. A fault in spite of which a human drives on (the companion says so) holds nobody;
+its silence still does.
 
 The companion asks for HOLD, AUTO and GUIDED by MAV_CMD_USER_5 (31014): id of its hold, expected mode, mode to set,
-serial number. HOLD is set where the expected mode stands, AUTO and GUIDED only out of the HOLD that was set for that
-id, or for the companion's silence or fault, where its mode reason still stands and nobody has commanded HOLD since.
+serial number, longest time to brake in s. HOLD is set where the expected mode stands, AUTO and GUIDED only out of
+the HOLD that was set for that id, or for the companion's silence or fault, where its mode reason still stands and
+nobody has commanded HOLD since.
 A HOLD that a switch of the transmitter sets within ours changes nothing that a script could see. Answers: ACCEPTED;
 TEMPORARILY_REJECTED, another mode stands, or, where HOLD is asked for, a human's HOLD; DENIED, the HOLD is a human's
-now; FAILED. A serial number counts once, and a request for one second.
+now; FAILED; IN_PROGRESS, it brakes, and the last answer follows. A serial number counts once, a request for 1 s.
+
+HOLD lets a rover roll. So where the companion tells a time to brake (0 to 4 s), AUTO becomes GUIDED first, in which
+ArduPilot brakes and keeps its heading, and HOLD below 0.1 m/s or after that time. This script sends no target: with
+one of zero speed ArduPilot would add the pilot's throttle. HOLD is set at once where GUIDED is refused, the rover is
+a boat (it would loiter), or a target of somebody else's was seen in the last 5 s. A target or a mode that somebody
+else commands meanwhile takes over, and nothing more is set. A loss of the companion brakes for the time told last.
 
 It acts only where the companion may: when the last policy that its heartbeat told is "hold". One that was heard in
 policy hold and falls silent is a loss; in report, shadow or off its silence and its faults stop nobody, nor does
@@ -23,8 +31,8 @@ station, is taken to have read the text: no hold until the companion was well fo
 A hold of this script's that outlasts its cause is said every 10 s, until somebody sets a mode or disarms.
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
 
-Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 98304 or more;
-SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 5800; reboot. The parameters ATS_* are
+Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 122880 or more;
+SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 6000; reboot. The parameters ATS_* are
 there when it runs, "Policy hold: loss of companion will be held" (or the like) is its first text, said again when
 the policy changes; without a companion it stays silent and harmless, unless ATS_NEED asks for one.
 Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The wheels stop.
@@ -66,13 +74,15 @@ local PARAMETERS = {
 }
 local CYCLE_MS, LONGEST_MS = 100, 100000
 local QUEUE, IDS = 20, 25 -- no script can ask for more ids, and so none writes past their end
+local COMPANION = 191
 local HEARTBEAT, SET_MODE, COMMAND_INT, COMMAND_LONG, STATUSTEXT = 0, 11, 75, 76, 253
 local MODE_REQUEST = 31014
 local STARTING, FAULT, OFF = 0, 5, 6 -- states, in the low byte of the heartbeat's custom_mode
 local POLICIES = { [0] = "report", "shadow", "hold", "off" } -- in its bits 24 and 25
 local REPORT, MAY_HOLD, SWITCHED_OFF = 0, 2, 3
-local HOLD = 4
+local HOLD, GUIDED = 4, 15
 local GUARDABLE = { [6] = "FOLLOW", [8] = "DOCK", [9] = "CIRCLE", [10] = "AUTO", [15] = "GUIDED" }
+local BY_SCRIPT = 32
 local BY_HUMAN = { [1] = true, [2] = true, [42] = true, [53] = true } -- RC, GCS, FrSky, RC auxiliary switch
 local ALERT, CRITICAL, ERROR, WARNING, INFO = 1, 2, 3, 4, 6
 local TRIES = 3
@@ -83,6 +93,7 @@ local seen, watched, state, silent_ms = false, false, STARTING, 0
 local policy, asked, guarding = REPORT, false, false
 local fault_accepted, mode_ms, last_mode = false, 0, nil
 local hold_id, hold_reason, pressed = nil, nil, false -- the companion's HOLD that stands; a human commanded HOLD within
+local brake = { told_ms = 0, target_ms = LONGEST_MS } -- the time to brake that was told; since a target was seen
 local running
 local echoed_ms = LONGEST_MS
 local failures, resorted = 0, false
@@ -100,20 +111,142 @@ local function patience_ms() return 1000 * setting("TIMEOUT", 1.2, 10) end
 
 local function later(ms, dt) return math.min(ms + dt, LONGEST_MS) end
 
+-- Setting modes ----------------------------------------------------------------------------------------------------
+
+local set_hold, hear_request, hear_target, go_on_braking
+do
+  local COMMAND_ACK, REMEMBERED, AUTO, BOAT = 77, 8, 10, 2
+  local ACCEPTED, CHANGED, DENIED, FAILED, IN_PROGRESS = 0, 1, 2, 4, 5
+  local RESUMABLE = { [10] = true, [15] = true }
+  local LONGEST_BRAKE, STANDS, TARGET_MS = 4, 0.1, 5000 -- s, m/s
+  local answered = {}
+
+  local function answer(channel, serial, result)
+    mavlink:send_chan(channel, COMMAND_ACK,
+      string.pack("<HBBi4BB", MODE_REQUEST, result, 0, serial, own_system, COMPANION))
+  end
+
+  local function speed() -- 0 where it is not known
+    local known, found = pcall(function() return ahrs:groundspeed_vector():length() end)
+    return known and found or 0
+  end
+
+  local function may_brake()
+    local boat = brake.frame_class and brake.frame_class:get() == BOAT
+    local alone = brake.hears_targets and brake.target_ms >= TARGET_MS
+    return brake.told_ms > 0 and alone and not boat and speed() >= STANDS
+  end
+
+  local function end_brake(result)
+    local serial = brake.serial
+    brake.left_ms, brake.serial = nil, nil
+    if not serial then return end
+    if answered[serial] then answered[serial] = result end
+    answer(brake.channel, serial, result)
+  end
+
+  local function is_ours(mode) return vehicle:get_mode() == mode and vehicle:get_control_mode_reason() == BY_SCRIPT end
+
+  -- Ends the braking in HOLD where the rover stands or the time is over, and as it is where somebody set a mode.
+  function go_on_braking(dt)
+    if not brake.left_ms then return end
+    brake.left_ms = brake.left_ms - dt
+    local over = brake.left_ms <= 0 or not (speed() >= STANDS) or not arming:is_armed()
+    if not is_ours(GUIDED) then return end_brake(CHANGED) end
+    if not over then return end
+    vehicle:set_mode(HOLD)
+    if is_ours(GUIDED) then return end -- it was refused: again in the next cycle
+    if not is_ours(HOLD) then return end_brake(CHANGED) end -- a human was faster
+    hold_id, hold_reason, pressed = brake.id, BY_SCRIPT, false
+    end_brake(ACCEPTED)
+  end
+
+  -- The calls that compare and set stand side by side: nothing can hold the autopilot's loop between them.
+  function set_hold(expected)
+    local brakes = may_brake()
+    local mode = vehicle:get_mode()
+    if expected and mode ~= expected then return CHANGED end
+    if brakes and mode == AUTO then
+      vehicle:set_mode(GUIDED)
+      if is_ours(GUIDED) then
+        brake.left_ms, brake.id = brake.told_ms, nil
+        return IN_PROGRESS
+      end
+      if vehicle:get_mode() ~= AUTO then return CHANGED end -- a human was faster
+    end
+    vehicle:set_mode(HOLD)
+    if vehicle:get_mode() ~= HOLD then return FAILED end
+    -- A human who was faster has set this HOLD.
+    if vehicle:get_control_mode_reason() ~= BY_SCRIPT then return CHANGED end
+    hold_id, hold_reason, pressed = nil, BY_SCRIPT, false
+    return ACCEPTED
+  end
+
+  local function resume(mode)
+    local now, reason = vehicle:get_mode(), vehicle:get_control_mode_reason()
+    if now ~= HOLD then return CHANGED end
+    if pressed or reason ~= hold_reason then return DENIED end
+    return vehicle:set_mode(mode) and ACCEPTED or FAILED
+  end
+
+  local function set_requested(id, expected, mode)
+    if not arming:is_armed() then return FAILED end
+    if RESUMABLE[mode] then
+      -- Without an id it is this script's own HOLD, for a loss that is over: the companion's did not reach it.
+      if not hold_reason or hold_id and hold_id ~= id then return FAILED end
+      return resume(mode)
+    end
+    if mode ~= HOLD then return FAILED end
+    local result = ACCEPTED
+    if brake.left_ms then
+      brake.left_ms, result = math.min(brake.left_ms, brake.told_ms), IN_PROGRESS
+    elseif vehicle:get_mode() ~= HOLD then
+      result = set_hold(expected)
+    elseif pressed or vehicle:get_control_mode_reason() ~= hold_reason then
+      result = CHANGED
+    end
+    if result == ACCEPTED then hold_id = id end
+    if result == IN_PROGRESS then brake.id = id end
+    return result
+  end
+
+  function hear_request(content, channel)
+    local id, expected, mode, serial, seconds = string.unpack("<fffff", content)
+    if not (serial >= 1 and serial <= 0xFFFFFF and mode >= 0 and mode <= 255) then return end
+    serial, mode = math.floor(serial), math.floor(mode)
+    local result = answered[serial]
+    if not result then
+      brake.told_ms = seconds > 0 and math.floor(1000 * math.min(seconds, LONGEST_BRAKE)) or 0
+      result = id == 0 and ACCEPTED or set_requested(id, expected, mode) -- 0 asks whether this script is there
+      answered[serial] = result
+      table.insert(answered, serial)
+      if #answered > REMEMBERED then answered[table.remove(answered, 1)] = nil end
+    end
+    if result == IN_PROGRESS and brake.left_ms then brake.serial, brake.channel = serial, channel end
+    answer(channel, serial, result)
+  end
+
+  -- Whoever commands a target or a mode while this script brakes has the rover: GUIDED is theirs now.
+  function hear_target()
+    brake.target_ms, brake.taken, mode_ms = 0, true, 0
+    end_brake(CHANGED)
+  end
+end
+
 -- Listening --------------------------------------------------------------------------------------------------------
 
-local register, listen, set_hold
+local register, listen
 do
   local MAX_CHECKED = 4 -- checksums a cycle: they cost most of SCR_VM_I_COUNT
-  local COMPANION, ONBOARD_CONTROLLER, COMMAND_ACK, DO_SET_MODE = 191, 18, 77, 176
-  local CRC_EXTRA =
-    { [HEARTBEAT] = 50, [SET_MODE] = 89, [COMMAND_INT] = 158, [COMMAND_LONG] = 152, [STATUSTEXT] = 83 }
+  local ONBOARD_CONTROLLER, DO_SET_MODE = 18, 176
+  local CRC_EXTRA = { [HEARTBEAT] = 50, [SET_MODE] = 89, [COMMAND_INT] = 158, [COMMAND_LONG] = 152, [STATUSTEXT] = 83,
+    [39] = 254, [73] = 38, [82] = 49, [84] = 143, [86] = 5 }
   local HEARD = { HEARTBEAT, COMMAND_LONG, SET_MODE, COMMAND_INT, STATUSTEXT } -- where places lack, the first ones
-  local ACCEPTED, CHANGED, DENIED, FAILED = 0, 1, 2, 4
-  local REQUEST_MS, REMEMBERED = 1000, 8
-  local RESUMABLE = { [10] = true, [15] = true }
-  local BY_GCS, BY_SCRIPT = 2, 32 -- a companion's own DO_SET_MODE counts as a ground station's
-  local answered, echoed = {}, nil
+  local TARGETS = { [84] = 50, [86] = 50, [82] = 36, [39] = 32, [73] = 32 } -- messages; where they name their vehicle
+  local ITEMS, MOVES = { [39] = true, [73] = true }, { [192] = true, [213] = true } -- DO_REPOSITION, SET_YAW_SPEED
+  local REQUEST_MS, MAX_WAITING = 1000, 8
+  local BY_GCS = 2 -- a companion's own DO_SET_MODE counts as a ground station's
+  local echoed = nil
   local requests = {} -- they wait until all is read: a human's HOLD may have come behind them
 
   local function checksum(bytes) -- CRC-16/MCRF4XX
@@ -162,58 +295,6 @@ do
     gcs:send_text(content:byte(1), text)
   end
 
-  -- The calls that compare and set stand side by side: nothing can hold the autopilot's loop between them.
-  function set_hold(expected)
-    local mode = vehicle:get_mode()
-    if expected and mode ~= expected then return CHANGED end
-    vehicle:set_mode(HOLD)
-    if vehicle:get_mode() ~= HOLD then return FAILED end
-    -- A human who was faster has set this HOLD.
-    if vehicle:get_control_mode_reason() ~= BY_SCRIPT then return CHANGED end
-    hold_id, hold_reason, pressed = nil, BY_SCRIPT, false
-    return ACCEPTED
-  end
-
-  local function resume(mode)
-    local now, reason = vehicle:get_mode(), vehicle:get_control_mode_reason()
-    if now ~= HOLD then return CHANGED end
-    if pressed or reason ~= hold_reason then return DENIED end
-    return vehicle:set_mode(mode) and ACCEPTED or FAILED
-  end
-
-  local function set_requested(id, expected, mode)
-    if not arming:is_armed() then return FAILED end
-    if RESUMABLE[mode] then
-      -- Without an id it is this script's own HOLD, for a loss that is over: the companion's did not reach it.
-      if not hold_reason or hold_id and hold_id ~= id then return FAILED end
-      return resume(mode)
-    end
-    if mode ~= HOLD then return FAILED end
-    local result = ACCEPTED
-    if vehicle:get_mode() ~= HOLD then
-      result = set_hold(expected)
-    elseif pressed or vehicle:get_control_mode_reason() ~= hold_reason then
-      result = CHANGED
-    end
-    if result == ACCEPTED then hold_id = id end
-    return result
-  end
-
-  local function hear_request(content, channel)
-    local id, expected, mode, serial = string.unpack("<ffff", content)
-    if not (serial >= 1 and serial <= 0xFFFFFF and mode >= 0 and mode <= 255) then return end
-    serial, mode = math.floor(serial), math.floor(mode)
-    local result = answered[serial]
-    if not result then
-      result = id == 0 and ACCEPTED or set_requested(id, expected, mode) -- 0 asks whether this script is there
-      answered[serial] = result
-      table.insert(answered, serial)
-      if #answered > REMEMBERED then answered[table.remove(answered, 1)] = nil end
-    end
-    mavlink:send_chan(channel, COMMAND_ACK,
-      string.pack("<HBBi4BB", MODE_REQUEST, result, 0, serial, own_system, COMPANION))
-  end
-
   -- HOLD within HOLD changes neither mode nor reason: who commands it is known by the frame alone.
   local function hear_hold_command(content, ours)
     if not ours then
@@ -227,21 +308,37 @@ do
   local function purpose(raw, start, id, ours, echoes)
     if id == HEARTBEAT then return ours and "heartbeat" end
     if id == STATUSTEXT then return ours and echoes and raw:byte(start) <= ERROR and "text" end
+    local others = brake.left_ms and not ours
     if id == SET_MODE then
       local mode, target = string.unpack("<I4B", raw, start)
-      return mode == HOLD and (target == own_system or target == 0) and "hold command"
+      if target ~= own_system and target ~= 0 then return nil end
+      return others and "target" or mode == HOLD and "hold command"
     end
-    local command, target = string.unpack("<HB", raw, start + 28) -- both commands have these at one place
+    local place = TARGETS[id] or 30 -- both commands have it at one place
+    local target = raw:byte(start + place)
     if target ~= own_system and target ~= 0 then return nil end
+    local command = string.unpack("<H", raw, start + 28)
+    local moves = MOVES[command]
+    if TARGETS[id] then moves = not ITEMS[id] or raw:byte(start + 35) == 2 end -- 2: an item that is a target
+    if moves and not ours and not brake.left_ms then brake.target_ms = 0 end -- seen is enough: no time for a checksum
+    if moves or TARGETS[id] then return moves and others and "target" end
     if command == MODE_REQUEST then return ours and "request" end
+    if others and command == DO_SET_MODE then return "target" end
     return command == DO_SET_MODE and string.unpack("<f", raw, start + 4) == HOLD and "hold command"
   end
 
   -- Another script's mavlink:init() wipes all registrations in ArduPilot 4.6; one that stands is left as it is.
   function register()
+    brake.hears_targets = false
     for _, id in ipairs(HEARD) do
       mavlink:register_rx_msgid(id)
     end
+    -- Where targets find no place it does not brake, since it would not hear who takes over.
+    brake.hears_targets = pcall(function()
+      for id in pairs(TARGETS) do
+        mavlink:register_rx_msgid(id)
+      end
+    end)
   end
 
   function listen()
@@ -262,8 +359,9 @@ do
         if not content then what = nil end
         if what == "heartbeat" then hear_heartbeat(content, age_ms) end
         if what == "text" then hear_text(content) end
-        if what == "request" and #requests < REMEMBERED then table.insert(requests, { content, channel, at }) end
+        if what == "request" and #requests < MAX_WAITING then table.insert(requests, { content, channel, at }) end
         if what == "hold command" then hear_hold_command(content, ours) end
+        if what == "target" then hear_target() end
       end
     end
     local due = requests
@@ -276,7 +374,7 @@ end
 
 -- Judging ----------------------------------------------------------------------------------------------------------
 
-local watch_feed, is_hold_policy, guards, trouble, is_guarded
+local watch_feed, is_hold_policy, guards, trouble, is_guarded, by_human
 do
   local WORD_MS = 600 -- until the companion has said whether a human's mode accepts its fault
   local GOOD = 2 -- proximity:get_status()
@@ -296,6 +394,8 @@ do
     end
   end
 
+  function by_human() return brake.taken or BY_HUMAN[vehicle:get_control_mode_reason()] end
+
   local function is_off() return state == OFF or policy == SWITCHED_OFF end
 
   function is_hold_policy() return seen and policy == MAY_HOLD and not is_off() end
@@ -312,7 +412,7 @@ do
     if is_off() then return "companion is off" end
     if silent_ms > patience_ms() then return "companion silent" end
     -- A human who drives on in spite of a fault: the companion says whether that counts, once it has heard of the mode.
-    local waits = mode_ms < WORD_MS and BY_HUMAN[vehicle:get_control_mode_reason()]
+    local waits = mode_ms < WORD_MS and by_human()
     local excused = state == FAULT and (fault_accepted or waits)
     -- A state that a later companion may know and this script does not is no reason to drive on.
     if is_on("FAULT") and (state == FAULT or state > OFF) and not excused then return "companion fault" end
@@ -354,13 +454,20 @@ do
     end
   end
 
+  local function mode_now() return brake.left_ms and HOLD or vehicle:get_mode() end
+
+  local function say_held(reason)
+    if brake.left_ms then return CRITICAL, "Braking: " .. reason end
+    return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind"
+  end
+
   local function hold(reason, mode, dt)
     wait_ms = wait_ms - dt
     if wait_ms > 0 then return ALERT, "HOLD REFUSED, " .. reason .. ": take over" end
     set_hold(nil)
-    if vehicle:get_mode() == HOLD then
+    if mode_now() == HOLD then
       held, held_from, stands, tries, wait_ms = true, GUARDABLE[mode], reason, 0, 0
-      return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind"
+      return say_held(reason)
     end
     tries = tries + 1
     if tries < TRIES then return nil end
@@ -370,18 +477,18 @@ do
 
   -- What there is to say about this trouble, having done what can be done about it.
   local function answer(reason, dt)
-    local mode = vehicle:get_mode()
+    local mode = mode_now()
     if not arming:is_armed() then
       held, accepted, stands, tries, wait_ms = false, false, nil, 0, 0
     elseif not is_guarded(mode) then
       tries, wait_ms = 0, 0
       if mode ~= HOLD then stands = nil end
-      if held and mode == HOLD then return CRITICAL, "HOLD: " .. reason .. ". " .. held_from .. " again = go blind" end
+      if held and mode == HOLD then return say_held(reason) end
       if not held and warned ~= reason then
         warned = reason
         gcs:send_text(WARNING, reason .. ": guarded modes will be held")
       end
-    elseif accepted or held and BY_HUMAN[vehicle:get_control_mode_reason()] then
+    elseif accepted or held and by_human() then
       accepted, stands = true, nil
       return WARNING, GUARDABLE[mode] .. " without companion" .. (mode == 15 and ": send target again" or "")
     else
@@ -406,6 +513,7 @@ do
   function watch_mode(dt)
     local mode = vehicle:get_mode()
     mode_ms = mode == last_mode and later(mode_ms, dt) or 0
+    if mode ~= last_mode then brake.taken = false end
     last_mode = mode
     if mode ~= HOLD then hold_id, hold_reason, pressed = nil, nil, false end
   end
@@ -433,7 +541,7 @@ do
     end
     held, warned, tries, wait_ms = false, nil, 0, 0
     if not stands then return nil end
-    if vehicle:get_mode() ~= HOLD or not arming:is_armed() then stands = nil end
+    if mode_now() ~= HOLD or not arming:is_armed() then stands = nil end
     return WARNING, stands and "HOLD since " .. stands .. ": set " .. held_from .. " by hand" or nil, STANDS_MS
   end
 end
@@ -463,9 +571,11 @@ local function update()
   last = now
   if dt < 0 or dt > LONGEST_MS then dt = LONGEST_MS end
   silent_ms, echoed_ms = later(silent_ms, dt), later(echoed_ms, dt)
+  brake.target_ms = later(brake.target_ms, dt)
   pcall(watch_mode, dt) -- before it listens: what a frame means depends on the mode
   local has_places, full = pcall(register)
   local hears, deaf = pcall(listen)
+  pcall(go_on_braking, dt)
   local sound, severity, text, every_ms = pcall(guard, dt, hears and has_places)
   failures = sound and 0 or failures + 1
   if failures >= TRIES then pcall(last_resort) end
@@ -492,7 +602,7 @@ local function set_up()
     settings[row[1]], defaults[row[1]] = Parameter(PREFIX .. row[1]), row[2]
   end
   own_system = assert(param:get("MAV_SYSID") or param:get("SYSID_THISMAV"), "no system id")
-  avoid, path_planner = optional("AVOID_ENABLE"), optional("OA_TYPE")
+  avoid, path_planner, brake.frame_class = optional("AVOID_ENABLE"), optional("OA_TYPE"), optional("FRAME_CLASS")
   -- Where another script was first, ArduPilot 4.6 would wipe its registrations, and could write past their end.
   if not pcall(mavlink.receive_chan, mavlink) then mavlink:init(QUEUE, IDS) end
   mavlink:register_rx_msgid(HEARTBEAT)

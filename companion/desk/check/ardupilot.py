@@ -23,8 +23,8 @@ from companion.vehicle.ardupilot import AUTO, GUIDED
 
 SERIAL_APART, MAV_APART = 1 << 10, 1 << 1
 """Bits of SERIALn_OPTIONS (4.6 and older) and MAVn_OPTIONS (4.7) that keep a port's MAVLink to itself."""
-HEAP = 98304
-"""Bytes for scripts. In ArduPilot's simulation our script does not load with 60000, and fails with 62000."""
+HEAP = 122880
+"""Bytes for scripts. In ArduPilot's simulation our script fails with 100352, and works with 101376."""
 _SCRIPT = (
     f"set SCR_HEAP_SIZE {HEAP} or more, copy config/ardupilot/anytraverse.lua to APM/scripts on the "
     "autopilot's card, and reboot it"

@@ -62,6 +62,12 @@ return {
     get_control_mode_reason = function() return host.mode_reason() end,
     set_mode = function(mode) return host.set_mode(whole(mode, 0, 255)) end,
   }),
+  ahrs = singleton("ahrs", {
+    groundspeed_vector = function()
+      local speed = host.speed()
+      return { length = function() return speed end }
+    end,
+  }),
   arming = singleton("arming", {
     is_armed = function() return host.is_armed() end,
     get_aux_auth_id = function() return host.get_auth() end,

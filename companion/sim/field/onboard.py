@@ -69,6 +69,9 @@ class ScriptHost:
     def is_armed(self) -> bool:
         return self._autopilot.armed
 
+    def speed(self) -> float:
+        return abs(self._autopilot.rover.speed)
+
     def send_text(self, severity: int, text: bytes) -> None:
         self._autopilot.send_text(text[:MAX_TEXT], severity)
 
@@ -82,9 +85,9 @@ class ScriptHost:
         fields = kind.unpacker.unpack(full[: kind.unpacker.size])
         ordered = {name: fields[place] for name, place in zip(kind.fieldnames, kind.orders, strict=True)}
         self._autopilot.send(ports[channel], kind(**ordered))
-        if (
-            ordered.get("command") == MODE_REQUEST_COMMAND
-            and ordered["result"] == mavlink.MAV_RESULT_ACCEPTED
+        if ordered.get("command") == MODE_REQUEST_COMMAND and ordered["result"] in (
+            mavlink.MAV_RESULT_ACCEPTED,
+            mavlink.MAV_RESULT_IN_PROGRESS,
         ):
             self._credit_companion()
         return True

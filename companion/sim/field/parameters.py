@@ -68,7 +68,7 @@ ARDUPILOT: tuple[Row, ...] = (
     ("RC7_OPTION", INT16, 0, 0, 400),
     ("RC8_OPTION", INT16, 0, 0, 400),
     ("SCR_ENABLE", INT8, 0, 0, 1),
-    ("SCR_HEAP_SIZE", INT32, 98304, 1024, 1 << 20),
+    ("SCR_HEAP_SIZE", INT32, 122_880, 1024, 1 << 20),
     ("SCR_VM_I_COUNT", INT32, 10_000, 1000, 1_000_000),
 )
 

@@ -10,7 +10,7 @@ from companion.desk.check.rules import Verdict
 GOOD = {
     "MIS_RESTART": 0.0,
     "SCR_ENABLE": 1.0,
-    "SCR_HEAP_SIZE": 98304.0,
+    "SCR_HEAP_SIZE": 122880.0,
     "SCR_VM_I_COUNT": 10000.0,
     "ATS_ENABLE": 1.0,
     "ATS_MODES": 33792.0,
@@ -53,7 +53,7 @@ def test_good_parameters_raise_nothing() -> None:
         (ARDUPILOT, "ATS_MODES", 32768, Verdict.FAIL, "does not guard all modes that drive"),
         (ARDUPILOT, "ATS_MODES", 1024, Verdict.FAIL, "set 33792"),
         (ARDUPILOT, "ATS_RC", 300, Verdict.WARN, "no RCn_OPTION is that number"),
-        (ARDUPILOT, "SCR_HEAP_SIZE", 65536, Verdict.WARN, "98304"),
+        (ARDUPILOT, "SCR_HEAP_SIZE", 65536, Verdict.WARN, "122880"),
         (ARDUPILOT, "SCR_VM_I_COUNT", 1000, Verdict.WARN, "10000"),
         (ARDUPILOT, "FS_ACTION", 0, Verdict.WARN, "does nothing"),
         (ARDUPILOT, "FS_ACTION", 1, Verdict.WARN, "drives the vehicle home"),
@@ -136,7 +136,7 @@ def test_a_script_that_does_not_run_and_one_that_cannot_are_told_apart() -> None
     without = {name: value for name, value in GOOD.items() if not name.startswith("ATS_")}
     (found,) = judge(ARDUPILOT, Facts(without), holds=True)
     assert "anytraverse.lua does not run" in found.text
-    assert "SCR_HEAP_SIZE 98304" in found.text
+    assert "SCR_HEAP_SIZE 122880" in found.text
     (found,) = judge(ARDUPILOT, Facts({**without, "SCR_ENABLE": 0.0}), holds=True)
     assert found.check == "SCR_ENABLE 0", "one reason is enough"
     none = {name: value for name, value in without.items() if not name.startswith("SCR_")}

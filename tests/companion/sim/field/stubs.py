@@ -37,6 +37,7 @@ class Board:
         self.mode_now, self.reason, self.armed = AUTO, BY_GCS, True
         self.obeys = True
         self.broken: set[str] = set()
+        self.moves_at = 1.0
         self.sensors, self.status = 0, 0
         self.switches: dict[int, int] = {}
         self.said: list[Said] = []
@@ -68,6 +69,10 @@ class Board:
     def is_armed(self) -> bool:
         self._break("is_armed")
         return self.armed
+
+    def speed(self) -> float:
+        self._break("speed")
+        return self.moves_at
 
     def send_text(self, severity: int, text: bytes) -> None:
         self._break("send_text")

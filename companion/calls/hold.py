@@ -14,6 +14,8 @@ from companion.vehicle import Autopilot
 _REPORT_LAG = 0.25
 _RESUME_SHOWS_LATER = 0.5
 """s beside the round trip in which a resume is shown."""
+_BRAKE_LATER = 2.0
+"""s beside the round trip that a brake may show later than it can last: its request may wait on the way."""
 _LATE_REPORT_LAG = 1.2
 """Seconds after which a mode is shown: at once by HEARTBEAT, or late, see `Autopilot.reports_mode_late`."""
 
@@ -55,6 +57,7 @@ class Hold:
     resumed_at: when the resume was commanded that may still be under way, None without one.
     resume_taken: the autopilot has acknowledged that resume.
     held_at: when the autopilot acknowledged the newest command to hold, None before.
+    may_brake_until: until when the mode in which the script brakes may be its own. braking: that mode shows.
     by_hand: its script has set nothing, since a human has set the mode that stands: this hold's, or another.
     rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
     seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
@@ -75,6 +78,8 @@ class Hold:
     resumed_at: float | None = None
     resume_taken: bool = False
     held_at: float | None = None
+    may_brake_until: float = -math.inf
+    braking: bool = False
     by_hand: bool = False
     rebooted: bool = False
     seen: Assessment | None = None
@@ -102,6 +107,12 @@ class Hold:
     def enter(self, state: HoldState) -> None:
         """Change to another state, and start counting tries again."""
         self.state, self.tries, self.failed = state, 0, False
+        self.may_brake_until, self.braking = -math.inf, False
+
+    def may_brake(self, seconds: float, round_trip: float, now: float) -> None:
+        """Note that the command to hold that leaves now lets the script brake for so long first."""
+        if not self.braking:
+            self.may_brake_until = now + round_trip + seconds + _BRAKE_LATER
 
     def begin_resume(self) -> None:
         """Return to the mode before the hold."""
@@ -153,7 +164,7 @@ class Hold:
         if wanted is None or (self.tries and now - self.tried_at < pause):
             return None, None
         event = None
-        if self.tries == numbers.mode_tries and not self.failed:
+        if self.tries == numbers.mode_tries and not self.failed and not self.braking:
             event = HoldEvent.FAILED
             if self.state is HoldState.RESUMING:
                 # The vehicle still stands: give up the resume, and wait for a new go.
@@ -162,13 +173,15 @@ class Hold:
                 return None, event
             self.failed = True
         self.commanded_at = self.commanded_at if self.tries else now
-        self.tries += 1
+        self.tries += (
+            not self.braking
+        )  # meanwhile a command only asks whether the brake is still the script's
         self.tried_at = now
         return wanted, event
 
     def answered(self, answer: ModeAnswer, now: float) -> HoldEvent | None:
         """Take in the answer to a mode command, and return what that means for the hold."""
-        if answer.by_hand and self.standing:
+        if answer.by_hand and (self.standing or self.braking):
             return HoldEvent.TAKEN_OVER
         self.by_hand = answer.by_hand  # which mode that is, the next report shows
         if answer.accepted and answer.mode == self.mode and self.state is HoldState.REQUESTED:
@@ -195,6 +208,10 @@ class Hold:
             self.enter(HoldState.STANDING)
             self.resumed_at = None
             return HoldEvent.CONFIRMED
+        if self._shows_brake(report):
+            # It came after the mode before the hold: that one, shown again, is a human's.
+            self.braking, self.held_at, self.resumed_at = True, report.reported_at, None
+            return HoldEvent.TAKEN_OVER if self.by_hand else None
         if report.mode != self.mode_before:
             return HoldEvent.TAKEN_OVER
         if self.state is HoldState.RESUMING:
@@ -210,6 +227,13 @@ class Hold:
     def resume_under_way(self, now: float, round_trip: float) -> bool:
         """Whether a resume was commanded, and the autopilot may still carry it out."""
         return self.resumed_at is not None and (self.resume_taken or now - self.resumed_at <= round_trip)
+
+    def _shows_brake(self, report: ModeReport) -> bool:
+        """Whether the mode may be the script's brake. If it is a human's, the script's answer says so."""
+        if self.state is not HoldState.REQUESTED or report.reported_at is None or report.autopilot is None:
+            return False
+        brakes_in = report.autopilot.brake_mode if report.mode != self.mode_before else None
+        return report.mode == brakes_in and report.reported_at <= self.may_brake_until
 
     def _from_before_cancel(self, report: ModeReport) -> bool:
         """Whether the report may have left before the command that cancels a resume was carried out."""

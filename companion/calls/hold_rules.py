@@ -59,8 +59,10 @@ class HoldController:
         """The mode of a resume that may still be under way after a human took over, and until when."""
 
     def restore(self, hold: Hold | None) -> None:
-        """Take the hold from before a restart."""
+        """Take the hold from before a restart, during which the autopilot's script may brake for it."""
         self.hold = hold
+        if hold is not None and self._numbers.brake:
+            hold.may_brake(self._numbers.brake, 0.0, hold.started_at)
 
     def vehicle_reported(self, report: ModeReport, now: float) -> HoldEvent | None:
         """Take in a report of the autopilot, and return what it means for the hold."""
@@ -253,6 +255,8 @@ class HoldController:
         if mode is not None and self._may_command(hold, mode, now):
             expected = hold.mode if hold.state is HoldState.RESUMING else hold.mode_before
             hold.resumed_at = now if hold.state is HoldState.RESUMING else hold.resumed_at
+            if hold.state is HoldState.REQUESTED and self._brakes(hold):
+                hold.may_brake(self._numbers.brake, self._monitor.newest.round_trip, now)
             decisions.append(SetMode(mode, expected, hold.commanded_as))
         return decisions
 
@@ -261,9 +265,17 @@ class HoldController:
 
         A resume is commanded only out of our hold; a hold also out of the autopilot's driving modes.
         """
+        if hold.braking and not self._monitor.newest.compares:
+            return False  # what goes past the script replaces the mode of a human who has taken over
         if self._monitor.newest.mode == hold.mode:
             return self._monitor.known(now) and self._monitor.newest.autopilot is not None
         return mode == hold.mode and self._monitor.known(now) and self._monitor.newest.in_driving_mode
+
+    def _brakes(self, hold: Hold) -> bool:
+        """Whether the command to hold lets the script brake first."""
+        report = self._monitor.newest
+        drives = report.autopilot is not None and hold.mode_before in report.autopilot.mission_modes
+        return drives and report.compares and self._numbers.brake > 0.0
 
     @property
     def interrupted_mission(self) -> HeldMission | None:

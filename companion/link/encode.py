@@ -247,9 +247,9 @@ def set_mode(system_id: int, command: ModeCommand, hold: int = 0) -> Any:
     return _command(system_id, mavlink.MAV_CMD_DO_SET_MODE, *command, seventh=hold)
 
 
-def mode_request(system_id: int, hold: int, expected: int, mode: int, serial: int) -> Any:
+def mode_request(system_id: int, hold: int, expected: int, mode: int, serial: int, brake: float) -> Any:
     """`MODE_REQUEST_COMMAND` to the script on the autopilot."""
-    return _command(system_id, MODE_REQUEST_COMMAND, hold, expected, mode, serial)
+    return _command(system_id, MODE_REQUEST_COMMAND, hold, expected, mode, serial, fifth=brake)
 
 
 def stand_still(system_id: int, uptime_ms: int) -> Any:
@@ -282,8 +282,9 @@ def _command(
     third: float = 0.0,
     fourth: float = 0.0,
     *,
+    fifth: float = 0.0,
     seventh: float = 0.0,
 ) -> Any:
     return mavlink.MAVLink_command_long_message(
-        system_id, AUTOPILOT_COMPONENT_ID, command, 0, first, second, third, fourth, 0, 0, seventh
+        system_id, AUTOPILOT_COMPONENT_ID, command, 0, first, second, third, fourth, fifth, 0, seventh
     )

@@ -44,6 +44,7 @@ _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _CHANGED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
+_IN_PROGRESS: int = mavlink.MAV_RESULT_IN_PROGRESS
 
 
 class _Script(Enum):
@@ -60,6 +61,7 @@ class _Sent:
 
     serial: of a request to the script, 0 for DO_SET_MODE, whose answer names none. hold: id of the hold.
     row, message: of the message table. left: it was sent, and waits for its answer since `at`.
+    brakes: the script may brake for it first, so that its last answer tells no round trip.
     """
 
     mode: int | None
@@ -69,6 +71,7 @@ class _Sent:
     row: str = ""
     message: Any = None
     left: bool = False
+    brakes: bool = False
 
 
 def _is_mavlink_1(message: Any) -> bool:
@@ -79,6 +82,7 @@ class ModeCommands:
     """Sends mode commands, one at a time: the newest replaces one that waits.
 
     round_trip: seconds from a command to its answer, as measured; it rises at once and falls slowly.
+    brake: seconds for which the script may brake before it holds, which each request tells it; 0: not at all.
     """
 
     def __init__(self, outbox: Outbox, access: AccessControl, tracker: VehicleTracker) -> None:
@@ -97,6 +101,7 @@ class ModeCommands:
         # The script answers each serial once, also one of before a restart of the companion.
         self._serial = random.randrange(1, _SERIALS)
         self.round_trip = FIRST_ROUND_TRIP
+        self.brake = 0.0
 
     @property
     def compares(self) -> bool:
@@ -137,6 +142,7 @@ class ModeCommands:
             return
         if self.compares and expected is not None:
             sent = self._request(vehicle, "resume" if resumes else "hold", mode, expected, hold, now)
+            sent.brakes = self.brake > 0.0 and not resumes and expected in autopilot.mission_modes
             again = before is not None and (before.mode, before.hold) == (mode, hold)
             self._hold = None if resumes else replace(sent, at=before.at) if before and again else sent
         elif not (resumes and self.compares):
@@ -162,7 +168,10 @@ class ModeCommands:
         if self._tracker.returns != self._returns:  # it may have rebooted, with another script or none
             self._returns, self._script, self._asked_at = self._tracker.returns, _Script.UNKNOWN, None
         hold = self._hold
-        if hold is not None and hold.mode is not None and now - hold.at >= self._patience:
+        if hold is not None and hold.brakes and vehicle.custom_mode == autopilot.brake_mode:
+            # It brakes, and the answer was lost, or a human has set that mode: only the script knows.
+            self._hold = None
+        elif hold is not None and hold.mode is not None and now - hold.at >= self._patience:
             mode = hold.mode
             self.cancel()
             for request in self._unanswered:
@@ -192,19 +201,26 @@ class ModeCommands:
         before = self._hold
         if before is not None and by_script and (sent.hold, sent.mode) == (before.hold, before.mode):
             self._hold = None
-        measured = min(max(now - sent.at, _SHORTEST), _LONGEST)
-        if by_script:
-            self._script_takes = max(measured, self._script_takes + (measured - self._script_takes) / 8)
-        self.round_trip = max(measured, (self.round_trip + measured) / 2)
+        brakes = by_script and message.result == _IN_PROGRESS
+        if brakes or not sent.brakes:
+            self._measure(min(max(now - sent.at, _SHORTEST), _LONGEST), by_script=by_script)
+        if brakes:
+            sent.at = now
+            self._unanswered.append(sent)  # the last answer follows
         autopilot = self._known()[1]
         doubtful = not by_script and autopilot is not None and autopilot.contradicts_itself
         if sent.mode is None or doubtful or sent.hold != self._newest_hold:
             return None
-        accepted = message.result == _ACCEPTED
+        accepted = brakes or message.result == _ACCEPTED
         if not accepted:
             log.info("the autopilot says no to mode %d: MAV_RESULT %d", sent.mode, message.result)
         refusals = {_DENIED, _CHANGED} if sent.row == "hold" else {_DENIED}
         return ModeAnswer(sent.mode, accepted, by_hand=by_script and message.result in refusals)
+
+    def _measure(self, seconds: float, *, by_script: bool) -> None:
+        if by_script:
+            self._script_takes = max(seconds, self._script_takes + (seconds - self._script_takes) / 8)
+        self.round_trip = max(seconds, (self.round_trip + seconds) / 2)
 
     @property
     def _patience(self) -> float:
@@ -228,7 +244,7 @@ class ModeCommands:
     ) -> _Sent:
         self._serial = self._serial % (_SERIALS - 1) + 1
         sent = _Sent(mode, self._serial, now, hold)
-        message = encode.mode_request(vehicle.system_id, hold, expected, mode or 0, sent.serial)
+        message = encode.mode_request(vehicle.system_id, hold, expected, mode or 0, sent.serial, self.brake)
         self._push(row, message, sent, vehicle)
         return sent
 

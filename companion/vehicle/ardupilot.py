@@ -44,6 +44,7 @@ ROVER = Autopilot(
     rest_mode=HOLD,
     command=_command,
     mission_modes=frozenset({AUTO}),
+    brake_mode=GUIDED,
     first_item=1,
     loses_target=frozenset({GUIDED}),
     booting=frozenset({INITIALISING}),

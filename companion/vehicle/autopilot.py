@@ -21,6 +21,7 @@ class Autopilot:
     streamed: modes that stand still only while zero-velocity setpoints are streamed to them.
     booting: modes that it shows by itself while it boots.
     by_itself: modes that it also enters by itself, for a fence or a failsafe. Nobody need have set them.
+    brake_mode: the mode in which its script brakes out of a mission before it holds, None where it does not.
     rest_mode: a mode that stands still without setpoints. A hold in a streamed mode changes to it when the
     setpoints must end.
     lead: seconds of setpoints that a streamed mode needs before the autopilot accepts it.
@@ -38,6 +39,7 @@ class Autopilot:
     command: Callable[[int], ModeCommand]
     names: Mapping[int, str] = field(hash=False)
     mission_modes: frozenset[int] = frozenset()
+    brake_mode: int | None = None
     first_item: int = 0
     loses_target: frozenset[int] = frozenset()
     streamed: frozenset[int] = frozenset()

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from anytraverse.memory import Memory
 from companion.config import Config
+from companion.config.stopping import longest_brake
 from companion.daemon.composition import Resources, compose, first_parameters, open_id, stored_u32
 from companion.daemon.settings.runtime import first_words, restored_policy
 from companion.daemon.startup import load, report_death
@@ -184,6 +185,7 @@ def _open_link(config: Config, served: ServedFiles, memory: Memory | None, saved
         answer_store=AnswerStore(saved.get("replies")),
         camera=config.video.camera(config.camera.view),
     )
+    link.modes.brake = longest_brake(config)
     link.text_parameters.set_words(first_words(config, memory))
     link.set_state(State.STARTING, open_id(saved), policy)
     return link

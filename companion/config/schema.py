@@ -170,12 +170,30 @@ class StoppingSection(Section):
     braking: float = setting(
         0.5, number(0.01, 100), "deceleration in HOLD besides the time constant, m/s2, measured"
     )
+    hold_by: str = setting(
+        "hold",
+        choice("hold", "brake"),
+        "hold, or brake: out of AUTO the script on an ArduPilot brakes in GUIDED before it sets HOLD",
+    )
+    brake_time_constant: float | None = setting(
+        None, number(0, 20), "s, of that brake, from `companion check --measure`; unset: HOLD's figures count"
+    )
+    brake_braking: float | None = setting(
+        None, number(0.01, 100), "deceleration of that brake besides its time constant, m/s2, measured"
+    )
     delay: float = setting(0.5, number(0, 10), "s from a hold command until the autopilot has accepted it")
     unchecked: bool = setting(
         False,  # noqa: FBT003
         flag,
         "whether policy hold is allowed although it is unknown whether the vehicle stops in time",
     )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        if (self.brake_time_constant is None) is not (self.brake_braking is None):
+            yield (
+                ("brake_time_constant", "brake_braking"),
+                "brake_time_constant and brake_braking are measured together: set both",
+            )
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, replace
 
 from anytraverse.judging import LARGEST_TILE, Settings
-from companion.config.schema import Config
+from companion.config.schema import Config, StoppingSection
 from companion.vehicle.brakes import Brakes
 
 OVERSHOOT = 1.12
@@ -20,6 +20,11 @@ _PICTURE = 640
 """Pixels. Width of the picture in which a tile is told where the camera's is not configured."""
 _UNKNOWN_MEAN = 0.8
 """Mean uncertainty of a thing that no word explains."""
+LONGEST_BRAKE = 4.0
+"""Seconds after which the script on the autopilot ends its braking in HOLD at the latest."""
+_BRAKED = 0.1
+"""m/s below which it does so."""
+_BRAKE_SPARE = 1.3
 ROCK = 0.45
 """Metres. The smallest thing that is to be seen in time where mount and speed are known."""
 _FILLED = math.sqrt(0.5)
@@ -88,6 +93,7 @@ class Stopping:
     to standstill. react: time from when a thing can be seen until the brakes act. sees: distance at which it
     can be seen. top: the ROI's upper side that would be enough at this speed, None where none would.
     overrun: distance that the autopilot's hold mode drives on; it is added to the braking distance.
+    brakes_in: the mode in which it brakes.
     """
 
     speed: float
@@ -96,6 +102,7 @@ class Stopping:
     sees: float
     top: float | None = None
     overrun: float = 0.0
+    brakes_in: str = "HOLD"
 
     @property
     def needs(self) -> float:
@@ -124,7 +131,7 @@ class Stopping:
         way = (
             f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop "
             f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {braked:.1f} m "
-            f"in HOLD{circling}), and a thing is seen {self.sees:.1f} m ahead"
+            f"in {self.brakes_in}{circling}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"
@@ -186,6 +193,24 @@ def with_settings(config: Config, judging: Settings) -> Config:
     return replace(config, roi=replace(config.roi, **sides, tile_share=judging.tile_side))
 
 
+def _brake(stopping: StoppingSection) -> Brakes | None:
+    """Return how it brakes before HOLD; None where it does not, or nobody has measured it."""
+    braking, time_constant = stopping.brake_braking, stopping.brake_time_constant
+    if stopping.hold_by != "brake" or braking is None or time_constant is None:
+        return None
+    return Brakes.of(braking, time_constant)
+
+
+def longest_brake(config: Config) -> float:
+    """Return the seconds for which the script on the autopilot may brake before HOLD, 0: not at all."""
+    stopping = config.stopping
+    brakes = _brake(stopping)
+    if stopping.hold_by != "brake" or brakes is None or stopping.speed is None:
+        return LONGEST_BRAKE if stopping.hold_by == "brake" else 0.0
+    fastest = max(OVERSHOOT * stopping.speed, _BRAKED)
+    return min(LONGEST_BRAKE, _BRAKE_SPARE * brakes.seconds(fastest, _BRAKED))
+
+
 def _outlook(config: Config) -> Outlook:
     """Return the configured camera. Its mount must be set."""
     mount = config.mount
@@ -230,8 +255,10 @@ def judge_stopping(
     interval = max(step, 1.0 / config.camera.rate)
     noticed = max(step + call.window * interval, config.freshness)
     react = config.camera.latency + noticed + stopping.delay
-    brakes = Brakes.of(stopping.braking, stopping.time_constant)
-    judged = Stopping(fastest, brakes, react, min(sees, FARTHEST), overrun=overrun)
+    braking = _brake(stopping)
+    brakes = braking or Brakes.of(stopping.braking, stopping.time_constant)
+    brakes_in = "HOLD" if braking is None else "GUIDED"
+    judged = Stopping(fastest, brakes, react, min(sees, FARTHEST), overrun=overrun, brakes_in=brakes_in)
     top = outlook.row(judged.needs) - rows
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 

@@ -1,4 +1,4 @@
-"""Models how far the vehicle drives on after HOLD, and fits the model to measured stops. Pure."""
+"""Models how the vehicle stops after HOLD, or once it begins to brake, and fits that to measured stops."""
 
 from __future__ import annotations
 
@@ -54,6 +54,13 @@ class Brakes:
     def way(self, speed: float) -> float:
         """Return the metres to standstill from `speed` m/s."""
         return max(linear * speed + quadratic * speed**2 for linear, quadratic in self.terms)
+
+    def seconds(self, speed: float, until: float) -> float:
+        """Return the seconds in which it gets from `speed` down to `until` m/s."""
+        return max(
+            linear * math.log(speed / until) + 2.0 * quadratic * (speed - until)
+            for linear, quadratic in self.terms
+        )
 
     def fastest(self, metres: float, react: float) -> float:
         """Return the speed in m/s at which `react` seconds and the stop take `metres`."""

@@ -18,6 +18,7 @@ from anytraverse.regions import Box
 from companion.calls.numbers import Numbers
 from companion.calls.policy import OffSwitch, PolicyState, Side
 from companion.config import Config
+from companion.config.stopping import longest_brake
 from companion.wire import parameters
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
@@ -210,6 +211,7 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
         go_lasts=call.go_lasts,
         fault_ends_hold=call.fault_ends_hold,
         px4_hold=call.px4_hold,
+        brake=longest_brake(config),
     )
 
 

@@ -277,7 +277,12 @@ class SimulatedAutopilot:
         """Returns what the mode makes the motors of an armed rover do."""
         if self.tour.complete and self.mode is self.mission:
             return MotorDrive.HOLD
-        known = {Mode.AUTO: MotorDrive.FOLLOW, Mode.MANUAL: MotorDrive.HAND, Mode.STEERING: MotorDrive.HAND}
+        known = {
+            Mode.AUTO: MotorDrive.FOLLOW,
+            Mode.GUIDED: MotorDrive.STOP,
+            Mode.MANUAL: MotorDrive.HAND,
+            Mode.STEERING: MotorDrive.HAND,
+        }
         return known.get(Mode(self.mode), MotorDrive.HOLD)
 
     def _drive_mission(self) -> None:

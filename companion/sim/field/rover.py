@@ -29,6 +29,7 @@ class MotorDrive(enum.Enum):
 
     FOLLOW = "follow"  # along the trail at cruise speed; backwards, the way it came, if `Rover.reversed`
     HOLD = "hold"  # to standstill as ArduPilot's HOLD does it, and stay
+    STOP = "stop"  # to standstill as ArduPilot's GUIDED without a target does it, and stay
     BRAKE = "brake"  # to standstill as hard as it can, and stay
     CIRCLE = "circle"  # run on, then drive back to where this began, and stay
     HOME = "home"  # straight to the start of the trail, and stay
@@ -42,7 +43,8 @@ class Body:
 
     `MotorDrive.BRAKE` stops it from 2.5 m/s in 2.6 m by default. `MotorDrive.HOLD` decelerates by
     `easing` x speed + `easing_rest`. Its stopping distances are within 2 % of those of ArduPilot Rover
-    4.7-dev in its own simulation (companion.vehicle.brakes.ARDUPILOT).
+    4.7-dev in its own simulation (companion.vehicle.brakes.ARDUPILOT). `MotorDrive.STOP` does so by
+    `stopping` x speed + `stopping_rest`, within 8 % of its GUIDED (docs/autopilots.md).
     """
 
     mass: float = 80.0  # kg
@@ -51,6 +53,8 @@ class Body:
     rolling_force: float = 32.0
     easing: float = 0.5  # 1/s
     easing_rest: float = 0.035  # m/s2
+    stopping: float = 0.34  # 1/s
+    stopping_rest: float = 0.42  # m/s2
     top_speed: float = 5.0
     wheelbase: float = 0.6
     max_steering: float = 0.6
@@ -79,6 +83,7 @@ class Order:
     force: float = 0.0
     brake: bool = False
     ease: bool = False
+    stop: bool = False
     steering: float | None = None  # None: leave the wheels as they are
 
 
@@ -173,6 +178,8 @@ class Rover:
         slower = (body.rolling_force + (body.brake_force if order.brake else 0.0)) / body.mass
         if order.ease:  # the motors drive against the rolling friction, so that it is no harsher
             slower = body.easing * abs(speed) + body.easing_rest
+        if order.stop:
+            slower = body.stopping * abs(speed) + body.stopping_rest
         self.speed = math.copysign(max(0.0, abs(speed) - slower * STEP), speed)
 
     def _update_totals(self) -> None:
@@ -194,6 +201,8 @@ class Rover:
             return Order(force=self._force_for(self.cruise_speed), steering=self._pursuit())
         if self.drive is MotorDrive.HOLD:
             return Order(ease=True)
+        if self.drive is MotorDrive.STOP:
+            return Order(stop=True)
         if self.drive is MotorDrive.BRAKE:
             return Order(brake=True)
         if self.drive is MotorDrive.CIRCLE:

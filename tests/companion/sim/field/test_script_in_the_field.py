@@ -124,6 +124,32 @@ def test_a_fault_of_the_companion_stops_sooner(scene: Scene) -> None:
     assert metres < braked_by + 0.4
 
 
+@pytest.mark.parametrize(("speed", "metres"), [(0.9, 0.9), (1.4, 1.6), (2.9, 4.75)])
+def test_the_brake_takes_the_metres_that_were_measured_with_ardupilot(speed: float, metres: float) -> None:
+    scene = Scene(speed=speed)
+    scene.drive()
+    request = mavlink.MAVLink_command_long_message(1, 1, 31014, 0, 7, 10, 4, 9, 4, 0, 0)
+    scene.hear(Port.COMPANION, bytes(request.pack(scene.companion)))
+    _, braked = scene.standstill()
+    assert braked == pytest.approx(metres, rel=0.12)
+    set_by = [(one.mode, one.by) for one in scene.autopilot.mode_log][-2:]
+    assert set_by == [(Mode.GUIDED, "companion"), (Mode.HOLD, "companion")]
+
+
+@pytest.mark.parametrize("speed", [1.0, 2.5])
+def test_a_dead_companion_that_told_a_time_to_brake_is_stopped_sooner(speed: float) -> None:
+    ways = []
+    for seconds in (0.0, 4.0):
+        scene = Scene(speed=speed)
+        scene.drive()
+        question = mavlink.MAVLink_command_long_message(1, 1, 31014, 0, 0, 0, 0, 9, seconds, 0, 0)
+        scene.hear(Port.COMPANION, bytes(question.pack(scene.companion)))
+        scene.state = None
+        ways.append(scene.standstill()[1])
+        assert scene.is_in(Mode.HOLD)
+    assert ways[1] < ways[0] - 0.4 * speed
+
+
 def test_damaged_heartbeats_and_rubbish_do_not_keep_it_driving(scene: Scene) -> None:
     scene.drive()
     scene.state = None

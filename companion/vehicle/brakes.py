@@ -78,17 +78,18 @@ class BrakeFit(NamedTuple):
     excess: float
 
 
-def fit(stops: Iterable[Measured]) -> BrakeFit:
+def fit(stops: Iterable[Measured], name: str = "HOLD") -> BrakeFit:
     """Fit the figures that give the shortest ways that are no shorter than any measured one.
 
-    Raises ValueError where the stops are too few, or their speeds too similar; its text says what to do.
+    name: of the mode that stops. Raises ValueError where the stops are too few, or their speeds too similar;
+    its text says what to do.
     """
     found = [stop for stop in stops if stop.speed > 0.0 and stop.way > 0.0]
     speeds = [stop.speed for stop in found]
     if len(found) < 2 or max(speeds) < SPREAD * min(speeds):
         raise ValueError(
-            f"{len(found)} HOLDs measured: brake at walking pace and at the fastest that it drives, at least "
-            f"{SPREAD:g} times as fast"
+            f"{len(found)} {name}s measured: brake at walking pace and at the fastest that it drives, at "
+            f"least {SPREAD:g} times as fast"
         )
     # way / speed = time_constant + slope * speed: a straight line over speed. Find the lowest line that lies
     # on or above all points; it goes through one or two of them.

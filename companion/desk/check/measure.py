@@ -1,4 +1,4 @@
-"""Measures the stopping distance while a person drives and sets HOLD: `companion check --measure`.
+"""Measures the stopping distance while a person drives and sets HOLD or GUIDED: `companion check --measure`.
 
 It sends no commands: it receives mode and speed as the autopilot streams them, and reads the parameters that
 say how often it does.
@@ -84,10 +84,12 @@ class _Speed(NamedTuple):
 class StopRecorder:
     """Measures stops from an autopilot's messages. Pure: time is an input.
 
-    hold: HEARTBEAT.custom_mode of HOLD. stops: those measured so far.
+    hold: HEARTBEAT.custom_mode of HOLD, or of the mode that brakes. name: of that mode. stops: those measured
+    so far.
     """
 
     hold: int
+    name: str = "HOLD"
     stops: list[Measured] = field(default_factory=list)
     _speeds: deque[_Speed] = field(default_factory=lambda: deque(maxlen=4000))
     _counted: int = 0
@@ -120,7 +122,7 @@ class StopRecorder:
         armed = message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         if self._ordered_at is not None:
             if self._mode != self.hold or not armed or lost:
-                return self._drop("it did not stay in HOLD, armed and heard")
+                return self._drop(f"it did not stay in {self.name}, armed and heard")
         elif self._mode == self.hold and armed and before not in (None, self.hold) and not lost:
             return self._begin(now)
         return ""
@@ -137,7 +139,9 @@ class StopRecorder:
         # ArduPilot sends a heartbeat at once when its mode changes. If that one was lost, the vehicle is
         # braking already when the next one comes, and the measured distance would be too short.
         if not _STEADY * cruise <= self._speeds[-1].speed <= cruise / _STEADY:
-            return f"not counted: it was not driving steadily at {cruise:.1f} m/s when its HOLD was heard"
+            return (
+                f"not counted: it was not driving steadily at {cruise:.1f} m/s when its {self.name} was heard"
+            )
         self._ordered_at = ordered
         return ""
 
@@ -174,7 +178,8 @@ class StopRecorder:
         if stop.way <= 0.0:
             return "not counted: it stood at once"
         self.stops.append(stop)
-        return f"HOLD {len(self.stops)} at {stop.speed:.2f} m/s: {stop.way:.2f} m, {stood - ordered:.1f} s"
+        seconds = stood - ordered
+        return f"{self.name} {len(self.stops)} at {stop.speed:.2f} m/s: {stop.way:.2f} m, {seconds:.1f} s"
 
     def _drop(self, why: str) -> str:
         self._ordered_at = None
@@ -200,12 +205,13 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
     if link is None and status(state_folder(config)) is not None:
         print("the companion runs and owns the link: stop it, or give the check a way of its own with --link")
         return 1
-    recorder = StopRecorder(hold=-1)
+    recorder, braking = StopRecorder(hold=-1), StopRecorder(hold=-1, name="GUIDED")
     line = ""
 
     def listen(message: Any, now: float) -> None:
         nonlocal line
-        line = recorder.hear(message, now) or line
+        heard = [one.hear(message, now) for one in (recorder, braking)]
+        line = heard[0] or heard[1] or line
 
     try:
         with talking(config, link or config.link.url, lambda _: STREAMS) as (interview, turn):
@@ -217,7 +223,7 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
                     if turn() and interview.autopilot is None:
                         break
                     if interview.autopilot is not None and recorder.hold < 0:
-                        recorder.hold = _hold_of(interview.autopilot)
+                        recorder.hold, braking.hold = _modes_of(interview.autopilot)
                         print(_HEARD.format(system=interview.autopilot.system_id), flush=True)
                         silent_at = time.monotonic() + _SPEED_WITHIN
                     if not ready and recorder.rate is not None:
@@ -238,7 +244,7 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
     except (LinkSettingError, _NotMeasurableError) as error:
         print(error)
         return 1
-    return _conclude(recorder.stops)
+    return _conclude(recorder.stops, braking.stops)
 
 
 class _NotMeasurableError(Exception):
@@ -251,29 +257,41 @@ def _check_rate(rate: float, values: Mapping[str, float]) -> None:
         raise _NotMeasurableError(too_seldom(rate, values))
 
 
-def _hold_of(heard: Heartbeat) -> int:
+def _modes_of(heard: Heartbeat) -> tuple[int, int]:
+    """Return the mode that holds, and the one in which the script brakes before."""
     known = known_autopilot(heard.kind, heard.vehicle)
-    if known is None or heard.kind != ARDUPILOT:
+    if known is None or heard.kind != ARDUPILOT or known.brake_mode is None:
         raise _NotMeasurableError(
             "only an ArduPilot rover's HOLD is measured: PX4 circles in LOITER, which is no braking. Measure "
             "the way on the ground"
         )
-    return known.hold_mode
+    return known.hold_mode, known.brake_mode
 
 
 _HEARD = "System {system} is heard. Nothing is commanded. Do not drive yet: it listens how often speeds come."
 _OPENING = """\
 Speeds come often enough: drive steadily, set HOLD, wait until it stands, drive again.
-Brake three times at walking pace, and three times at the fastest that it drives. Ctrl-C ends."""
+Brake three times at walking pace, and three times at the fastest that it drives. Ctrl-C ends.
+For hold_by = "brake" do the same with GUIDED in place of HOLD, and send no target."""
 
 
-def _conclude(stops: list[Measured]) -> int:
-    try:
-        found = fit(stops)
-    except ValueError as error:
-        print(f"nothing fitted: {error}")
-        return 1
-    print(f"\n# {len(stops)} HOLDs measured, m/s and m: " + ", ".join(f"{v:g} {way:g}" for v, way in stops))
-    print(f"# Never less than measured, at most {100 * found.excess:.0f} % more. Unknown above the fastest.")
-    print(f"[stopping]\ntime_constant = {found.time_constant:g}\nbraking = {found.braking:g}")
+def _conclude(holds: list[Measured], brakes: list[Measured]) -> int:
+    lines = ["[stopping]"]
+    for name, prefix, stops in (("HOLD", "", holds), ("GUIDED", "brake_", brakes)):
+        if not stops and (prefix or brakes):
+            continue
+        try:
+            found = fit(stops, name)
+        except ValueError as error:
+            print(f"nothing fitted: {error}")
+            return 1
+        print(
+            f"\n# {len(stops)} {name}s measured, m/s and m: "
+            + ", ".join(f"{v:g} {way:g}" for v, way in stops)
+        )
+        print(
+            f"# Never less than measured, at most {100 * found.excess:.0f} % more. Unknown above the fastest."
+        )
+        lines += [f"{prefix}time_constant = {found.time_constant:g}", f"{prefix}braking = {found.braking:g}"]
+    print("\n".join(lines))
     return 0

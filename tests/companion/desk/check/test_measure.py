@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.stopping.ground import SecondPort
-from companion.desk.check.measure import ENOUGH, StopRecorder, too_seldom
+from companion.desk.check.measure import ENOUGH, StopRecorder, _conclude, too_seldom
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.field.control import FieldControl
 from companion.sim.field.modes import Mode
 from companion.sim.field.rover import MotorDrive, Rover
 from companion.sim.field.telemetry import heartbeat, position
 from companion.sim.field.things import World
-from companion.vehicle.brakes import Brakes, fit
+from companion.vehicle.brakes import Brakes, Measured, fit
 from tests.waiting import wait_for
 
 WORLD = World(1, ())
@@ -59,13 +59,13 @@ class Drives:
                 self._hear(position(self.rover))
             self.rover.step(self._period)
 
-    def stop_from(self, speed: float) -> float:
+    def stop_from(self, speed: float, mode: Mode = Mode.HOLD) -> float:
         """Drive at `speed` m/s, HOLD, and wait until it stands; the true way from there."""
         self.rover.cruise_speed = speed
         self.set(Mode.AUTO)
         self.go(10.0)
         before = self.rover.distance
-        self.set(Mode.HOLD)
+        self.set(mode)
         self.go(12.0)
         return self.rover.distance - before
 
@@ -84,6 +84,29 @@ def test_each_hold_is_recorded_with_its_speed_and_way() -> None:
     found = fit(person.recorder.stops)
     brakes = Brakes.of(found.braking, found.time_constant)
     assert all(brakes.way(speed) >= 0.97 * way for speed, way in true)
+
+
+def test_guided_in_which_the_script_brakes_is_measured_as_hold_is() -> None:
+    person = Drives()
+    person.recorder = StopRecorder(hold=int(Mode.GUIDED), name="GUIDED")
+    true = [person.stop_from(speed, Mode.GUIDED) for speed in (0.6, 1.2, 2.4)]
+    for way, stop in zip(true, person.recorder.stops, strict=True):
+        assert stop.way == pytest.approx(way, rel=0.05, abs=0.03)
+    assert person.lines[0].startswith("GUIDED 1 at 0.6")
+    person.stop_from(1.0)
+    assert len(person.recorder.stops) == 3
+
+
+def test_the_lines_for_both_ways_to_stop(capsys: pytest.CaptureFixture[str]) -> None:
+    holds, brakes = ([Measured(0.9, way), Measured(1.8, 2.1 * way)] for way in (1.9, 0.9))
+    assert _conclude(holds, brakes) == 0
+    names = [line.split(" = ")[0] for line in capsys.readouterr().out.splitlines()[-5:]]
+    assert names == ["[stopping]", "time_constant", "braking", "brake_time_constant", "brake_braking"]
+    assert _conclude([], brakes) == 0
+    assert "\nbraking" not in capsys.readouterr().out
+    assert _conclude(holds, brakes[:1]) == 1
+    assert "1 GUIDEDs measured" in capsys.readouterr().out
+    assert _conclude([], []) == 1
 
 
 def test_a_hold_whose_heartbeat_was_lost_is_not_measured_too_short() -> None:

@@ -93,7 +93,7 @@ local seen, watched, state, silent_ms = false, false, STARTING, 0
 local policy, asked, guarding = REPORT, false, false
 local fault_accepted, mode_ms, last_mode = false, 0, nil
 local hold_id, hold_reason, pressed = nil, nil, false -- the companion's HOLD that stands; a human commanded HOLD within
-local brake = { told_ms = 0, target_ms = LONGEST_MS } -- the time to brake that was told; since a target was seen
+local brake = { told_ms = 0, target_ms = 0 } -- the time to brake that was told; since a target was seen
 local running
 local echoed_ms = LONGEST_MS
 local failures, resorted = 0, false
@@ -133,8 +133,7 @@ do
 
   local function may_brake()
     local boat = brake.frame_class and brake.frame_class:get() == BOAT
-    local alone = brake.hears_targets and brake.target_ms >= TARGET_MS
-    return brake.told_ms > 0 and alone and not boat and speed() >= STANDS
+    return brake.told_ms > 0 and brake.target_ms >= TARGET_MS and not boat and speed() >= STANDS
   end
 
   local function end_brake(result)
@@ -329,16 +328,17 @@ do
 
   -- Another script's mavlink:init() wipes all registrations in ArduPilot 4.6; one that stands is left as it is.
   function register()
-    brake.hears_targets = false
+    local since = brake.target_ms
+    brake.target_ms = 0 -- where targets find no place it does not brake, since it would not hear who takes over
     for _, id in ipairs(HEARD) do
       mavlink:register_rx_msgid(id)
     end
-    -- Where targets find no place it does not brake, since it would not hear who takes over.
-    brake.hears_targets = pcall(function()
+    local hears_targets = pcall(function()
       for id in pairs(TARGETS) do
         mavlink:register_rx_msgid(id)
       end
     end)
+    if hears_targets then brake.target_ms = since end
   end
 
   function listen()

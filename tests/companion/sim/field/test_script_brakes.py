@@ -86,6 +86,7 @@ class Braking:
     def __init__(self, seconds: float = LONGEST, **parameters: Any) -> None:
         self.board = driving(**parameters)
         self.seconds, self.serial = seconds, 100
+        self.live(2.0)
         self.ask(0, 0, hold=0)
 
     def ask(self, mode: float, expected: float, *, hold: float = 7, serial: float | None = None) -> list[int]:
@@ -169,6 +170,14 @@ def test_and_where_the_speed_cannot_be_read_or_no_place_is_left_to_hear_targets(
     assert asked.ask(HOLD, AUTO) == [ACCEPTED]
 
 
+def test_what_was_commanded_before_the_script_ran_is_not_known_for_5_s() -> None:
+    for seconds, result in ((4.5, ACCEPTED), (5.5, IN_PROGRESS)):
+        asked = Braking()
+        asked.board.scripting.restart()
+        asked.live(seconds)
+        assert asked.ask(HOLD, AUTO) == [result]
+
+
 def test_a_speed_that_is_lost_on_the_way_ends_in_hold() -> None:
     asked = Braking().brakes()
     asked.board.broken.add("speed")
@@ -181,7 +190,7 @@ def test_and_where_guided_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     may = asked.board.set_mode
     monkeypatch.setattr(asked.board, "set_mode", lambda number: number != GUIDED and may(number))
     asked.board.scripting.restart()
-    asked.live(CYCLE)
+    asked.live(5.2)
     assert asked.ask(HOLD, AUTO) == [ACCEPTED]
     assert asked.board.mode_now == HOLD
 
@@ -196,7 +205,7 @@ def test_a_human_who_is_faster_than_the_brake_keeps_the_mode(monkeypatch: pytest
 
         monkeypatch.setattr(asked.board, "set_mode", too_late)
         asked.board.scripting.restart()
-        asked.live(CYCLE)
+        asked.live(5.2)
         assert asked.ask(HOLD, AUTO) == [CHANGED]
         asked.live(LIMIT)
         assert asked.board.mode_now == mode

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bench.faults import (
+    braking,
     by_hand,
     cameras,
     disk,
@@ -21,6 +22,7 @@ ROWS: tuple[Row, ...] = (
     *vision.ROWS,
     *driving.ROWS,
     *by_hand.ROWS,
+    *braking.ROWS,
     *inputs.ROWS,
     *disk.ROWS,
     *recorder.ROWS,

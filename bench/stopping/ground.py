@@ -57,6 +57,14 @@ class SecondPort:
         params = (float(number), float(Motion.GO), 0.0, 0.0, 0.0, 0.0, 0.0)
         self._send(mavlink.MAVLink_command_long_message(ROVER, COMPONENT_ID, ANSWER_COMMAND, 0, *params))
 
+    def target(self) -> None:
+        """Sends a target that an autopilot in GUIDED would follow."""
+        self._send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, ROVER, AUTOPILOT, mavlink.MAV_FRAME_LOCAL_NED, 0xDC7, 0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0
+            )
+        )
+
     def press_hold(self, within: float = 1.0) -> None:
         """Commands HOLD, and waits until the autopilot has acknowledged that; for a new connection only.
 

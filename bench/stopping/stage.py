@@ -76,6 +76,7 @@ class Plan:
     mission: m of the trail after which the mission is complete; None: it goes round.
     deadman: the companion streams sticks, the autopilot holds when they end, and no transmitter is on.
     delay: s that the wire takes, each way. serial: the companion's end of it is a serial device.
+    brakes: it is held by the script's brake.
     """
 
     seed: int
@@ -94,6 +95,7 @@ class Plan:
     deadman: bool = False
     delay: float = 0.0
     serial: bool = False
+    brakes: bool = False
 
 
 class Stage:
@@ -314,6 +316,8 @@ class Stage:
         text = path.read_text(encoding="utf-8")
         if plan.quiet:
             text = text.partition("[words]")[0].replace("top = 0.46", "top = 0.44") + _QUIET
+        if plan.brakes:
+            text = text.replace("[stopping]\n", '[stopping]\nhold_by = "brake"\n')
         if plan.deadman:
             text = text.replace("[call]\n", '[call]\npx4_deadman = "manual_control"\n')
         name = f"broken:{self.out / 'fault'}" if plan.breakable else "builtin"

@@ -173,9 +173,8 @@ class Hold:
                 return None, event
             self.failed = True
         self.commanded_at = self.commanded_at if self.tries else now
-        self.tries += (
-            not self.braking
-        )  # meanwhile a command only asks whether the brake is still the script's
+        # In the brake a command only asks whether it is still the script's: that is no try.
+        self.tries += not (self.braking and self.tries)
         self.tried_at = now
         return wanted, event
 

@@ -177,7 +177,9 @@ def test_a_companion_that_restarts_in_the_brake_still_knows_it(seen: bool) -> No
         answers(scene)
         shows(scene, GUIDED)
     scene.restarted()
+    before = len(commanded(scene))
     assert HoldEvent.TAKEN_OVER not in shows(scene, GUIDED, 1.5)
+    assert 1 <= len(commanded(scene)) - before <= 3
     assert shows(scene, HOLD) == [HoldEvent.CONFIRMED]
 
 

@@ -86,11 +86,13 @@ class ModeAnswer:
     """The answer to a mode command, by the autopilot or its script.
 
     mode: the custom_mode that was commanded. by_hand: refused, since a human has set the mode that stands.
+    brakes_out_of: the mode out of which the script brakes now, before it holds; None where it does not.
     """
 
     mode: int
     accepted: bool
     by_hand: bool = False
+    brakes_out_of: int | None = None
 
 
 class ModeMonitor:

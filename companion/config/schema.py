@@ -176,7 +176,7 @@ class StoppingSection(Section):
         "hold, or brake: out of AUTO the script on an ArduPilot brakes in GUIDED before it sets HOLD",
     )
     brake_time_constant: float | None = setting(
-        None, number(0, 20), "s, of that brake, from `companion check --measure`; unset: HOLD's figures count"
+        None, number(0, 20), "s, of that brake, from `companion check --measure`; unset: it may brake for 4 s"
     )
     brake_braking: float | None = setting(
         None, number(0.01, 100), "deceleration of that brake besides its time constant, m/s2, measured"

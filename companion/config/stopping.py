@@ -93,7 +93,6 @@ class Stopping:
     to standstill. react: time from when a thing can be seen until the brakes act. sees: distance at which it
     can be seen. top: the ROI's upper side that would be enough at this speed, None where none would.
     overrun: distance that the autopilot's hold mode drives on; it is added to the braking distance.
-    brakes_in: the mode in which it brakes.
     """
 
     speed: float
@@ -102,7 +101,6 @@ class Stopping:
     sees: float
     top: float | None = None
     overrun: float = 0.0
-    brakes_in: str = "HOLD"
 
     @property
     def needs(self) -> float:
@@ -131,7 +129,7 @@ class Stopping:
         way = (
             f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop "
             f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {braked:.1f} m "
-            f"in {self.brakes_in}{circling}), and a thing is seen {self.sees:.1f} m ahead"
+            f"in HOLD{circling}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"
@@ -255,10 +253,9 @@ def judge_stopping(
     interval = max(step, 1.0 / config.camera.rate)
     noticed = max(step + call.window * interval, config.freshness)
     react = config.camera.latency + noticed + stopping.delay
-    braking = _brake(stopping)
-    brakes = braking or Brakes.of(stopping.braking, stopping.time_constant)
-    brakes_in = "HOLD" if braking is None else "GUIDED"
-    judged = Stopping(fastest, brakes, react, min(sees, FARTHEST), overrun=overrun, brakes_in=brakes_in)
+    # Those of HOLD, also where the script brakes first: for several reasons it may set HOLD at once.
+    brakes = Brakes.of(stopping.braking, stopping.time_constant)
+    judged = Stopping(fastest, brakes, react, min(sees, FARTHEST), overrun=overrun)
     top = outlook.row(judged.needs) - rows
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 

@@ -205,7 +205,7 @@ class ModeCommands:
         if brakes or not sent.brakes:
             self._measure(min(max(now - sent.at, _SHORTEST), _LONGEST), by_script=by_script)
         if brakes:
-            sent.at = now
+            sent.at, sent.brakes = now, True
             self._unanswered.append(sent)  # the last answer follows
         autopilot = self._known()[1]
         doubtful = not by_script and autopilot is not None and autopilot.contradicts_itself
@@ -215,7 +215,9 @@ class ModeCommands:
         if not accepted:
             log.info("the autopilot says no to mode %d: MAV_RESULT %d", sent.mode, message.result)
         refusals = {_DENIED, _CHANGED} if sent.row == "hold" else {_DENIED}
-        return ModeAnswer(sent.mode, accepted, by_hand=by_script and message.result in refusals)
+        # It brakes out of a mission alone, also where the hold was decided on the GUIDED of its brake.
+        out_of = min(autopilot.mission_modes, default=None) if brakes and autopilot is not None else None
+        return ModeAnswer(sent.mode, accepted, by_script and message.result in refusals, out_of)
 
     def _measure(self, seconds: float, *, by_script: bool) -> None:
         if by_script:

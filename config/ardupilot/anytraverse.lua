@@ -225,7 +225,7 @@ do
     answer(channel, serial, result)
   end
 
-  -- Whoever commands a target or a mode while this script brakes has the rover: GUIDED is theirs now.
+  -- Whoever commands a target, or GUIDED, while this script brakes has the rover: GUIDED is theirs now.
   function hear_target()
     brake.target_ms, brake.taken, mode_ms = 0, true, 0
     end_brake(CHANGED)
@@ -311,7 +311,7 @@ do
     if id == SET_MODE then
       local mode, target = string.unpack("<I4B", raw, start)
       if target ~= own_system and target ~= 0 then return nil end
-      return others and "target" or mode == HOLD and "hold command"
+      return others and mode == GUIDED and "target" or mode == HOLD and "hold command"
     end
     local place = TARGETS[id] or 30 -- both commands have it at one place
     local target = raw:byte(start + place)
@@ -322,8 +322,9 @@ do
     if moves and not ours and not brake.left_ms then brake.target_ms = 0 end -- seen is enough: no time for a checksum
     if moves or TARGETS[id] then return moves and others and "target" end
     if command == MODE_REQUEST then return ours and "request" end
-    if others and command == DO_SET_MODE then return "target" end
-    return command == DO_SET_MODE and string.unpack("<f", raw, start + 4) == HOLD and "hold command"
+    if command ~= DO_SET_MODE then return nil end
+    local mode = string.unpack("<f", raw, start + 4)
+    return others and mode == GUIDED and "target" or mode == HOLD and "hold command"
   end
 
   -- Another script's mavlink:init() wipes all registrations in ArduPilot 4.6; one that stands is left as it is.
@@ -454,7 +455,8 @@ do
     end
   end
 
-  local function mode_now() return brake.left_ms and HOLD or vehicle:get_mode() end
+  -- A brake whose time is over stands no more for HOLD: it was refused.
+  local function mode_now() return brake.left_ms and brake.left_ms > 0 and HOLD or vehicle:get_mode() end
 
   local function say_held(reason)
     if brake.left_ms then return CRITICAL, "Braking: " .. reason end

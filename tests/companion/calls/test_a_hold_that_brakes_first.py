@@ -246,3 +246,13 @@ def test_whoever_sets_what_and_whatever_is_lost_a_human_is_not_asked_over_for_lo
         scene.autopilot.mode = HOLD
         scene.run(1.2)
         assert scene.calls.hold is None or scene.calls.hold.state is not HoldState.REQUESTED
+
+
+def test_a_hold_that_begins_in_the_script_s_own_brake_ends_in_the_mission_and_not_in_guided() -> None:
+    scene = braking(GUIDED)
+    assert scene.calls.hold is not None
+    assert scene.calls.hold.mode_before == GUIDED
+    scene.keep(scene.calls.mode_answered(ModeAnswer(HOLD, accepted=True, brakes_out_of=AUTO), scene.now))
+    assert shows(scene, GUIDED, 1.5) == []
+    assert shows(scene, HOLD) == [HoldEvent.CONFIRMED]
+    assert scene.calls.hold.mode_before == AUTO

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -58,7 +60,8 @@ def test_two_answers_are_told_and_no_hold_goes_past_the_script() -> None:
     answer(stage, MODE_REQUEST_COMMAND, IN_PROGRESS, serial(stage))
     stage.run(3.0)
     answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, serial(stage))
-    assert stage.reported(ModeAnswer) == [ModeAnswer(HOLD, accepted=True)] * 2
+    told = ModeAnswer(HOLD, accepted=True)
+    assert stage.reported(ModeAnswer) == [replace(told, brakes_out_of=AUTO), told]
     assert not sent(stage, SET_MODE)
 
 
@@ -121,3 +124,12 @@ def test_while_guided_shows_no_mode_is_set_past_the_script(steps: list[tuple[str
             shows(stage, GUIDED)
             stage.run(0.08)
     assert not sent(stage, SET_MODE)
+
+
+def test_a_brake_that_had_begun_before_the_hold_tells_no_round_trip_either() -> None:
+    stage = braking(expected=GUIDED)
+    answer(stage, MODE_REQUEST_COMMAND, IN_PROGRESS, serial(stage))
+    before = stage.link.modes.round_trip
+    stage.run(3.0)
+    answer(stage, MODE_REQUEST_COMMAND, ACCEPTED, serial(stage))
+    assert stage.link.modes.round_trip == before

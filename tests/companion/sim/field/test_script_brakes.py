@@ -233,6 +233,29 @@ def test_a_target_or_a_mode_that_another_commands_during_the_brake_takes_over(
     assert asked.ask(HOLD, AUTO) == [CHANGED]
 
 
+@pytest.mark.parametrize("mode", [99, RTL])
+def test_another_mode_that_is_commanded_and_refused_leaves_the_brake_alone(mode: int) -> None:
+    asked = Braking().brakes()
+    command = mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0
+    )
+    assert asked.answers(asked.sends(command)) == []
+    asked.board.pass_time(LIMIT)
+    assert asked.board.mode_now == HOLD
+
+
+def test_a_human_s_hold_that_is_commanded_during_the_brake_is_not_resumed_out_of() -> None:
+    asked = Braking().brakes()
+    command = mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, HOLD, 0, 0, 0, 0, 0
+    )
+    asked.answers(asked.sends(command), 0.0)
+    asked.board.human_sets(HOLD, BY_GCS)
+    asked.live(LIMIT)
+    assert asked.ask(AUTO, HOLD) == [FAILED]
+    assert asked.board.mode_now == HOLD
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_one_that_is_damaged_for_another_vehicle_or_the_companion_s_own_does_not(
     command: Callable[..., Any],

@@ -276,7 +276,7 @@ For hold_by = "brake" do the same with GUIDED in place of HOLD, and send no targ
 
 
 def _conclude(holds: list[Measured], brakes: list[Measured]) -> int:
-    lines = ["[stopping]"]
+    lines: list[str] = []
     for name, prefix, stops in (("HOLD", "", holds), ("GUIDED", "brake_", brakes)):
         if not stops and (prefix or brakes):
             continue
@@ -284,7 +284,7 @@ def _conclude(holds: list[Measured], brakes: list[Measured]) -> int:
             found = fit(stops, name)
         except ValueError as error:
             print(f"nothing fitted: {error}")
-            return 1
+            continue
         print(
             f"\n# {len(stops)} {name}s measured, m/s and m: "
             + ", ".join(f"{v:g} {way:g}" for v, way in stops)
@@ -293,5 +293,7 @@ def _conclude(holds: list[Measured], brakes: list[Measured]) -> int:
             f"# Never less than measured, at most {100 * found.excess:.0f} % more. Unknown above the fastest."
         )
         lines += [f"{prefix}time_constant = {found.time_constant:g}", f"{prefix}braking = {found.braking:g}"]
-    print("\n".join(lines))
+    if not lines:
+        return 1
+    print("\n".join(["[stopping]", *lines]))
     return 0

@@ -104,9 +104,16 @@ def test_the_lines_for_both_ways_to_stop(capsys: pytest.CaptureFixture[str]) -> 
     assert names == ["[stopping]", "time_constant", "braking", "brake_time_constant", "brake_braking"]
     assert _conclude([], brakes) == 0
     assert "\nbraking" not in capsys.readouterr().out
-    assert _conclude(holds, brakes[:1]) == 1
-    assert "1 GUIDEDs measured" in capsys.readouterr().out
     assert _conclude([], []) == 1
+
+
+def test_a_stop_too_few_of_one_way_does_not_lose_the_other(capsys: pytest.CaptureFixture[str]) -> None:
+    holds, brakes = ([Measured(0.9, way), Measured(1.8, 2.1 * way)] for way in (1.9, 0.9))
+    assert _conclude(holds[:1], brakes) == 0
+    told = capsys.readouterr().out
+    assert "nothing fitted: 1 HOLDs measured" in told
+    assert "[stopping]\nbrake_time_constant = " in told
+    assert _conclude(holds[:1], brakes[:1]) == 1
 
 
 def test_a_hold_whose_heartbeat_was_lost_is_not_measured_too_short() -> None:

@@ -216,3 +216,14 @@ def test_the_status_file_says_who_switched_off(rig: Rig) -> None:
     status = json.loads((rig.folder / "status.json").read_text())
     assert status["switches"] == {"in_force": "off", "off_by": "255/190"}
     assert status["policy"] == "off"
+
+
+@pytest.mark.parametrize("has_switch", [True, False])
+def test_the_remote_control_is_asked_for_where_a_switch_is_configured_alone(
+    make_rig: MakeRig, has_switch: bool
+) -> None:
+    rig = make_rig(switch=ON if has_switch else None)
+    rig.switch = None  # it tells nothing of itself
+    rig.see(3.0)
+    asked = {one.param1 for one in rig.stage.sent("COMMAND_LONG") if one.command == 511}
+    assert (mavlink.MAVLINK_MSG_ID_RC_CHANNELS in asked) is has_switch

@@ -10,12 +10,11 @@ from anytraverse.assessment import Assessment
 from companion.calls.mode_monitor import HeldMission, ModeAnswer, ModeReport
 from companion.calls.numbers import Numbers
 from companion.vehicle import Autopilot
+from companion.vehicle.ardupilot import LONGEST_BRAKE
 
 _REPORT_LAG = 0.25
 _RESUME_SHOWS_LATER = 0.5
 """s beside the round trip in which a resume is shown."""
-_LONGEST_BRAKE = 4.0
-"""s for which the script brakes at most."""
 _BRAKE_LATER = 2.0
 """s beside the round trip that a brake may show later than it can last: its request may wait on the way."""
 _LATE_REPORT_LAG = 1.2
@@ -188,7 +187,7 @@ class Hold:
         if answer.brakes_out_of is not None and self.mode_before != answer.brakes_out_of:
             # The script had begun to brake for its own reason before this hold began.
             self.mode_before = answer.brakes_out_of
-            self.may_brake(_LONGEST_BRAKE, 0.0, now)
+            self.may_brake(LONGEST_BRAKE, 0.0, now)
         if answer.accepted and answer.mode == self.mode and self.state is HoldState.REQUESTED:
             # Commands are carried out in order, so no resume is under way behind this one.
             self.held_at, self.resumed_at = now, None

@@ -6,7 +6,8 @@ import math
 from dataclasses import asdict, dataclass, replace
 
 from anytraverse.judging import LARGEST_TILE, Settings
-from companion.config.schema import Config, StoppingSection
+from companion.config.schema import Config
+from companion.vehicle.ardupilot import LONGEST_BRAKE
 from companion.vehicle.brakes import Brakes
 
 OVERSHOOT = 1.12
@@ -20,10 +21,8 @@ _PICTURE = 640
 """Pixels. Width of the picture in which a tile is told where the camera's is not configured."""
 _UNKNOWN_MEAN = 0.8
 """Mean uncertainty of a thing that no word explains."""
-LONGEST_BRAKE = 4.0
-"""Seconds after which the script on the autopilot ends its braking in HOLD at the latest."""
 _BRAKED = 0.1
-"""m/s below which it does so."""
+"""m/s below which the script on the autopilot ends its braking in HOLD."""
 _BRAKE_SPARE = 1.3
 ROCK = 0.45
 """Metres. The smallest thing that is to be seen in time where mount and speed are known."""
@@ -191,22 +190,16 @@ def with_settings(config: Config, judging: Settings) -> Config:
     return replace(config, roi=replace(config.roi, **sides, tile_share=judging.tile_side))
 
 
-def _brake(stopping: StoppingSection) -> Brakes | None:
-    """Return how it brakes before HOLD; None where it does not, or nobody has measured it."""
-    braking, time_constant = stopping.brake_braking, stopping.brake_time_constant
-    if stopping.hold_by != "brake" or braking is None or time_constant is None:
-        return None
-    return Brakes.of(braking, time_constant)
-
-
 def longest_brake(config: Config) -> float:
     """Return the seconds for which the script on the autopilot may brake before HOLD, 0: not at all."""
     stopping = config.stopping
-    brakes = _brake(stopping)
-    if stopping.hold_by != "brake" or brakes is None or stopping.speed is None:
-        return LONGEST_BRAKE if stopping.hold_by == "brake" else 0.0
+    braking, time_constant = stopping.brake_braking, stopping.brake_time_constant
+    if stopping.hold_by != "brake":
+        return 0.0
+    if braking is None or time_constant is None or stopping.speed is None:
+        return LONGEST_BRAKE
     fastest = max(OVERSHOOT * stopping.speed, _BRAKED)
-    return min(LONGEST_BRAKE, _BRAKE_SPARE * brakes.seconds(fastest, _BRAKED))
+    return min(LONGEST_BRAKE, _BRAKE_SPARE * Brakes.of(braking, time_constant).seconds(fastest, _BRAKED))
 
 
 def _outlook(config: Config) -> Outlook:

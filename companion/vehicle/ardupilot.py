@@ -12,6 +12,8 @@ AUTO, GUIDED, HOLD, INITIALISING = 10, 15, 4, 16
 _RTL, _SMART_RTL = 11, 12
 _CUSTOM = 1
 """MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
+LONGEST_BRAKE = 4.0
+"""Seconds after which the script ends its braking in HOLD at the latest."""
 
 
 class ScriptHold(NamedTuple):

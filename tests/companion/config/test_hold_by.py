@@ -10,8 +10,9 @@ import pytest
 from anytraverse.judging import Settings
 from companion.config import Config
 from companion.config.schema import MountSection, StoppingSection
-from companion.config.stopping import LONGEST_BRAKE, Stopping, judge_stopping, longest_brake
+from companion.config.stopping import Stopping, judge_stopping, longest_brake
 from companion.daemon.settings.runtime import call_numbers
+from companion.vehicle.ardupilot import LONGEST_BRAKE
 from companion.vehicle.brakes import Brakes
 
 FIGURES: dict[str, Any] = {"speed": 1.5, "brake_time_constant": 0.4, "brake_braking": 1.0}

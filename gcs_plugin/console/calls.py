@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +14,6 @@ from companion.pages.calls import nearest, shown
 from companion.pages.given import Answered, OwnAnswers
 from companion.wire.call_figures import asked
 from companion.wire.call_report import CallReport
-from companion.wire.delivery import Pending
 from companion.wire.ids import Motion, Outcome, Stage
 from companion.wire.packing import clean
 from gcs_plugin.client.rovers import TrackedCall, TrackedRover
@@ -112,18 +110,11 @@ class Stories:
         if story is not None and (not story.said or story.said[-1][1] != clean(text)):
             story.said.append((wall, clean(text)))
 
-    def answered(
-        self,
-        pending: Pending,
-        call: CallReport | None,
-        words: Mapping[str, float],
-        tapped: Collection[str],
-        wall: float,
-    ) -> None:
+    def answered(self, given: Answered) -> None:
         """Take note of an answer that leaves from here."""
-        story = self.by_id.get(pending.answer.target)
+        story = self.by_id.get(given.pending.answer.target)
         if story is not None:
-            story.own.answers.append(Answered(pending, wall, dict(words), call, tapped))
+            story.own.answers.append(given)
 
     def others_were_first(self, call: TrackedCall) -> bool:
         """Whether the call was answered, and not from here."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.operations import SetWord, Tap
+from companion.pages.given import Answered
 from companion.pages.requests import RequestError, check_answer
 from companion.wire.answers import Answer
 from companion.wire.ids import Motion
@@ -148,7 +149,7 @@ class Console:
         pending = self.client.answer(desk.system, answer, now)
         state = desk.fetched.state
         tapped = state.tapped if state is not None else ()
-        desk.stories.answered(pending, told, desk.fetched.words, tapped, wall)
+        desk.stories.answered(Answered(pending, wall, dict(desk.fetched.words), told, tapped))
         named = (one for one in answer.operations if isinstance(one, SetWord | Tap))
         desk.fetched.note_named({one.word: one.weight for one in named})
         return "sent" if rover.alive(now) else "the rover is not heard: it is sent as soon as it is"

@@ -1,7 +1,7 @@
 """Pastes cut-outs into frames as a camera of a stated mount would see them at a distance.
 
-A pinhole over level ground: what stands at `distance` has its foot on the row that `Outlook.row` tells, and
-its top on the row of a camera that is mounted lower by the thing's height.
+A pinhole over level ground: what stands at `distance` has its foot on the row that `GroundCamera.row` tells,
+and its top on the row of a camera that is mounted lower by the thing's height.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
+from anytraverse.ground import GroundCamera
 from anytraverse.regions import Box
-from companion.config.stopping import Outlook
 
 HEIGHT, VIEW, TILT = 0.5, 70.0, 0.0
 """The mount: metres above the ground; degrees of horizontal view, and of the axis below the horizon."""
@@ -105,7 +105,7 @@ def paste(image: Image, cutout: Cutout, distance: float, aside: float) -> Image:
 def _corners(shape: tuple[int, ...], cutout: Cutout, distance: float, aside: float) -> NDArray[np.float64]:
     """Return the picture's corners in the frame, in pixels: from the upper left clockwise, (4, 2)."""
     rows, columns = shape[:2]
-    camera = Outlook(HEIGHT, TILT, VIEW, columns / rows)
+    camera = GroundCamera.pinhole(HEIGHT, TILT, VIEW, columns / rows)
     if cutout.flat:
         near, far = (_across(distance + d, cutout, aside) for d in (0.0, cutout.height))
         below, above = camera.row(distance), camera.row(distance + cutout.height)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 
+from anytraverse.ground import WIDEST, GroundCamera
 from anytraverse.judging import LARGEST_TILE, Settings
 from companion.config.schema import Config
 from companion.vehicle.ardupilot import LONGEST_BRAKE
@@ -14,8 +15,6 @@ OVERSHOOT = 1.12
 """Actual speed by commanded speed. An ArduPilot with WP_SPEED 2 reached 2.25 m/s in simulation."""
 FARTHEST = 20.0
 """Metres. No thing counts as seen further ahead: near the horizon an image row gives too long a distance."""
-WIDEST = 120.0
-"""Degrees. A wider view does not follow the pinhole model."""
 _SLOWEST = 0.05
 _PICTURE = 640
 """Pixels. Width of the picture in which a tile is told where the camera's is not configured."""
@@ -28,60 +27,6 @@ ROCK = 0.45
 """Metres. The smallest thing that is to be seen in time where mount and speed are known."""
 _FILLED = math.sqrt(0.5)
 """Side of the largest square inside a round thing, over its width: so large a tile the thing fills."""
-
-
-@dataclass(frozen=True)
-class Outlook:
-    """A camera on its vehicle, as a pinhole over level ground.
-
-    height: m above the ground. tilt: degrees below the horizon. view: horizontal, degrees.
-    aspect: width by height. front: m from the lens to the vehicle's front.
-    """
-
-    height: float
-    tilt: float
-    view: float
-    aspect: float
-    front: float = 0.0
-
-    def distance(self, row: float) -> float:
-        """Return the metres from the vehicle's front to where a row (0 top, 1 bottom) meets the ground.
-
-        Infinite at the horizon and above it; never negative.
-        """
-        tilt, down = math.radians(self.tilt), (row - 0.5) / self._focal
-        drop = math.sin(tilt) + down * math.cos(tilt)
-        if drop <= 0:
-            return math.inf
-        ahead = math.cos(tilt) - down * math.sin(tilt)
-        return max(0.0, self.height * ahead / drop - self.front)
-
-    def row(self, distance: float) -> float:
-        """Return the row that meets the ground at `distance` metres; outside [0, 1]: not in the image."""
-        tilt, ahead = math.radians(self.tilt), distance + self.front
-        across = self.height * math.cos(tilt) - ahead * math.sin(tilt)
-        along = self.height * math.sin(tilt) + ahead * math.cos(tilt)
-        return 0.5 + self._focal * across / along if along > 0 else math.inf
-
-    def width(self, metres: float, distance: float) -> float:
-        """Return how wide a thing of `metres` appears at `distance` metres, over the image's width.
-
-        Infinite for a thing that is not in front of the lens.
-        """
-        tilt = math.radians(self.tilt)
-        along = self.height * math.sin(tilt) + (distance + self.front) * math.cos(tilt)
-        return metres * self._focal / self.aspect / along if along > 0 else math.inf
-
-    def farthest(self, metres: float, width: float) -> float:
-        """Return up to which distance in m a thing of `metres` appears at least `width` wide; at least 0."""
-        tilt = math.radians(self.tilt)
-        along = metres * self._focal / self.aspect / width
-        return max(0.0, (along - self.height * math.sin(tilt)) / math.cos(tilt) - self.front)
-
-    @property
-    def _focal(self) -> float:
-        """The focal length in image heights."""
-        return self.aspect / 2.0 / math.tan(math.radians(self.view / 2.0))
 
 
 @dataclass(frozen=True)
@@ -157,7 +102,7 @@ def tile_width(config: Config) -> float | None:
     judged = judge_stopping(config)
     if isinstance(judged, str):
         return None
-    return min(1.0, _outlook(config).width(_FILLED * ROCK, judged.needs))
+    return min(1.0, _camera(config).width(_FILLED * ROCK, judged.needs))
 
 
 def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
@@ -170,7 +115,7 @@ def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
     text, in_time = f"a tile is {width * picture:.0f} px wide in a picture of {picture}", True
     judged = judge_stopping(config)
     if isinstance(judged, Stopping):
-        away = _outlook(config).farthest(_FILLED * ROCK, width)
+        away = _camera(config).farthest(_FILLED * ROCK, width)
         in_time = away >= judged.needs - 0.05
         text += (
             f" = a {100 * ROCK:.0f} cm rock at {away:.1f} m, and {judged.speed:g} m/s takes "
@@ -202,12 +147,12 @@ def longest_brake(config: Config) -> float:
     return min(LONGEST_BRAKE, _BRAKE_SPARE * Brakes.of(braking, time_constant).seconds(fastest, _BRAKED))
 
 
-def _outlook(config: Config) -> Outlook:
+def _camera(config: Config) -> GroundCamera:
     """Return the configured camera. Its mount must be set."""
     mount = config.mount
     assert mount.height is not None
     assert mount.tilt is not None
-    return Outlook(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
+    return GroundCamera.pinhole(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
 
 
 def judge_stopping(
@@ -237,19 +182,19 @@ def judge_stopping(
         return f"set {', and '.join([*missing, *(['[stopping] speed'] if fastest is None else [])])}"
     if config.camera.view > WIDEST:
         return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
-    outlook = _outlook(config)
+    camera = _camera(config)
     # A thing is noticed when it fills so much of a tile that the tile's mean passes its threshold.
     filled = min(1.0, tile / _UNKNOWN_MEAN) if tile is not None else 1.0
     share = LARGEST_TILE if roi.tile_share is None else roi.tile_share
     rows = filled * share * (roi.right - roi.left) * mount.aspect
-    sees = outlook.distance(min(roi.top + rows, roi.bottom))
+    sees = camera.distance(min(roi.top + rows, roi.bottom))
     interval = max(step, 1.0 / config.camera.rate)
     noticed = max(step + call.window * interval, config.freshness)
     react = config.camera.latency + noticed + stopping.delay
     # Those of HOLD, also where the script brakes first: for several reasons it may set HOLD at once.
     brakes = Brakes.of(stopping.braking, stopping.time_constant)
     judged = Stopping(fastest, brakes, react, min(sees, FARTHEST), overrun=overrun)
-    top = outlook.row(judged.needs) - rows
+    top = camera.row(judged.needs) - rows
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 
 

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anytraverse.ground import GroundCamera
 from anytraverse.judging import LARGEST_TILE, Settings
 from anytraverse.perception import DefaultThresholds, Perceiver
 from companion.config import Config
 from companion.config.schema import CameraSection, MountSection, RoiSection, StoppingSection
 from companion.config.stopping import (
     ROCK,
-    Outlook,
     describe_tile,
     judge_stopping,
     tile_width,
@@ -99,19 +99,21 @@ def test_a_faster_vehicle_never_has_a_larger_tile(
 def test_a_thing_that_is_farther_appears_narrower_and_its_width_tells_how_far_it_is(
     height: float, tilt: float, view: float, aspect: float, metres: float, distance: float, by: float
 ) -> None:
-    outlook = Outlook(height, tilt, view, aspect)
-    near, far = outlook.width(metres, distance), outlook.width(metres, distance * by)
+    camera = GroundCamera.pinhole(height, tilt, view, aspect)
+    near, far = camera.width(metres, distance), camera.width(metres, distance * by)
     assert 0.0 < far < near < math.inf
-    assert outlook.farthest(metres, near) == pytest.approx(distance, abs=1e-6 * (1 + height + distance))
+    assert camera.farthest(metres, near) == pytest.approx(distance, abs=1e-6 * (1 + height + distance))
 
 
 def test_a_thing_appears_as_wide_as_trigonometry_says() -> None:
-    assert Outlook(0.0, 0.0, 90.0, 1.333).width(1.0, 2.0) == pytest.approx(0.25)
-    assert Outlook(1.0, 45.0, 90.0, 1.333, front=0.5).width(1.0, 0.5) == pytest.approx(0.5 / math.sqrt(2.0))
+    assert GroundCamera.pinhole(0.0, 0.0, 90.0, 1.333).width(1.0, 2.0) == pytest.approx(0.25)
+    assert GroundCamera.pinhole(1.0, 45.0, 90.0, 1.333, front=0.5).width(1.0, 0.5) == pytest.approx(
+        0.5 / math.sqrt(2.0)
+    )
 
 
 def test_a_thing_beside_or_behind_the_lens_is_as_wide_as_the_picture_and_more() -> None:
-    assert Outlook(3.0, -45.0, 60.0, 1.333).width(0.45, 2.0) == math.inf
+    assert GroundCamera.pinhole(3.0, -45.0, 60.0, 1.333).width(0.45, 2.0) == math.inf
     behind = configured(MountSection(20.0, -45.0), 60.0, 0.1)
     assert tile_width(behind) == 1.0
     assert settings_of(behind).tile_side == LARGEST_TILE
@@ -120,7 +122,7 @@ def test_a_thing_beside_or_behind_the_lens_is_as_wide_as_the_picture_and_more() 
 def test_the_square_inside_a_round_rock_at_the_distance_of_check_is_a_tile() -> None:
     judged = judge_stopping(CONFIG)
     assert isinstance(judged, Judged)
-    rock = Outlook(0.8, 10.0, 75.0, 1.333, 0.3).width(ROCK, judged.needs)
+    rock = GroundCamera.pinhole(0.8, 10.0, 75.0, 1.333, 0.3).width(ROCK, judged.needs)
     width = tile_width(CONFIG)
     assert width == pytest.approx(rock / math.sqrt(2.0))
     assert settings_of(CONFIG).tile_side == pytest.approx(rock / math.sqrt(2.0) / (0.667 - 0.333))
@@ -177,7 +179,7 @@ def test_the_hold_gate_sees_with_the_tile_in_force(share: float | None) -> None:
     found = HoldGate(config).stopping(judging, 0.05)
     assert isinstance(found, Judged)
     lower = 0.6 + judging.tile_side * (0.667 - 0.333) * 1.333
-    assert found.sees == pytest.approx(Outlook(0.8, 10.0, 75.0, 1.333, 0.3).distance(lower))
+    assert found.sees == pytest.approx(GroundCamera.pinhole(0.8, 10.0, 75.0, 1.333, 0.3).distance(lower))
     assert found == judge_stopping(with_settings(config, judging), 0.05, 0.9)
 
 

@@ -10,19 +10,20 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from anytraverse.ground import GroundCamera
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import CameraSection, MountSection, RoiSection, StoppingSection
-from companion.config.stopping import FARTHEST, OVERSHOOT, Outlook, Stopping, judge_stopping, tile_width
+from companion.config.stopping import FARTHEST, OVERSHOOT, Stopping, judge_stopping, tile_width
 from companion.desk.check.autopilot import AutopilotReadings
 from companion.desk.check.rover import CheckedRover, Perceives
 from companion.desk.check.rules import Verdict
 from companion.desk.check.stopping import check_stopping, check_tile
 from companion.vehicle.brakes import ARDUPILOT, Brakes, fit
 
-OUTLOOKS = st.builds(
-    Outlook,
+CAMERAS = st.builds(
+    GroundCamera.pinhole,
     height=st.floats(0.1, 5),
     tilt=st.floats(-30, 80),
     view=st.floats(20, 120),
@@ -52,27 +53,29 @@ def at(speed: float, braking: float = 1.0, react: float = 1.5, sees: float = 8.0
 
 
 def test_the_axis_of_a_tilted_camera_meets_the_ground_where_trigonometry_says() -> None:
-    assert Outlook(1.0, 45.0, 60.0, 1.333).distance(0.5) == pytest.approx(1.0)
-    assert Outlook(1.0, 7.0, 75.0, 1.333).distance(0.5) == pytest.approx(8.14, abs=0.01)
-    assert Outlook(1.0, 7.0, 75.0, 1.333, front=0.6).distance(0.5) == pytest.approx(7.54, abs=0.01)
+    assert GroundCamera.pinhole(1.0, 45.0, 60.0, 1.333).distance(0.5) == pytest.approx(1.0)
+    assert GroundCamera.pinhole(1.0, 7.0, 75.0, 1.333).distance(0.5) == pytest.approx(8.14, abs=0.01)
+    assert GroundCamera.pinhole(1.0, 7.0, 75.0, 1.333, front=0.6).distance(0.5) == pytest.approx(
+        7.54, abs=0.01
+    )
 
 
 def test_the_lower_side_of_a_square_picture_looks_down_by_half_its_view() -> None:
-    assert Outlook(2.0, 0.0, 90.0, 1.0).distance(1.0) == pytest.approx(2.0)
+    assert GroundCamera.pinhole(2.0, 0.0, 90.0, 1.0).distance(1.0) == pytest.approx(2.0)
 
 
-@given(OUTLOOKS, st.floats(0, 1), st.floats(0, 1))
+@given(CAMERAS, st.floats(0, 1), st.floats(0, 1))
 @settings(max_examples=60)
-def test_a_higher_row_never_sees_less_far(outlook: Outlook, one: float, other: float) -> None:
-    assert outlook.distance(min(one, other)) >= outlook.distance(max(one, other))
+def test_a_higher_row_never_sees_less_far(camera: GroundCamera, one: float, other: float) -> None:
+    assert camera.distance(min(one, other)) >= camera.distance(max(one, other))
 
 
-@given(OUTLOOKS, st.floats(0, 1))
+@given(CAMERAS, st.floats(0, 1))
 @settings(max_examples=60)
-def test_the_row_of_a_distance_is_the_row_that_it_came_from(outlook: Outlook, row: float) -> None:
-    distance = outlook.distance(row)
+def test_the_row_of_a_distance_is_the_row_that_it_came_from(camera: GroundCamera, row: float) -> None:
+    distance = camera.distance(row)
     assume(0.0 < distance < 100.0)
-    assert outlook.row(distance) == pytest.approx(row, abs=1e-6)
+    assert camera.row(distance) == pytest.approx(row, abs=1e-6)
 
 
 FIGURES = st.builds(
@@ -114,22 +117,22 @@ def test_the_upper_side_that_it_says_would_do_does(
 
 
 def test_a_thing_is_seen_where_it_fills_a_tile_and_not_at_the_upper_row() -> None:
-    outlook = Outlook(1.0, 7.0, 75.0, 1.333)
-    assert judged(CONFIG).sees == pytest.approx(outlook.distance(0.5 + 0.25 * 0.3 * 1.333))
-    assert judged(CONFIG).sees < outlook.distance(0.5)
+    camera = GroundCamera.pinhole(1.0, 7.0, 75.0, 1.333)
+    assert judged(CONFIG).sees == pytest.approx(camera.distance(0.5 + 0.25 * 0.3 * 1.333))
+    assert judged(CONFIG).sees < camera.distance(0.5)
 
 
 def test_a_lower_threshold_of_the_tile_sees_farther_as_less_of_it_must_be_filled() -> None:
-    outlook = Outlook(1.0, 7.0, 75.0, 1.333)
+    camera = GroundCamera.pinhole(1.0, 7.0, 75.0, 1.333)
     half = 0.5 * 0.25 * 0.3 * 1.333
-    assert judged(CONFIG, tile=0.4).sees == pytest.approx(outlook.distance(0.5 + half))
+    assert judged(CONFIG, tile=0.4).sees == pytest.approx(camera.distance(0.5 + half))
     for high in (0.8, 0.9, None):
         assert judged(CONFIG, tile=high).sees == judged(CONFIG).sees
 
 
 def test_a_region_above_the_horizon_is_believed_no_farther_than_it_should() -> None:
     level = replace(CONFIG, mount=MountSection(height=1.0, tilt=-20.0), roi=replace(CONFIG.roi, top=0.3))
-    assert Outlook(1.0, -20.0, 75.0, 1.333).distance(0.4) == math.inf
+    assert GroundCamera.pinhole(1.0, -20.0, 75.0, 1.333).distance(0.4) == math.inf
     assert judged(level).sees == FARTHEST
 
 
@@ -267,4 +270,7 @@ def test_the_row_of_the_stopping_distance_sees_with_the_tile_in_force(tmp_path: 
     small = Settings(region=Box(0.35, 0.5, 0.65, 0.95), tile_share=0.08, thresholds=Thresholds(tile=0.9))
     (found,) = check_stopping(rover_with(tmp_path, CONFIG, small))
     lower = 0.5 + 0.08 * 0.3 * 1.333
-    assert f"a thing is seen {Outlook(1.0, 7.0, 75.0, 1.333).distance(lower):.1f} m ahead" in found.text
+    assert (
+        f"a thing is seen {GroundCamera.pinhole(1.0, 7.0, 75.0, 1.333).distance(lower):.1f} m ahead"
+        in found.text
+    )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from anytraverse.ground import WIDEST, GroundCamera, Lens
 from anytraverse.perception import KINDS, NAMED
 from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
@@ -149,6 +150,8 @@ class MountSection(Section):
     heading: float = setting(
         0.0, number(-180, 180), "direction in which it looks, degrees clockwise from the vehicle's nose"
     )
+    roll: float = setting(0.0, number(-45, 45), "turn about the lens axis, degrees, right side down: above 0")
+    width: float | None = setting(None, number(0.1, 10), "the vehicle's width, m")
 
     def conflicts(self) -> Iterator[Conflict]:
         if (self.height is None) != (self.tilt is None):
@@ -424,6 +427,15 @@ class Config:
             freshness=self.freshness,
             depth=camera.depth,
         )
+
+    @property
+    def ground_camera(self) -> GroundCamera | None:
+        """The camera above the ground; None where its mount is not set, or its view is no pinhole's."""
+        mount = self.mount
+        if mount.height is None or mount.tilt is None or self.camera.view > WIDEST:
+            return None
+        lens = Lens.of_view(self.camera.view, mount.aspect)
+        return GroundCamera(lens, mount.height, mount.tilt, mount.front, mount.roll, mount.heading)
 
     @property
     def freshness(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 
-from anytraverse.ground import WIDEST, GroundCamera
+from anytraverse.ground import WIDEST
 from anytraverse.judging import LARGEST_TILE, Settings
 from companion.config.schema import Config
 from companion.vehicle.ardupilot import LONGEST_BRAKE
@@ -100,9 +100,9 @@ def tile_width(config: Config) -> float | None:
     with the configured speed, and with a perceiver that is quick enough to keep T.
     """
     judged = judge_stopping(config)
-    if isinstance(judged, str):
+    if isinstance(judged, str) or config.ground_camera is None:
         return None
-    return min(1.0, _camera(config).width(_FILLED * ROCK, judged.needs))
+    return min(1.0, config.ground_camera.width(_FILLED * ROCK, judged.needs))
 
 
 def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
@@ -113,9 +113,9 @@ def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
     bounds, picture = judging.region.bounds, config.camera.width or _PICTURE
     width = judging.tile_side * (bounds.right - bounds.left)
     text, in_time = f"a tile is {width * picture:.0f} px wide in a picture of {picture}", True
-    judged = judge_stopping(config)
-    if isinstance(judged, Stopping):
-        away = _camera(config).farthest(_FILLED * ROCK, width)
+    judged, camera = judge_stopping(config), config.ground_camera
+    if isinstance(judged, Stopping) and camera is not None:
+        away = camera.farthest(_FILLED * ROCK, width)
         in_time = away >= judged.needs - 0.05
         text += (
             f" = a {100 * ROCK:.0f} cm rock at {away:.1f} m, and {judged.speed:g} m/s takes "
@@ -147,14 +147,6 @@ def longest_brake(config: Config) -> float:
     return min(LONGEST_BRAKE, _BRAKE_SPARE * Brakes.of(braking, time_constant).seconds(fastest, _BRAKED))
 
 
-def _camera(config: Config) -> GroundCamera:
-    """Return the configured camera. Its mount must be set."""
-    mount = config.mount
-    assert mount.height is not None
-    assert mount.tilt is not None
-    return GroundCamera.pinhole(mount.height, mount.tilt, config.camera.view, mount.aspect, mount.front)
-
-
 def judge_stopping(
     config: Config,
     step: float = 0.0,
@@ -180,9 +172,9 @@ def judge_stopping(
     if mount.height is None or mount.tilt is None or fastest is None:
         missing = ["[mount] height and tilt"] if mount.height is None or mount.tilt is None else []
         return f"set {', and '.join([*missing, *(['[stopping] speed'] if fastest is None else [])])}"
-    if config.camera.view > WIDEST:
+    camera = config.ground_camera
+    if camera is None:
         return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
-    camera = _camera(config)
     # A thing is noticed when it fills so much of a tile that the tile's mean passes its threshold.
     filled = min(1.0, tile / _UNKNOWN_MEAN) if tile is not None else 1.0
     share = LARGEST_TILE if roi.tile_share is None else roi.tile_share

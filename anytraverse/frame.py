@@ -27,6 +27,8 @@ class Frame:
     captured_at: seconds on the caller's monotonic clock.
     image: RGB, (height, width, 3), uint8.
     depth, intrinsics: None where the camera does not tell.
+    lean: degrees of pitch (nose up) and bank (right side down) by which the vehicle leant against the ground
+    on which it stood; None where that is not known.
     """
 
     id: int
@@ -34,6 +36,7 @@ class Frame:
     image: Image
     depth: Depth | None = None
     intrinsics: Intrinsics | None = None
+    lean: tuple[float, float] | None = None
 
 
 def is_image(image: Any) -> bool:

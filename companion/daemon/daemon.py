@@ -148,7 +148,9 @@ class Daemon:
     def _poll_vision(self, now: float) -> None:
         vehicle = self._deciders.vehicle
         self._vision.rate.tick(now, self._deciders.computer.newest)
-        self._vision.situation(vehicle.position.place(), now, moving=vehicle.moves(now))
+        newest = self._link.vehicle
+        lean = newest.lean if newest is not None else None
+        self._vision.situation(vehicle.position.place(), lean, now, moving=vehicle.moves(now))
         for result in self._vision.poll(now):
             self._executor.events.append(result)
             with self._guard.survived(kind_of(result).__name__, now):

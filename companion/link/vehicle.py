@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import RcChannels
+from companion.vehicle.motion import LeanFilter
 from companion.vehicle.state import PUSHES, Mission, MissionState, Vehicle, is_set
 
 FAILED_LASTS = 5.0
@@ -63,6 +64,8 @@ _BACKWARDS = 3000
 """ms that the time since boot must run backwards to show a reboot: messages may overtake each other."""
 _WRAPS = 1 << 31
 """ms that it runs backwards only where its 32 bits are used up, after 49 days."""
+_FASTEST = 10.0
+"""rad/s. No rover turns over faster: such a rate is noise, as NaN is."""
 _HEADER = 10
 """Bytes of a MAVLink 2 frame before its payload."""
 _NO_TOTAL = (0, 65535)
@@ -86,6 +89,7 @@ class VehicleTracker:
         self.vehicle: Vehicle | None = None
         self.returns = 0
         self._uptime = 0
+        self._lean_filter = LeanFilter()
 
     def is_ours(self, system_id: int) -> bool:
         """Whether this is the adopted autopilot's system."""
@@ -150,7 +154,14 @@ class VehicleTracker:
         self._note_uptime(message)
         if all(abs(angle) <= math.tau for angle in angles):  # False for NaN
             roll, pitch, yaw = (round(math.degrees(angle), 2) for angle in angles)
-            self.vehicle = replace(self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now)
+            rates = [
+                math.degrees(one) if abs(one) <= _FASTEST else 0.0
+                for one in (message.pitchspeed, message.rollspeed)
+            ]
+            lean = self._lean_filter.take(now, (pitch, roll), (rates[0], rates[1]))
+            self.vehicle = replace(
+                self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now, lean=lean
+            )
 
     def throttle(self, system_id: int, message: Any, now: float) -> None:
         """Take VFR_HUD. A throttle backwards is below 0, in 16 bits without a sign."""
@@ -206,7 +217,7 @@ class VehicleTracker:
         if vehicle.position is not None and now - (vehicle.position_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = vehicle = replace(vehicle, position=None, speed=None, course=None)
         if vehicle.attitude is not None and now - (vehicle.attitude_at or 0.0) > POSITION_LIFETIME:
-            self.vehicle = vehicle = replace(vehicle, attitude=None)
+            self.vehicle = vehicle = replace(vehicle, attitude=None, lean=None)
         if vehicle.pushes_since is not None and now - (vehicle.throttle_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = vehicle = replace(vehicle, pushes_since=None)
         mission = vehicle.mission

@@ -17,6 +17,7 @@ from anytraverse.judging import Settings
 from anytraverse.memory import MOST_GIVEN, Examples
 from anytraverse.preferences import MAX_WORDS
 from anytraverse.roi import RoiFigures
+from companion.vehicle.motion import LARGEST_LEAN
 from companion.vision.evidence import contradiction
 from companion.vision.freeze_detector import CELLS
 from companion.vision.messages import (
@@ -141,6 +142,8 @@ def _check_assessment(seen: Assessment, settings: Settings, now: float) -> None:
         _check_roi(seen.roi)
     _need(seen.asked is None or _shares(seen.asked.uncertainty), "the tile that is asked about")
     _need(seen.frame.depth is None and seen.frame.intrinsics is None, "a depth, which is left out")
+    lean = seen.frame.lean
+    _need(lean is None or (_finite(*lean) and max(map(abs, lean)) <= LARGEST_LEAN), "how the vehicle leans")
     if (observation := seen.observation) is not None:
         _need(observation.frame.id == seen.frame.id, "an observation of another frame")
         _need(observation.features is None and not observation.attended, "features, which are left out")

@@ -22,7 +22,6 @@ from msgspec import Meta, Raw, Struct, convert, msgpack, structs
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment
-from anytraverse.frame import Frame
 from anytraverse.history import History
 from anytraverse.preferences import MAX_WORD_LENGTH, MAX_WORDS, Preferences, Setting
 from anytraverse.regions import Box, Region
@@ -220,7 +219,7 @@ def _without_pixels(report: Report) -> Report:
 
 def _figures(seen: Assessment) -> Assessment:
     """Return an assessment without depth, attention maps and features."""
-    frame = Frame(seen.frame.id, seen.frame.captured_at, seen.frame.image)
+    frame = replace(seen.frame, depth=None, intrinsics=None)
     maps, observation = seen.maps, seen.observation
     if maps is not None:
         maps = replace(maps, attention=maps.attention[:0])

@@ -21,6 +21,7 @@ from anytraverse.regions import Box
 from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
+from companion.vehicle.motion import Lean
 from companion.vision.freeze_detector import Luma
 from companion.wire.ids import State
 from companion.wire.packing import clean
@@ -123,10 +124,14 @@ class Tune:
 
 @dataclass(frozen=True)
 class Situation:
-    """Says where the vehicle is, and how much to judge. rate: frames/s, None: as configured."""
+    """Says where the vehicle is, and how much to judge.
+
+    rate: frames/s, None: as configured. lean: the newest report of how it leans.
+    """
 
     place: Place
     rate: float | None = None
+    lean: Lean | None = None
 
 
 @dataclass(frozen=True)

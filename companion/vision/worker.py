@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from dataclasses import replace
 
 from anytraverse.answers import AnswerOutcome
@@ -17,6 +17,7 @@ from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
+from companion.vehicle.motion import Lean, lean_at
 from companion.vision import pictures
 from companion.vision.exposure import ADVICE, ExposureDetector
 from companion.vision.freeze_detector import Luma, luma
@@ -45,6 +46,8 @@ RECENT = 3
 STORED_FRAMES = 3
 """Stored frames of calls and holds, to which answers and taps may refer."""
 _LOGGED_AGAIN = 10.0
+_LEANS = 16
+"""Reports of how the vehicle leans that are kept: those of the last 4 s."""
 
 
 class Worker:
@@ -58,6 +61,7 @@ class Worker:
         self._tuning = 0
         """Number of the `Tune` in force."""
         self._situation = Situation(Place())
+        self._leans: deque[Lean] = deque(maxlen=_LEANS)
         self._exposure_detector = ExposureDetector()
         self._badly_exposed = ""
         self._infrared_detector = InfraredDetector()
@@ -72,8 +76,10 @@ class Worker:
         match request:
             case Tune(number, settings):
                 self._tuning, self._engine.settings = number, settings
-            case Situation():
+            case Situation(lean=lean):
                 self._situation = request
+                if lean is not None and (not self._leans or lean.at > self._leans[-1].at):
+                    self._leans.append(lean)
             case Apply():
                 return [self._answer(request)]
             case Restore():
@@ -91,6 +97,7 @@ class Worker:
     def judge(self, frame: Frame) -> FrameJudged:
         """Judge a new frame. An exception makes the frame's assessment a fault."""
         started = time.monotonic()
+        frame = replace(frame, lean=lean_at(self._leans, frame.captured_at))
         try:
             seen = self._engine.step(frame, started, self._situation.place)
         except Exception:

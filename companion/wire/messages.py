@@ -79,7 +79,7 @@ _ROWS: tuple[_Row, ...] = (
     ("sticks",      "MANUAL_CONTROL",      "centred: it lives (PX4)", OUT, 0.1, 23, 0, None, "next one"),
     ("vehicle",     "HEARTBEAT",           "id, mode, armed",   IN,   1.0,  21,  None, None,  "next one"),
     ("position",    "GLOBAL_POSITION_INT", "place, speed",      IN,   0.5,  40,  None, None,  "old in 5 s"),
-    ("attitude",    "ATTITUDE",            "how it stands",     IN,   0.5,  40,  None, None,  "old in 5 s"),
+    ("attitude",    "ATTITUDE",            "how it stands",     IN,   0.25, 40,  None, None,  "old in 5 s"),
     ("throttle",    "VFR_HUD",             "whether it drives", IN,   0.5,  32,  None, None,  "old in 5 s"),
     ("time",        "SYSTEM_TIME",         "where ours is not set", IN, 5.0, 24, None, None, "next one"),
     ("rc",          "RC_CHANNELS",         "off switch",        IN,   0.2,  54,  None, None,  "old in 3 s"),

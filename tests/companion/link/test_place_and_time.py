@@ -38,12 +38,25 @@ def test_an_attitude_that_cannot_be_is_not_taken(wrong: float) -> None:
         assert told(LoopbackLink(), attitude(*angles)).attitude is None
 
 
+def test_a_lean_has_the_rates_of_its_report_but_for_one_that_cannot_be() -> None:
+    stage = LoopbackLink()
+    told(stage, attitude(0.0, 0.0, 0.0))
+    turning = mavlink.MAVLink_attitude_message(0, 0.02, 0.05, 0.0, 0.1, -0.2, 0.0)
+    lean = told(stage, turning).lean
+    assert lean is not None
+    assert (lean.pitch, lean.bank) == pytest.approx((2.87, 1.15), rel=0.1)
+    assert (lean.pitch_rate, lean.bank_rate) == pytest.approx((-11.46, 5.73), abs=0.01)
+    lean = told(stage, mavlink.MAVLink_attitude_message(0, 0.02, 0.05, 0.0, math.nan, 99.0, 0.0)).lean
+    assert lean is not None
+    assert (lean.pitch_rate, lean.bank_rate) == (0.0, 0.0)
+
+
 def test_an_old_attitude_is_forgotten() -> None:
     stage = LoopbackLink()
     told(stage, attitude(0.0, 0.0, 1.0))
     stage.run(6.0)
     assert stage.link.vehicle is not None
-    assert stage.link.vehicle.attitude is None
+    assert (stage.link.vehicle.attitude, stage.link.vehicle.lean) == (None, None)
 
 
 def test_the_autopilots_time_goes_on_by_itself() -> None:

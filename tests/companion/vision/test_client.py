@@ -27,6 +27,7 @@ from companion.config.web import WebSection
 from companion.sim.loopback_vision import LoopbackVision
 from companion.system.watchdog import SILENT_AFTER
 from companion.tasks import VISION
+from companion.vehicle.motion import Lean
 from companion.vision.checks import LONGEST_VECTOR
 from companion.vision.client import (
     MAX_DRAWINGS,
@@ -809,12 +810,24 @@ def test_what_it_says_of_the_camera_is_kept_and_forgotten_when_it_dies(stage: St
 def test_where_it_is_is_told_some_five_times_a_second(stage: Stage) -> None:
     for _ in range(100):
         stage.clock.now += 0.02
-        stage.vision.situation(Place(1.0, 2.0), stage.clock.now, moving=True)
+        stage.vision.situation(Place(1.0, 2.0), None, stage.clock.now, moving=True)
     stage.child.live(CameraStatus(), None)
     stage.turn()
     told = [one for one in stage.child.requests if isinstance(one, Situation)]
     assert told[0] == Situation(Place(1.0, 2.0), rate=10.0)
     assert 9 <= len(told) <= 11
+
+
+def test_each_new_report_of_the_lean_is_told_at_once(stage: Stage) -> None:
+    for number in range(4):
+        stage.clock.now += 0.02
+        lean = Lean(stage.clock.now, 0.1 * number, 0.0, 0.0, 0.0)
+        for _ in range(2):
+            stage.vision.situation(Place(), lean, stage.clock.now, moving=True)
+    stage.child.live(CameraStatus(), None)
+    stage.turn()
+    told = [one.lean for one in stage.child.requests if isinstance(one, Situation)]
+    assert [round(one.pitch, 1) for one in told if one is not None] == [0.0, 0.1, 0.2, 0.3]
 
 
 def test_a_closed_one_has_no_process_and_takes_nothing(stage: Stage) -> None:

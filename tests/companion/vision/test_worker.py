@@ -19,6 +19,7 @@ from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
 from anytraverse.operations import Operation, SetWord, Tap
 from anytraverse.roi import RoiFigures
+from companion.vehicle.motion import Lean
 from companion.vision import pictures
 from companion.vision.memory_copy import updated
 from companion.vision.messages import (
@@ -231,6 +232,15 @@ def test_without_a_place_of_the_call_it_is_the_vehicles(stage: Stage) -> None:
     stage.ask((SetWord("drum", 1.0),), asked, call_id=3, go=True)
     entry = next(entry for entry in stage.engine.memory.history if entry.call_id == 3)
     assert entry.place == Place(1.0, 2.0)
+
+
+def test_a_frame_has_the_lean_of_its_own_moment(stage: Stage) -> None:
+    assert stage.look().assessment.frame.lean is None, "nothing was reported"
+    captured_at = stage.look().assessment.frame.captured_at
+    for after in (0.0, 5.0, 0.1):  # the last is older than the newest, and is not taken
+        stage.worker.handle(Situation(Place(), lean=Lean(captured_at + after, 1.0 + after, -2.0, 0.0, 0.0)))
+    lean = stage.look().assessment.frame.lean
+    assert lean == pytest.approx((1.0, -2.0)), "the report that is nearest in time"
 
 
 @pytest.mark.parametrize("frame_id", [2, 77])

@@ -1,0 +1,80 @@
+"""How the vehicle leans against the ground: swings pass, slopes do not, a frame gets its own moment."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.vehicle.motion import LONGEST_GAP, NEAR_ENOUGH, Lean, LeanFilter, lean_at
+
+EVERY = 0.25
+
+
+def leaned(pitches: list[float], every: float = EVERY) -> list[float]:
+    """The pitch that is told for reports of these pitches."""
+    told = LeanFilter()
+    return [told.take(index * every, (pitch, 0.0)).pitch for index, pitch in enumerate(pitches)]
+
+
+def swing(seconds: float, degrees: float = 2.0) -> list[float]:
+    return [degrees * math.sin(math.tau * 0.7 * at * EVERY) for at in range(round(seconds / EVERY))]
+
+
+def test_a_swing_passes_nearly_whole() -> None:
+    reported = swing(60.0)
+    errors = [abs(one - other) for one, other in zip(leaned(reported), reported, strict=True)]
+    assert sorted(errors[40:])[int(0.9 * len(errors[40:]))] < 0.2
+
+
+def test_a_slope_on_which_it_stays_is_no_lean() -> None:
+    assert leaned([0.0, *[8.0] * 80])[-1] == pytest.approx(0.0, abs=0.05)
+
+
+def test_the_first_report_and_the_first_after_a_gap_say_nothing() -> None:
+    told = LeanFilter()
+    assert told.take(100.0, (12.0, -3.0))[1:3] == (0.0, 0.0)
+    assert told.take(100.2, (14.0, -3.0)).pitch == pytest.approx(2.0, abs=0.2)
+    assert told.take(100.3 + LONGEST_GAP, (9.0, 5.0))[1:3] == (0.0, 0.0)
+    assert told.take(90.0, (1.0, 1.0))[1:3] == (0.0, 0.0), "a clock that ran backwards"
+
+
+def test_a_frame_between_two_reports_gets_the_nearest_one_moved_on_by_its_rate() -> None:
+    reports = [Lean(1.0, 1.0, -1.0, 4.0, 2.0), Lean(1.25, 3.0, 0.0, 8.0, 0.0)]
+    assert lean_at(reports, 1.1) == pytest.approx((1.4, -0.8))
+    assert lean_at(reports, 1.2) == pytest.approx((2.6, 0.0))
+    assert lean_at(reports, 1.3) == pytest.approx((3.4, 0.0))
+
+
+def test_a_frame_without_a_report_near_it_has_no_lean() -> None:
+    assert lean_at([], 1.0) is None
+    assert lean_at([Lean(1.0, 0.0, 0.0, 0.0, 0.0)], 1.01 + NEAR_ENOUGH) is None
+    assert lean_at([Lean(1.0, 60.0, 0.0, 0.0, 0.0)], 1.0) is None, "it lies on its side"
+
+
+def test_at_four_reports_a_second_nine_of_ten_frames_of_a_swing_are_right_to_a_third_of_a_degree() -> None:
+    told, rate = LeanFilter(), math.tau * 0.7
+    reports = [
+        told.take(at, (2.0 * math.sin(rate * at), 0.0), (2.0 * rate * math.cos(rate * at), 0.0))
+        for at in [EVERY * index for index in range(240)]
+    ]
+    errors = []
+    for index in range(600):
+        at = 20.0 + index * 0.061
+        lean = lean_at(reports, at)
+        assert lean is not None
+        errors.append(abs(lean[0] - 2.0 * math.sin(rate * at)))
+    assert sorted(errors)[540] < 0.33
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(-90, 90)), min_size=1, max_size=40))
+def test_whatever_is_reported_the_lean_is_no_more_than_twice_the_largest_angle(
+    reported: list[tuple[float, float]],
+) -> None:
+    told, at = LeanFilter(), 0.0
+    for after, pitch in reported:
+        at += after
+        lean = told.take(at, (pitch, -pitch))
+        assert abs(lean.pitch) <= 2.0 * max(abs(angle) for _, angle in reported) + 1e-9

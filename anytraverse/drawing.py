@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.frame import Image
-from anytraverse.regions import Box
+from anytraverse.regions import Region
 
 Colour = tuple[int, int, int]
 Map = NDArray[np.float32]
@@ -121,13 +121,12 @@ def fitted(image: Image, width: int) -> Image:
     return np.asarray(cv2.resize(image, (width, height), interpolation=method), dtype=np.uint8)
 
 
-def outline(canvas: Image, box: Box, colour: Colour, thickness: int = 2) -> None:
-    """Draw a box with a dark rim, which makes it visible on any background."""
+def outline(canvas: Image, region: Region, colour: Colour, thickness: int = 2) -> None:
+    """Draw a region with a dark rim, which makes it visible on any background."""
     height, width = canvas.shape[:2]
-    first = round(box.left * (width - 1)), round(box.top * (height - 1))
-    last = round(box.right * (width - 1)), round(box.bottom * (height - 1))
-    cv2.rectangle(canvas, first, last, (20, 20, 20), thickness + 2, cv2.LINE_AA)
-    cv2.rectangle(canvas, first, last, colour, thickness, cv2.LINE_AA)
+    corners = np.rint(np.multiply(region.corners, (width - 1, height - 1))).astype(np.int32)
+    cv2.polylines(canvas, [corners], True, (20, 20, 20), thickness + 2, cv2.LINE_AA)  # noqa: FBT003
+    cv2.polylines(canvas, [corners], True, colour, thickness, cv2.LINE_AA)  # noqa: FBT003
 
 
 @lru_cache(maxsize=8)

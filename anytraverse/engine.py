@@ -150,7 +150,7 @@ class AnyTraverse:
     def figures_of(self, observation: Observation, maps: Maps) -> RoiFigures | Finding:
         """Calculate the figures of the region of interest, or say which fault prevents it."""
         height, width = observation.frame.image.shape[:2]
-        return roi_figures(maps, width / height, self.settings)
+        return roi_figures(maps, width / height, self.settings.at(observation.frame.lean))
 
     def answer(
         self,

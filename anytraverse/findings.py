@@ -121,7 +121,7 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
     """Calculate the ROI's figures; a fault when it holds no pixel. aspect: width / height of the frame."""
     height, width = maps.signed.shape
     inside = settings.region.mask(height, width)
-    worst = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_side)
+    worst = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile)
     if worst is None:
         return Finding.fault("the ROI holds no pixel: make it larger")
     known = int(maps.known[inside].sum())
@@ -140,13 +140,13 @@ def roi_figures(maps: Maps, aspect: float, settings: Settings) -> RoiFigures | F
 
 def tile_outside(maps: Maps, aspect: float, settings: Settings, outside: Mask) -> Tile | None:
     """Return the worst tile outside a mask, (h, w), with the square that is shown; None where none fits."""
-    tile = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile_side, outside=outside)
+    tile = worst_tile(maps.uncertainty, settings.region, aspect, settings.tile, outside=outside)
     return None if tile is None else _with_square(tile, aspect, settings)
 
 
 def _with_square(tile: Tile, aspect: float, settings: Settings) -> Tile:
     """Return a tile that is smaller than `SHOWN` with the square around it, inside the ROI's bounds."""
-    if settings.tile_side >= SHOWN:
+    if settings.tiles is not None or settings.tile_side >= SHOWN:
         return tile
     bounds, box = settings.region.bounds, tile.box
     side = SHOWN * (bounds.right - bounds.left)
@@ -271,7 +271,7 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
         return None
     limit = settings.thresholds.tile
     calling = worst.box.mask(*maps.signed.shape) if limit is not None and worst.uncertainty > limit else None
-    tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile_side, outside=calling)
+    tile = worst_tile(maps.strangeness, settings.region, aspect, settings.tile, outside=calling)
     if tile is None:
         return None
     found = _with_word(maps, tile, float(maps.uncertainty[tile.box.slices(*maps.signed.shape)].mean()))
@@ -280,7 +280,7 @@ def _named_tile(maps: Maps, aspect: float, settings: Settings, worst: Tile) -> N
     # What was found may be part of the thing that calls already, which may be larger than its tile. So search
     # for the tile in which words of no positive weight explain most.
     explained_difference = maps.strangeness - maps.uncertainty
-    beside = worst_tile(explained_difference, settings.region, aspect, settings.tile_side, outside=calling)
+    beside = worst_tile(explained_difference, settings.region, aspect, settings.tile, outside=calling)
     # its value is the difference, all of which these words explain: nothing is left
     return found if beside is None else _with_word(maps, beside, 0.0)
 

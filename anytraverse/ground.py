@@ -10,16 +10,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from anytraverse.errors import SettingsError
+from anytraverse.regions import Quad, TileScale
 
 Points = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 RELIABLE = 6.0
 """Metres. Beyond, a tilt that is wrong by 1 degree moves the ground by a metre: nothing is told there."""
+_ROUNDING = 1e-6
 WIDEST = 120.0
 """Degrees. A wider view does not follow the pinhole model."""
 
@@ -78,12 +82,11 @@ class GroundCamera:
         """Return this camera at a moment at which the vehicle leans so, in degrees."""
         return replace(self, pitch=pitch, bank=bank)
 
-    @cached_property
+    @property
     def homography(self) -> Matrix:
         """From the ground (x, y, 1) to the picture, homogeneous, (3, 3); its third row is the depth in m."""
         plane = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -self.height]])
-        directions = self._rotation.T @ plane
-        return np.asarray(self.lens.matrix @ directions)
+        return np.asarray(self.lens.matrix @ self._rotation.T @ plane)
 
     def to_picture(self, ground: Points) -> Points:
         """Return where ground points (n, 2) in m appear, (n, 2); NaN for what is not in front of the lens."""
@@ -97,6 +100,18 @@ class GroundCamera:
         rays = directions @ self._rotation.T
         falls = np.where(rays[:, 2:] < 0.0, rays[:, 2:], np.nan)
         return np.asarray(-self.height * rays[:, :2] / falls)
+
+    def nearest(self, width: float) -> float:
+        """Return the metres from the vehicle's front to the nearest ground that is `width` m wide in view.
+
+        For a vehicle that does not lean. Infinite where there is none within `RELIABLE` m of the lens.
+        """
+        ahead = np.arange(max(0.05, self.front), RELIABLE, 0.05)
+        inside = np.ones(len(ahead), dtype=np.bool_)
+        for side in (-width / 2, width / 2):
+            seen = self.to_picture(np.column_stack([ahead, np.full(len(ahead), side)]))
+            inside &= ((seen >= 0.0) & (seen <= 1.0)).all(axis=1)
+        return float(ahead[np.argmax(inside)]) - self.front if inside.any() else math.inf
 
     def distance(self, row: float) -> float:
         """Return the metres from the vehicle's front to where a row (0 top, 1 bottom) meets the ground.
@@ -133,12 +148,80 @@ class GroundCamera:
         along = metres * self.lens.focal_x / width
         return max(0.0, (along - self.height * math.sin(tilt)) / math.cos(tilt) - self.front)
 
-    @cached_property
+    @property
     def _rotation(self) -> Matrix:
         """From the camera's axes (right, down, ahead) to the ground's (ahead, left, up), (3, 3)."""
         axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
         mount = _turned(-self.heading, 2) @ _turned(self.tilt, 1) @ _turned(self.roll, 0)
         return np.asarray(_turned(-self.pitch, 1) @ _turned(self.bank, 0) @ mount @ axes)
+
+
+@dataclass(frozen=True)
+class GroundRegion:
+    """A region of interest on the ground, in front of the vehicle and as wide on its left as on its right.
+
+    near, far: m from the vehicle's front. width: m. vehicle: the vehicle's width, m. tile: side in m of the
+    upright square that a thing fills when it is noticed. Raises SettingsError where it holds no ground, is
+    narrower than the vehicle, or reaches beyond `RELIABLE` metres from the lens.
+    """
+
+    camera: GroundCamera
+    near: float
+    far: float
+    width: float
+    vehicle: float
+    tile: float = 0.4
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.near < self.far:
+            raise SettingsError(f"the region from {self.near:g} to {self.far:g} m holds no ground")
+        if not 0.0 < self.vehicle <= self.width:
+            raise SettingsError(f"region {self.width:g} m wide, vehicle {self.vehicle:g}: widen it")
+        if self.camera.front + self.far > RELIABLE + _ROUNDING:
+            most = RELIABLE - self.camera.front
+            raise SettingsError(f"region ends {self.far:.1f} m ahead, the ground is known to {most:.1f}")
+        if self.tile <= 0.0:
+            raise SettingsError(f"a tile of {self.tile:g} m holds nothing")
+
+    def in_picture(self, lean: tuple[float, float] | None) -> RegionInPicture:
+        """Return how it appears when the vehicle leans so: pitch and bank in degrees, None: not at all."""
+        return _in_picture(self, lean or (0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class RegionInPicture:
+    """How a region of the ground appears in a picture.
+
+    region: where it lies. near, far: (row, width of the vehicle there) in fractions of the picture's height
+    and width; the row may lie outside of it. tiles: how large a tile is.
+    """
+
+    region: Quad
+    near: tuple[float, float]
+    far: tuple[float, float]
+    tiles: TileScale
+
+
+@lru_cache(64)
+def _in_picture(ground: GroundRegion, lean: tuple[float, float]) -> RegionInPicture:
+    camera = ground.camera.leaning(*lean)
+    near, far = camera.front + ground.near, camera.front + ground.far
+    half, half_vehicle, half_tile = ground.width / 2, ground.vehicle / 2, ground.tile / 2
+    corners = [(far, half), (far, -half), (near, -half), (near, half)]
+    sides = [(x, y * side) for y in (half_vehicle, half_tile) for x in (near, far) for side in (1, -1)]
+    seen = camera.to_picture(np.array(corners + sides))
+    if not np.isfinite(seen).all():  # it leans so far that the near ground is behind the lens
+        seen = np.full(seen.shape, -1.0)
+    places = [(float(x), float(y)) for x, y in seen]
+    widths = [
+        ((left[1] + right[1]) / 2, right[0] - left[0])
+        for left, right in zip(places[4::2], places[5::2], strict=True)
+    ]
+    (low, wide), (high, slim) = widths[2:]
+    slope = (wide - slim) / (low - high) if low != high else 0.0
+    horizon = low - wide / slope if slope else low
+    corner = (places[0], places[1], places[2], places[3])
+    return RegionInPicture(Quad(corner), widths[0], widths[1], TileScale(horizon, slope))
 
 
 def _turned(degrees: float, axis: int) -> Matrix:

@@ -62,17 +62,17 @@ def draw_state(
 ) -> Image:
     """Draw the judgement over the image, with a bar in the state's colour above, figures and a legend below.
 
-    Green is drivable, vermilion is not, violet stripes are unknown. The white box is the ROI. The yellow box
-    is `marked_box`, in which nothing is tinted; a yellow line surrounds the thing that reaches into it.
+    Green is drivable, vermilion is not, violet stripes are unknown. White is the ROI's outline. The yellow
+    box is `marked_box`, in which nothing is tinted; a yellow line surrounds the thing that reaches into it.
     """
     picture = fitted(image, width)
-    draw_judgement(picture, assessment, region.bounds)
+    draw_judgement(picture, assessment, region)
     foot = _foot(width, note or figures(assessment))
     _draw_legend(foot, 8, 26)
     return np.vstack([_bar(width, title, colour), picture, foot])
 
 
-def draw_judgement(picture: Image, assessment: Assessment, roi: Box) -> None:
+def draw_judgement(picture: Image, assessment: Assessment, region: Region) -> None:
     """Draw tint, boxes and the thing's outline of `draw_state` into a picture of any size."""
     height, width = picture.shape[:2]
     marked = marked_box(assessment)
@@ -89,7 +89,7 @@ def draw_judgement(picture: Image, assessment: Assessment, roi: Box) -> None:
         cv2.drawContours(picture, around, -1, (20, 20, 20), 4, cv2.LINE_AA)
         cv2.drawContours(picture, around, -1, YELLOW, 2, cv2.LINE_AA)
         picture[untouched] = seen
-    draw_boxes(picture, assessment, roi)
+    draw_boxes(picture, assessment, region)
 
 
 def draw_frame(image: Image, title: str, note: str = "", *, width: int = STATE_WIDTH) -> Image:
@@ -109,8 +109,8 @@ def _foot(width: int, text: str) -> Image:
     return foot
 
 
-def draw_boxes(picture: Image, assessment: Assessment, roi: Box) -> None:
-    outline(picture, roi, PAPER, 2)
+def draw_boxes(picture: Image, assessment: Assessment, region: Region) -> None:
+    outline(picture, region, PAPER, 2)
     if (marked := marked_box(assessment)) is not None:
         outline(picture, marked, YELLOW, 2)
 

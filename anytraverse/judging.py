@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from anytraverse.errors import SettingsError
+from anytraverse.ground import GroundRegion
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
-from anytraverse.regions import Box, Region
+from anytraverse.regions import Box, Region, TileScale
 from anytraverse.roi import Corridor
 
 LARGEST_TILE = 0.25
@@ -82,6 +84,8 @@ class Settings:
     frames must match a remembered scene before it is adopted. scene_every: every n-th frame gets an embedding
     of its own, 1 to 100; see `SceneWatch`. pooling, uncertainty: names in `POOLINGS` and `UNCERTAINTIES`.
     misfit_allowed: whether the vehicle may be wider than the region, see `misfit`. No frame is OK then.
+    ground: the ROI in metres, None: `region` is all that is known of it. It is where `ground` lies for a
+    vehicle that does not lean; a frame is judged by its own region and `tiles`, see `at`.
     Raises SettingsError for a number out of range, an unknown name, or a misfit that is not allowed.
     """
 
@@ -97,6 +101,8 @@ class Settings:
     pooling: str = "max"
     uncertainty: str = "max"
     misfit_allowed: bool = False
+    ground: GroundRegion | None = None
+    tiles: TileScale | None = None
 
     def __post_init__(self) -> None:
         _check("tile_share", self.tile_share, 0.0 < self.tile_share <= 1.0, "above 0, at most 1")
@@ -118,7 +124,21 @@ class Settings:
     @property
     def misfit(self) -> str:
         """Why the vehicle does not fit into the region, "" where it does: see `Corridor.misfit`."""
+        if self.ground is not None or self.tiles is not None:
+            return ""  # a `GroundRegion` is as wide as the vehicle, or wider
         return self.corridor.misfit(self.region.bounds)
+
+    def at(self, lean: tuple[float, float] | None) -> Settings:
+        """Return a frame's settings: region, corridor and tiles as they appear when the vehicle leans so.
+
+        lean: as in `Frame`. They are these settings themselves where no region in metres is known.
+        """
+        return self if self.ground is None else _seen(self, self.ground, lean)
+
+    @property
+    def tile(self) -> float | TileScale:
+        """How large a tile is: over the ROI's width, or by its distance."""
+        return self.tiles or self.tile_side
 
     @property
     def tile_side(self) -> float:
@@ -132,6 +152,26 @@ class Settings:
         bounds = self.region.bounds
         width = bounds.right - bounds.left
         return max(self.tile_share, min(LARGEST_TILE, self.tile_width / width))
+
+
+@lru_cache(16)
+def _seen(settings: Settings, ground: GroundRegion, lean: tuple[float, float] | None) -> Settings:
+    seen = ground.in_picture(lean)
+    (low, wide), (high, slim) = seen.near, seen.far
+    bounds, corridor = seen.region.bounds, settings.corridor
+    top, bottom = max(0.0, high), min(1.0, low)
+    if top < bottom:
+        slope = (wide - slim) / (low - high)
+        middle = ground.width / ground.vehicle * (wide + slim) / 2
+        corridor = replace(
+            corridor,
+            bottom=wide + slope * (bottom - low),
+            top=slim + slope * (top - high),
+            bottom_row=bottom,
+            top_row=top,
+            gap=min(1.0, corridor.gap * middle / (bounds.right - bounds.left)),
+        )
+    return replace(settings, region=seen.region, corridor=corridor, tiles=seen.tiles, ground=None)
 
 
 def _check(name: str, value: object, holds: bool, expected: str) -> None:

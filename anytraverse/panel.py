@@ -137,7 +137,7 @@ def _map(
     picture = coloured(enlarged(values, width, base.shape[0]), scale.stops, scale.low, scale.high)
     relief = cv2.cvtColor(base, cv2.COLOR_RGB2GRAY).astype(np.float32)[..., None] / 255
     shaded = (picture * (1 - _RELIEF + _RELIEF * relief)).round().astype(np.uint8)
-    outline(shaded, region.bounds, PAPER, 1)
+    outline(shaded, region, PAPER, 1)
     return _framed(shaded, name, note, scale)
 
 
@@ -163,7 +163,7 @@ def _framed(picture: Image, name: str, note: str, scale: _Scale | None) -> Image
 def _mark(tile: Image, image: Image, assessment: Assessment, region: Region) -> None:
     """Draw the boxes into the picture inside a framed tile."""
     height = fitted(image, tile.shape[1]).shape[0]
-    draw_boxes(tile[_CAPTION : _CAPTION + height], assessment, region.bounds)
+    draw_boxes(tile[_CAPTION : _CAPTION + height], assessment, region)
 
 
 def _roi_note(assessment: Assessment) -> str:

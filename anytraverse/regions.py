@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -11,10 +12,19 @@ from numpy.typing import NDArray
 
 from anytraverse.errors import RegionError
 
+_SLIVER = 1e-6
+Place = tuple[float, float]
+"""x and y in fractions of the image's width and height; may lie outside of it."""
+Corners = tuple[Place, Place, Place, Place]
+
 
 @runtime_checkable
 class Region(Protocol):
-    """Describes a part of the image. `Box` is one kind; a polygon would be another."""
+    """Describes a part of the image: a `Box`, or a `Quad`."""
+
+    @property
+    def corners(self) -> Corners:
+        """The corners, clockwise, the first at the upper left; they may lie outside of the image."""
 
     @property
     def bounds(self) -> Box:
@@ -52,6 +62,12 @@ class Box:
             return None
         left, right = int(columns[0]) / width, int(columns[-1] + 1) / width
         return cls(left, int(rows[0]) / height, right, int(rows[-1] + 1) / height)
+
+    @property
+    def corners(self) -> Corners:
+        """The corners, clockwise, the first at the upper left."""
+        left, top, right, bottom = self.left, self.top, self.right, self.bottom
+        return (left, top), (right, top), (right, bottom), (left, bottom)
 
     @property
     def bounds(self) -> Box:
@@ -100,3 +116,52 @@ class Box:
     def contains(self, x: float, y: float) -> bool:
         """Return whether the point (x, y), in fractions, is inside or on the edge."""
         return self.left <= x <= self.right and self.top <= y <= self.bottom
+
+
+@dataclass(frozen=True)
+class Quad:
+    """Holds a convex quadrilateral: its corners clockwise, the first at its upper left."""
+
+    corners: Corners
+
+    @property
+    def bounds(self) -> Box:
+        """The box around what of it lies in the image; one without a pixel where nothing of it does."""
+        (left, right), (top, bottom) = (_within(side) for side in zip(*self.corners, strict=True))
+        return Box(left, top, right, bottom)
+
+    def mask(self, height: int, width: int) -> NDArray[np.bool_]:
+        """Mark the pixels whose centre lies inside, (height, width)."""
+        return _mask(self, height, width)
+
+
+def _within(sides: tuple[float, ...]) -> tuple[float, float]:
+    low, high = (min(1.0, max(0.0, side)) for side in (min(sides), max(sides)))
+    return (
+        (low, high) if high - low >= _SLIVER else (min(low, 1.0 - _SLIVER), min(low, 1.0 - _SLIVER) + _SLIVER)
+    )
+
+
+@lru_cache(64)
+def _mask(quad: Quad, height: int, width: int) -> NDArray[np.bool_]:
+    x, y = (np.arange(width) + 0.5) / width, ((np.arange(height) + 0.5) / height)[:, np.newaxis]
+    inside = np.ones((height, width), dtype=np.bool_)
+    for (ax, ay), (bx, by) in zip(quad.corners, (*quad.corners[1:], quad.corners[0]), strict=True):
+        inside &= (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0.0
+    inside.flags.writeable = False
+    return inside
+
+
+@dataclass(frozen=True)
+class TileScale:
+    """Says how large an upright square on the ground appears: by how far its foot is below a row.
+
+    horizon: that row. slope: the square's width over the image's width, for each image height below it.
+    """
+
+    horizon: float
+    slope: float
+
+    def side(self, row: float) -> float:
+        """Return the width of the square whose foot is on this row, over the image's width; at least 0."""
+        return max(0.0, self.slope * (row - self.horizon))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.errors import SettingsError
-from anytraverse.regions import Box, Region
+from anytraverse.regions import Box, Region, TileScale
 
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -171,11 +171,16 @@ def explained(strange: float, left: float) -> float:
 
 
 def worst_tile(
-    uncertainty: Map, region: Region, aspect: float, share: float = 0.25, outside: Mask | None = None
+    uncertainty: Map,
+    region: Region,
+    aspect: float,
+    share: float | TileScale = 0.25,
+    outside: Mask | None = None,
 ) -> Tile | None:
     """Return the square window of the ROI whose mean uncertainty is highest.
 
-    uncertainty: (h, w). aspect: width / height of the frame. share: the window's side over the ROI's width.
+    uncertainty: (h, w). aspect: width / height of the frame. share: the window's side over the ROI's width,
+    or by the row of its foot, which lies in the ROI; its upper part need not.
     outside: a (h, w) mask whose pixels do not count; a window counts when at least half of its pixels do.
     None when no window counts. A NaN in the ROI gives a tile of uncertainty NaN.
     """
@@ -189,6 +194,8 @@ def worst_tile(
     values = np.where(counted, uncertainty[rows, columns], 0.0)
     if not counted.any():
         return None
+    if isinstance(share, TileScale):
+        return _worst_upright(values, counted, (rows.start, columns.start), uncertainty.shape, aspect, share)
     tile_height, tile_width = tile_size(height, width, bounds, aspect, share)
     sums = _window_sums(values, tile_height, tile_width)
     counts = _window_sums(counted.astype(np.float64), tile_height, tile_width)
@@ -200,6 +207,46 @@ def worst_tile(
     top, left = rows.start + int(row), columns.start + int(column)
     box = Box(left / width, top / height, (left + tile_width) / width, (top + tile_height) / height)
     return Tile(box, float(np.clip(means[row, column], 0.0, 1.0)))
+
+
+def _worst_upright(
+    values: Map,
+    counted: Mask,
+    start: tuple[int, int],
+    shape: tuple[int, ...],
+    aspect: float,
+    tiles: TileScale,
+) -> Tile | None:
+    """Do what `worst_tile` does for windows whose size depends on the row of their foot.
+
+    values, counted: (rows, columns) of the ROI's bounds, which begin at the row and column `start` of a map
+    of `shape`.
+    """
+    height, width = shape
+    rows, columns = values.shape
+    feet = np.arange(rows)
+    sides = [tiles.side((start[0] + row + 1) / height) for row in feet]
+    wide = np.clip(np.rint(np.multiply(sides, width)), 1, columns).astype(np.intp)
+    high = np.maximum(1, np.rint(np.multiply(sides, aspect * height))).astype(np.intp)
+    tops, ends = np.maximum(0, feet + 1 - high)[:, np.newaxis], (feet + 1)[:, np.newaxis]
+    lefts = np.arange(columns)[np.newaxis, :]
+    rights = np.minimum(columns, lefts + wide[:, np.newaxis])
+
+    def window(of: NDArray[np.generic]) -> NDArray[np.float64]:
+        table = np.zeros((rows + 1, columns + 1))
+        table[1:, 1:] = of.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
+        return np.asarray(table[ends, rights] - table[tops, rights] - table[ends, lefts] + table[tops, lefts])
+
+    counts = window(counted)
+    area = (ends - tops) * wide[:, np.newaxis]
+    enough = (counts >= 0.5 * area) & (rights - lefts == wide[:, np.newaxis])
+    if not enough.any():
+        return None
+    means = np.where(enough, window(values) / np.maximum(counts, 1.0), -1.0)
+    foot, left = (int(at) for at in np.unravel_index(int(np.argmax(means)), means.shape))
+    top, first = start[0] + int(tops[foot, 0]), start[1] + left
+    box = Box(first / width, top / height, (first + int(wide[foot])) / width, (start[0] + foot + 1) / height)
+    return Tile(box, float(np.clip(means[foot, left], 0.0, 1.0)))
 
 
 def tile_size(height: int, width: int, bounds: Box, aspect: float, share: float) -> tuple[int, int]:

@@ -40,7 +40,7 @@ class AnsweredThings:
         The tile lies outside of the answered things, if one out there is over the threshold.
         """
         seen = self.pointed(seen)
-        numbers, thing = self._numbers, Thing(reasons, scene_of(seen))
+        numbers, thing = self._numbers.at(seen), Thing(reasons, scene_of(seen))
         if seen.roi is None or seen.maps is None:
             return thing, seen
         for box in boxes_of(seen, reasons):
@@ -137,7 +137,7 @@ class AnsweredThings:
             return seen
         height, width = seen.frame.image.shape[:2]
         inside = self.cover(seen).inside
-        tile = tile_outside(seen.maps, width / height, self._numbers.judging, inside)
+        tile = tile_outside(seen.maps, width / height, self._numbers.at(seen).judging, inside)
         return seen if tile is None or tile.uncertainty <= limit else replace(seen, asked=tile)
 
     def _add(self, thing: Thing) -> None:

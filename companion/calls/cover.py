@@ -23,7 +23,7 @@ class Cover:
     """
 
     def __init__(self, things: Sequence[Thing], seen: Assessment, numbers: Numbers) -> None:
-        self._things, self._seen, self._numbers = things, seen, numbers
+        self._things, self._seen, self._numbers = things, seen, numbers.at(seen)
         self._level = max((thing.uncertainty for thing in things), default=0.0) + numbers.accepted_rise
 
     @cached_property
@@ -104,7 +104,7 @@ class Cover:
         if maps is None:
             return 1.0
         values = maps.strangeness if by_name else maps.uncertainty
-        tile = worst_tile(values, judging.region, self._aspect, judging.tile_side, outside=self.inside)
+        tile = worst_tile(values, judging.region, self._aspect, judging.tile, outside=self.inside)
         return tile.uncertainty if tile is not None else 0.0
 
     def _covers_corridor(self) -> bool:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from anytraverse.assessment import Assessment
 from anytraverse.judging import Settings
 
 
@@ -57,6 +58,11 @@ class Numbers:
     """Seconds for which the autopilot's script may brake before it holds, 0: it holds at once."""
     px4_hold: str = "loiter"
     """How a PX4 rover is held: a name of `PX4_HOLDS`."""
+
+    def at(self, seen: Assessment) -> Numbers:
+        """Return these numbers with the region, corridor and tiles by which a frame was judged."""
+        judging = self.judging.at(seen.frame.lean)
+        return self if judging is self.judging else replace(self, judging=judging)
 
     @property
     def freshness(self) -> float:

@@ -89,6 +89,7 @@ class Thing:
         """
         if self.mask is None or seen.maps is None:
             return self.mask
+        numbers = numbers.at(seen)
         blocks = Reason.BLOCKED in self.reasons
         found = track(self.mask, seen, seen.maps, numbers, blocks=blocks, at_once=at_once)
         widest = _WIDENS * max(self.room, 1.0) * self.shape
@@ -117,7 +118,7 @@ class Thing:
         """Raise the accepted figures to those of a frame with the things `inside`, (h, w)."""
         if seen.roi is None or seen.maps is None:
             return
-        uncertainty, strangeness = means_outside(seen.maps, inside, numbers)
+        uncertainty, strangeness = means_outside(seen.maps, inside, numbers.at(seen))
         self.uncertainty = max(self.uncertainty, uncertainty)
         # Without a name it was not accepted, so what has one is compared with what had none.
         named = Reason.BLOCKED in self.reasons or bool(self.blocked_by)
@@ -133,7 +134,7 @@ class Thing:
     def in_roi(self, seen: Assessment, numbers: Numbers) -> Mask:
         """Return what of its mask lies in the ROI, in the size of the frame's maps, (h, w)."""
         inside = sized(self.mask, seen)
-        return inside & numbers.judging.region.mask(*inside.shape)
+        return inside & numbers.at(seen).judging.region.mask(*inside.shape)
 
     def overlap(self, box: Box, *, asked: bool = False) -> float:
         """Return what it and a box, in fractions of the frame, have in common: share of the smaller one.

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from anytraverse.errors import SettingsError
 from anytraverse.preferences import Preferences, clean_word
 from companion.cameras.shown import shown
 from companion.config.checks import (
@@ -24,6 +25,7 @@ from companion.config.checks import (
 from companion.config.link_settings import LONGEST_PACE_WITH_STICKS
 from companion.config.radio import ConnectionSection
 from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, VehicleSection
+from companion.config.stopping import ground_region
 from companion.config.toml_file import ConfigError, KeyPath, Layer, Problem, nearest
 from companion.wire.parameters import MAX_WORDS, OBSTACLE, build, word_parameter
 
@@ -75,6 +77,11 @@ def _checked(main: Layer, vehicle: Layer | None, problems: list[Problem]) -> Con
     if sections["web"].token and main.is_open_to_all():
         reason = f"everybody on this computer may read it: chmod o-r {main.path}"
         problems.append(main.problem(("web", "token"), reason))
+    if not problems:
+        try:
+            ground_region(Config(**sections))
+        except SettingsError as error:
+            problems.append(main.problem(("roi", "far"), f"{error}: see [mount] and [roi] near, far, width"))
     if problems:
         raise ConfigError(problems)
     if sections["video"].listen and len(words.vocabulary) < MAX_WORDS:

@@ -151,7 +151,9 @@ class MountSection(Section):
         0.0, number(-180, 180), "direction in which it looks, degrees clockwise from the vehicle's nose"
     )
     roll: float = setting(0.0, number(-45, 45), "turn about the lens axis, degrees, right side down: above 0")
-    width: float | None = setting(None, number(0.1, 10), "the vehicle's width, m")
+    width: float | None = setting(
+        None, number(0.1, 10), "the vehicle's width, m; with it the region of interest is one in metres"
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         if (self.height is None) != (self.tilt is None):
@@ -201,7 +203,10 @@ class StoppingSection(Section):
 
 @dataclass(frozen=True)
 class RoiSection(Section):
-    """The region of interest, in fractions of the image's width and height."""
+    """The region of interest: in metres where mount and vehicle's width are known, else in fractions.
+
+    Fractions are of the image's width and height.
+    """
 
     left: float = setting(0.333, number(0, 1), "left side")
     top: float = setting(0.6, number(0, 1), "upper side")
@@ -214,7 +219,15 @@ class RoiSection(Section):
         "are set, else the perceiver's own",
     )
 
+    near: float = setting(0.3, number(0, 5), "m from the vehicle's front to the region, with a mount")
+    far: float | None = setting(
+        None, number(0.5, 6), "m from the vehicle's front to its far side; unset: by what stopping needs"
+    )
+    width: float | None = setting(None, number(0.2, 10), "its width, m; unset: the vehicle's and 0.6 m")
+
     def conflicts(self) -> Iterator[Conflict]:
+        if self.far is not None and self.near >= self.far:
+            yield ("near", "far"), f"near {self.near:g} must be less than far {self.far:g}"
         if self.left >= self.right:
             yield ("left", "right"), f"left {self.left:g} must be less than right {self.right:g}"
         if self.top >= self.bottom:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 
-from anytraverse.ground import WIDEST
+from anytraverse.ground import RELIABLE, WIDEST, GroundCamera, GroundRegion
 from anytraverse.judging import LARGEST_TILE, Settings
 from companion.config.schema import Config
 from companion.vehicle.ardupilot import LONGEST_BRAKE
@@ -18,6 +18,8 @@ FARTHEST = 20.0
 _SLOWEST = 0.05
 _PICTURE = 640
 """Pixels. Width of the picture in which a tile is told where the camera's is not configured."""
+_FURTHER, _AHEAD, _BESIDE = 1.2, 0.5, 0.6
+"""A region in metres ends at this factor of what stopping needs, and m; it is wider than the vehicle by m."""
 _UNKNOWN_MEAN = 0.8
 """Mean uncertainty of a thing that no word explains."""
 _BRAKED = 0.1
@@ -110,6 +112,9 @@ def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
 
     judging: the settings in force. Where mount or speed are not known, nothing is said against it.
     """
+    if (ground := judging.ground) is not None:
+        text = f"the region is {ground.near:.1f} to {ground.far:.1f} m ahead, {ground.width:.1f} m wide"
+        return f"{text}, a tile {ground.tile:g} m", True
     bounds, picture = judging.region.bounds, config.camera.width or _PICTURE
     width = judging.tile_side * (bounds.right - bounds.left)
     text, in_time = f"a tile is {width * picture:.0f} px wide in a picture of {picture}", True
@@ -131,8 +136,11 @@ def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
 
 def with_settings(config: Config, judging: Settings) -> Config:
     """Return the configuration with the region of interest and the tile of the settings in force."""
-    sides = asdict(judging.region.bounds)
-    return replace(config, roi=replace(config.roi, **sides, tile_share=judging.tile_side))
+    ground, roi = judging.ground, replace(config.roi, **asdict(judging.region.bounds))
+    if ground is None:
+        mount = replace(config.mount, width=None)
+        return replace(config, roi=replace(roi, tile_share=judging.tile_side), mount=mount)
+    return replace(config, roi=replace(roi, near=ground.near, far=ground.far, width=ground.width))
 
 
 def longest_brake(config: Config) -> float:
@@ -167,7 +175,7 @@ def judge_stopping(
     the reason debounced, or the vision process fails at that moment and T passes. Both at once are not
     assumed. T counts from the capture time that the camera reports, which does not include its latency.
     """
-    mount, stopping, roi, call = config.mount, config.stopping, config.roi, config.call
+    mount, stopping, call = config.mount, config.stopping, config.call
     fastest = max((one for one in (stopping.speed, speed) if one is not None), default=None)
     if mount.height is None or mount.tilt is None or fastest is None:
         missing = ["[mount] height and tilt"] if mount.height is None or mount.tilt is None else []
@@ -175,19 +183,53 @@ def judge_stopping(
     camera = config.ground_camera
     if camera is None:
         return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
-    # A thing is noticed when it fills so much of a tile that the tile's mean passes its threshold.
-    filled = min(1.0, tile / _UNKNOWN_MEAN) if tile is not None else 1.0
-    share = LARGEST_TILE if roi.tile_share is None else roi.tile_share
-    rows = filled * share * (roi.right - roi.left) * mount.aspect
-    sees = camera.distance(min(roi.top + rows, roi.bottom))
     interval = max(step, 1.0 / config.camera.rate)
     noticed = max(step + call.window * interval, config.freshness)
     react = config.camera.latency + noticed + stopping.delay
     # Those of HOLD, also where the script brakes first: for several reasons it may set HOLD at once.
     brakes = Brakes.of(stopping.braking, stopping.time_constant)
-    judged = Stopping(fastest, brakes, react, min(sees, FARTHEST), overrun=overrun)
+    judged = Stopping(fastest, brakes, react, 0.0, overrun=overrun)
+    configured = replace(judged, speed=stopping.speed or 0.0)
+    if (ground := _region(config, camera, configured.needs if stopping.speed else None)) is not None:
+        return replace(judged, sees=ground.far - ground.tile)
+    return _seeing_in_fractions(config, camera, judged, tile)
+
+
+def _seeing_in_fractions(
+    config: Config, camera: GroundCamera, judged: Stopping, tile: float | None
+) -> Stopping:
+    """Return the judgement with how far a thing is seen in a region that is known in fractions."""
+    roi = config.roi
+    # A thing is noticed when it fills so much of a tile that the tile's mean passes its threshold.
+    filled = min(1.0, tile / _UNKNOWN_MEAN) if tile is not None else 1.0
+    share = LARGEST_TILE if roi.tile_share is None else roi.tile_share
+    rows = filled * share * (roi.right - roi.left) * config.mount.aspect
+    sees = camera.distance(min(roi.top + rows, roi.bottom))
+    judged = replace(judged, sees=min(sees, FARTHEST))
     top = camera.row(judged.needs) - rows
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
+
+
+def ground_region(config: Config) -> GroundRegion | None:
+    """Return the region of interest in metres; None where mount, width or speed are not configured."""
+    judged, camera = judge_stopping(config), config.ground_camera
+    needs = judged.needs if isinstance(judged, Stopping) and config.stopping.speed is not None else None
+    return None if camera is None else _region(config, camera, needs)
+
+
+def _region(config: Config, camera: GroundCamera, needs: float | None) -> GroundRegion | None:
+    """Return the region in metres of a vehicle that needs so many metres to stop, None: not known.
+
+    It ends at what the ground is known to, however much is needed: then the vehicle does not stop in time.
+    Raises SettingsError where no ground of its width is in the picture before it ends.
+    """
+    roi, vehicle = config.roi, config.mount.width
+    if vehicle is None or (roi.far is None and needs is None):
+        return None
+    width = vehicle + _BESIDE if roi.width is None else roi.width
+    wanted = _FURTHER * (needs or 0.0) + _AHEAD if roi.far is None else roi.far
+    far = min(wanted, RELIABLE - camera.front)
+    return GroundRegion(camera, max(roi.near, camera.nearest(width)), far, width, vehicle)
 
 
 def _down(figure: float) -> float:

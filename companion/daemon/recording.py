@@ -217,7 +217,7 @@ class Recording(Observer):
         ):
             if png:
                 self._add(topic, at, contents.image(png, "png", self._ns(at)), number)
-        region = self._calls.numbers.judging.region.bounds
+        region = self._calls.numbers.at(seen).judging.region
         reasons = ", ".join(sorted(REASONS[reason.value] for reason in seen.reasons))
         title = f"{number} {state.name}{': ' if reasons else ''}{reasons}"
         self._add(

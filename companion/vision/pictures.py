@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from anytraverse.assessment import Assessment, Map
 from anytraverse.decoding import decode
 from anytraverse.frame import Image, is_image
-from anytraverse.regions import Box, Region
+from anytraverse.regions import Region
 from companion.vision.messages import LARGEST_JPEG, LARGEST_PNG, Draw, Drawn, Encode, Encoded
 from companion.vision.video_picture import video_picture
 from companion.wire.ids import State
@@ -51,21 +51,21 @@ def _marked(seen: Assessment, region: Region, width: int) -> Image:
     from anytraverse.judged_picture import marked_box
 
     picture = fitted(seen.frame.image, width)
-    _frame(picture, region.bounds, PAPER)
+    _frame(picture, region, PAPER)
     if (marked := marked_box(seen)) is not None:
         _frame(picture, marked, INK, around=2)
         _frame(picture, marked, YELLOW, around=1)
     return picture
 
 
-def _frame(picture: Image, box: Box, colour: Colour, around: int = 0) -> None:
-    """Draw a rectangle one pixel wide, `around` pixels outside of `box`."""
+def _frame(picture: Image, region: Region, colour: Colour, around: int = 0) -> None:
+    """Draw a line one pixel wide, `around` pixels outside of a region."""
     import cv2
 
     height, width = picture.shape[:2]
-    first = round(box.left * (width - 1)) - around, round(box.top * (height - 1)) - around
-    last = round(box.right * (width - 1)) + around, round(box.bottom * (height - 1)) + around
-    cv2.rectangle(picture, first, last, colour, 1)
+    corners = np.rint(np.multiply(region.corners, (width - 1, height - 1))).astype(np.int32)
+    outwards = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.int32)
+    cv2.polylines(picture, [corners + around * outwards], True, colour, 1)  # noqa: FBT003
 
 
 def _finest(picture: Image, coarsest: int, limit: int) -> bytes | None:

@@ -32,7 +32,7 @@ def video_picture(seen: Assessment, region: Region, title: str, colour: Colour, 
 
     height, width = video_size(*seen.frame.image.shape[:2])
     picture = fitted(seen.frame.image, width)[:height]
-    draw_judgement(picture, seen, region.bounds)
+    draw_judgement(picture, seen, region)
     if marks.place is not None:
         outline(picture, marks.place, YELLOW, 3)
     for tap in marks.taps:

@@ -188,7 +188,7 @@ class Worker:
             seen = earlier
         if request.store:
             self._store(request.frame_id, seen)
-        region = self._engine.settings.region
+        region = self._engine.settings.at(seen.frame.lean).region
         return pictures.drawn(request, seen, region)
 
     def _store(self, frame_id: int, seen: Assessment) -> None:

@@ -190,6 +190,7 @@ class Wedge:
     """A region that is no box: the whole width at the bottom, and a fifth of it at the top."""
 
     bounds = WHOLE
+    corners = WHOLE.corners
 
     def mask(self, height: int, width: int) -> Mask:
         rows, columns = np.ogrid[:height, :width]

@@ -75,6 +75,7 @@ def tuned(judging: Settings, values: Mapping[str, float], *, misfit_allowed: boo
         judging,
         thresholds=replace(judging.thresholds, **thresholds),
         region=_region(judging.region.bounds, sides) if sides else judging.region,
+        ground=None if sides else judging.ground,
         misfit_allowed=misfit_allowed or bool(judging.misfit),
     )
 

@@ -20,7 +20,7 @@ class DriveFrame:
     """A frame. name: of its file, or its time in a video. at: seconds of the drive.
 
     decode: returns the picture. place, travelled: where the vehicle was, and the metres that it had driven,
-    as far as known.
+    as far as known. lean: as in `Frame`.
     """
 
     name: str
@@ -28,6 +28,7 @@ class DriveFrame:
     decode: Callable[[], Image | None]
     place: Place = field(default_factory=Place)
     travelled: float | None = None
+    lean: tuple[float, float] | None = None
 
     @cached_property
     def image(self) -> Image | None:

@@ -71,7 +71,9 @@ class DriveJudge:
         if frame.image is None:
             self._calls.tick(frame.at)
             return None
-        seen = self.engine.step(Frame(self._frames, frame.at, frame.image), frame.at, frame.place)
+        seen = self.engine.step(
+            Frame(self._frames, frame.at, frame.image, lean=frame.lean), frame.at, frame.place
+        )
         decisions = self._calls.assessed(seen, frame.at)
         opened = next((one.call for one in decisions if isinstance(one, CallOpened)), None)
         if opened is not None:

@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from msgspec import ValidationError, convert
 
 from anytraverse.decoding import decode
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Image
+from anytraverse.ground import GroundRegion
 from anytraverse.judging import Settings
 from anytraverse.operations import ForgetWord, SetWord, Tap
 from anytraverse.regions import Box
@@ -23,6 +25,8 @@ from companion.desk.drives.drive import DriveError, DriveFrame, printable
 from companion.observers.recording.contents import read_json
 from companion.observers.recording.foxglove import jpeg_of
 from companion.observers.recording.topics import TOPICS, Topic
+from companion.vehicle.motion import LARGEST_LEAN
+from companion.wire.json_values import number_of
 from companion.wire.typed_answers import MOTIONS, CommandError, read_typed
 from companion.wire.words_text import operation_text
 
@@ -230,10 +234,13 @@ def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[Re
         name = f"frame {number}" + (f" ({named[number]})" if named[number] > 1 else "")
         words = standing[Topic.WORDS].then(judged)
         settings = standing[Topic.SETTINGS].then(judged)
-        frame = DriveFrame(name, clock.at_next(captured), partial(_picture, data))
+        told = read_json(content)
+        frame = DriveFrame(
+            name, clock.at_next(captured), partial(_picture, data), lean=_lean(told.get("lean"))
+        )
         weights = _mapping(words.get("words"))
         tapped = bool(_mapping(words.get("taps")).keys() & weights.keys())
-        yield RecordedFrame(frame, read_json(content), weights, tapped, _mapping(settings.get("judging")))
+        yield RecordedFrame(frame, told, weights, tapped, _mapping(settings.get("judging")))
 
 
 def settings_of(told: Mapping[str, Any], base: Settings) -> Settings:
@@ -247,9 +254,20 @@ def settings_of(told: Mapping[str, Any], base: Settings) -> Settings:
         thresholds = replace(base.thresholds, **given)
         tiles = {name: told[name] for name in ("tile_share", "tile_width") if name in told}
         region = Box(**told["region"]) if "region" in told else base.region
-        return replace(base, region=region, thresholds=thresholds, misfit_allowed=True, **tiles)
-    except (AnyTraverseError, TypeError) as error:
+        ground = convert(told.get("ground"), GroundRegion | None)
+        return replace(
+            base, region=region, thresholds=thresholds, misfit_allowed=True, ground=ground, **tiles
+        )
+    except (AnyTraverseError, TypeError, ValidationError) as error:
         raise DriveError(f"the recorded settings cannot be used: {error}") from error
+
+
+def _lean(told: Any) -> tuple[float, float] | None:
+    """Read how the vehicle leant, None where that was not recorded, or cannot be."""
+    if not isinstance(told, list) or len(told) != 2:
+        return None
+    pitch, bank = (number_of(one, -LARGEST_LEAN, LARGEST_LEAN) for one in told)
+    return None if pitch is None or bank is None else (pitch, bank)
 
 
 def _picture(data: bytes) -> Image | None:

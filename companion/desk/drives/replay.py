@@ -147,7 +147,7 @@ def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -
         return f"the recorded words cannot be used: {error}"
     engine.memory = engine.memory.using(words, {})
     engine.settings = settings_of(recorded.judging, base)
-    seen = engine.judge(engine.observe(Frame(1, frame.at, frame.image)), frame.at)
+    seen = engine.judge(engine.observe(Frame(1, frame.at, frame.image, lean=frame.lean)), frame.at)
     return row(frame.name, seen, OF_THE_FRAME)
 
 

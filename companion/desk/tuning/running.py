@@ -185,7 +185,7 @@ def _perceive(part: _Part) -> int:
             continue
         seen += 1
         try:
-            observation = engine.observe(Frame(number + 1, frame.at, frame.image))
+            observation = engine.observe(Frame(number + 1, frame.at, frame.image, lean=frame.lean))
             surroundings_of(engine.perceiver, observation.features)
             engine.maps_of(observation)
         except PerceiverError:

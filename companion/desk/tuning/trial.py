@@ -50,7 +50,9 @@ class Combination:
     def applied(self, base: Settings) -> Settings:
         """Return `base` with these instead. Raises SettingsError for a number out of its range."""
         limits = replace(base.thresholds, scene=self.scene, roi=self.roi, tile=self.tile)
-        return replace(base, thresholds=limits, region=self.region, misfit_allowed=self.misfit_allowed)
+        return replace(
+            base, thresholds=limits, region=self.region, misfit_allowed=self.misfit_allowed, ground=None
+        )
 
 
 class MadeCall(NamedTuple):

@@ -12,7 +12,7 @@ from typing import Any
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.memory import Memory
-from anytraverse.regions import Box
+from anytraverse.regions import Region
 from companion.calls.decisions import (
     CallClosed,
     CallOpened,
@@ -91,6 +91,7 @@ def assessment(
         "judged_at": judged_at,
         "duration": duration,
         "age": seen.age,
+        "lean": seen.frame.lean,
         "ok": seen.ok,
         "reasons": seen.reasons,
         **figures,
@@ -173,21 +174,21 @@ _YELLOW = {"r": 0.94, "g": 0.89, "b": 0.26, "a": 1.0}
 _INK = {"r": 0.05, "g": 0.07, "b": 0.09, "a": 0.8}
 
 
-def image_annotations(seen: Assessment, region: Box, title: str, at: int) -> bytes:
+def image_annotations(seen: Assessment, region: Region, title: str, at: int) -> bytes:
     """Make foxglove.ImageAnnotations: a title, the ROI in white, and in yellow the tile of a bad frame."""
     height, width = seen.frame.image.shape[:2]
-    boxes = [(region, _WHITE, 1.5)]
+    outlines = [(region.corners, _WHITE, 1.5)]
     if seen.tile is not None and seen.reasons & {Reason.UNKNOWN_OBJECT, Reason.BLOCKED}:
-        boxes.append((seen.tile.shown, _YELLOW, 3.0))
+        outlines.append((seen.tile.shown.corners, _YELLOW, 3.0))
     points = [
         {
             "timestamp": at,
             "type": 2,  # LINE_LOOP
-            "points": [{"x": x * width, "y": y * height} for x, y in _corners(box)],
+            "points": [{"x": x * width, "y": y * height} for x, y in corners],
             "outline_color": colour,
             "thickness": thickness,
         }
-        for box, colour, thickness in boxes
+        for corners, colour, thickness in outlines
     ]
     text = {
         "timestamp": at,
@@ -198,10 +199,6 @@ def image_annotations(seen: Assessment, region: Box, title: str, at: int) -> byt
         "background_color": _INK,
     }
     return encode("foxglove.ImageAnnotations", {"points": points, "texts": [text], "timestamp": at})
-
-
-def _corners(box: Box) -> list[tuple[float, float]]:
-    return [(box.left, box.top), (box.right, box.top), (box.right, box.bottom), (box.left, box.bottom)]
 
 
 def location(latitude: float, longitude: float, at: int) -> bytes:

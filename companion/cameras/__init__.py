@@ -23,6 +23,7 @@ from companion.cameras.shown import is_like_a_url, plain_words, shown
 
 if TYPE_CHECKING:
     from anytraverse.frame import Depth, Image, Intrinsics
+    from companion.cameras.calibration import LensCalibration
 
 __all__ = [
     "KINDS",
@@ -98,7 +99,7 @@ class CameraOptions:
     pixel_format: a name in `PIXEL_FORMATS`. fps: frames/s that the camera is asked for. exposure: s, instead
     of the camera's automatic exposure. latency: s from exposure to arrival, where the camera does not report
     it. freshness: the limit T in s; a frame that was delayed for longer is dropped. depth: whether an OAK
-    measures depth, too.
+    measures depth, too. calibration: by which pictures are rectified.
     """
 
     playback: float | None = None
@@ -111,6 +112,7 @@ class CameraOptions:
     latency: float = 0.0
     freshness: float = 2.0
     depth: bool = False
+    calibration: LensCalibration | None = None
 
 
 class Camera(Protocol):
@@ -167,10 +169,17 @@ def open_camera(source: str, options: CameraOptions | None = None) -> Camera:
         raise SourceError(
             f'camera "{kind}" needs {error.name}: pip install "anytraverse-companion[{extra}]"'
         ) from error
+    options = options or CameraOptions()
     try:
-        return maker(place, options or CameraOptions())
+        camera = maker(place, options)
     except CameraError:
         raise
     except Exception as error:  # a driver may raise anything, with the source in it
         told = plain_words(str(error), source) or type(error).__name__
         raise CameraError(f"{shown(source)} cannot be opened: {told}") from None
+    if options.calibration is None:
+        return camera
+    rectified: Camera = importlib.import_module("companion.cameras.rectified").RectifiedCamera(
+        camera, options.calibration
+    )
+    return rectified

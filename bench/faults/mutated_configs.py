@@ -23,7 +23,7 @@ from companion.config.toml_file import Layer
 CONFIGS = 200
 _SHIPPED = Path(__file__).parents[2] / "config"
 _COMMENTED = re.compile(r'^# (\[[a-z]+\]|"?[a-z][a-z _]*"? = .+)$', re.MULTILINE)
-_ELSEWHERE = ("vocabulary", "signing_key", "[aliases]", '"very long grass"', "pixel_format")
+_ELSEWHERE = ("vocabulary", "signing_key", "calibration", "[aliases]", '"very long grass"', "pixel_format")
 """What the shipped file shows in a comment and cannot just be taken out of it."""
 _VALUE = re.compile(r'^("?[a-z][a-z _]*"?) = (.+)$', re.MULTILINE)
 _RUBBISH = (

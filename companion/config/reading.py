@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from anytraverse.errors import SettingsError
 from anytraverse.preferences import Preferences, clean_word
 from companion.cameras.shown import shown
+from companion.config.calibrated import calibrate
 from companion.config.checks import (
     NestedError,
     Section,
@@ -45,6 +46,7 @@ def load_config(path: str | Path) -> Config:
     folder = main.path.parent.absolute()
     return replace(
         config,
+        camera=config.camera.with_paths_in(folder),
         perceiver=config.perceiver.with_paths_in(folder),
         link=config.link.with_paths_in(folder),
         journal=config.journal.with_paths_in(folder),
@@ -72,6 +74,7 @@ def _checked(main: Layer, vehicle: Layer | None, problems: list[Problem]) -> Con
         name: _read_section(name, section, layers if name in OF_A_VEHICLE else [main], problems)
         for name, section in SECTIONS.items()
     }
+    calibration = calibrate(main, sections, problems)
     words = read_words(layers, problems)
     problems += _too_slow_for_sticks(main, sections)
     if sections["web"].token and main.is_open_to_all():
@@ -87,7 +90,7 @@ def _checked(main: Layer, vehicle: Layer | None, problems: list[Problem]) -> Con
     if sections["video"].listen and len(words.vocabulary) < MAX_WORDS:
         # A tap in the video names an obstacle: with a parameter of its own it can be taken back.
         words = words._replace(vocabulary=tuple(dict.fromkeys((*words.vocabulary, OBSTACLE[0]))))
-    return Config(**sections, **words._asdict())
+    return Config(**sections, **words._asdict(), calibration=calibration)
 
 
 def _too_slow_for_sticks(main: Layer, sections: Mapping[str, Any]) -> list[Problem]:

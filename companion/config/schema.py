@@ -11,11 +11,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from anytraverse.frame import Intrinsics
 from anytraverse.ground import WIDEST, GroundCamera, Lens
 from anytraverse.perception import KINDS, NAMED
 from anytraverse.perception.runtime import PRECISIONS, PROVIDERS, Runtime
 from anytraverse.preferences import Preferences
 from companion.cameras import CameraOptions, split_source
+from companion.cameras.calibration import LensCalibration
 from companion.cameras.pixel_formats import MJPEG, PIXEL_FORMATS, frame_bytes
 from companion.cameras.shown import is_like_a_url, shown
 from companion.config.checks import (
@@ -54,6 +56,11 @@ class CameraSection(Section):
     )
     loop: bool = setting(False, flag, "whether a video or folder starts again at its end")  # noqa: FBT003
     view: float = setting(60.0, number(10, 180), "horizontal field of view, degrees")
+    calibration: str | None = setting(
+        None,
+        path,
+        "file of the lens's calibration, by which pictures are rectified, and which sets view; unset: none",
+    )
     latency: float = setting(
         0.15, number(0, 5), "s from exposure to arrival of a frame, where the camera does not report it"
     )
@@ -74,6 +81,12 @@ class CameraSection(Section):
         choice("auto", "handle", "refuse"),
         "a camera that shows infrared (NoIR): handle it, refuse policy hold, or as the perceiver is trained",
     )
+
+    def with_paths_in(self, folder: Path) -> CameraSection:
+        """Return these settings with a relative path of the calibration resolved against `folder`."""
+        if self.calibration is None:
+            return self
+        return replace(self, calibration=str(folder / os.path.expanduser(self.calibration)))
 
     def handles_infrared(self, *, trained: bool) -> bool:
         """Whether policy hold is allowed with a NoIR camera. trained: whether the perceiver is, for that."""
@@ -397,6 +410,8 @@ class Config:
 
     words: word -> weight in [-1, 1], in force at the first start. vocabulary: these words, and the other ones
     that are offered to ground stations as parameters. aliases: word -> its parameter's name without AT_W_.
+    calibration: what the file of [camera] calibration says; view and aspect are then those of the rectified
+    picture.
     """
 
     camera: CameraSection = field(default_factory=CameraSection)
@@ -418,6 +433,15 @@ class Config:
     live: LiveSection = field(default_factory=LiveSection)
     web: WebSection = field(default_factory=WebSection)
     video: VideoSection = field(default_factory=VideoSection)
+    calibration: LensCalibration | None = None
+
+    @property
+    def intrinsics(self) -> Intrinsics | None:
+        """The lens of the rectified picture: fx over its width, fy over its height, cx, cy; None: unknown.
+
+        cx and cy are where the lens axis is, the edges of the picture being 0 and 1.
+        """
+        return None if self.calibration is None else self.calibration.rectified
 
     @property
     def preferences(self) -> Preferences:
@@ -439,6 +463,7 @@ class Config:
             latency=camera.latency,
             freshness=self.freshness,
             depth=camera.depth,
+            calibration=self.calibration,
         )
 
     @property

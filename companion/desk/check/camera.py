@@ -32,6 +32,7 @@ def check_camera(rover: CheckedRover) -> list[CheckFinding]:
     if seen.trouble:
         return [failed(CAMERA, seen.trouble)]
     what = f"{shown(config.camera.source)}, {seen.width} x {seen.height}"
+    what += ", rectified" if config.calibration else ""
     aspect, is_now = config.mount.aspect, seen.width / seen.height
     if config.mount.height is not None and abs(is_now / aspect - 1.0) > _ASPECT_OFF:
         wrong = (

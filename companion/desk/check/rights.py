@@ -103,8 +103,9 @@ def _used(rover: CheckedRover) -> Iterator[tuple[Path, int]]:
     if rover.file:
         yield Path(rover.file).absolute(), _READ
     yield rover.folder, _READ | _WRITE | _ENTER
-    if config.link.signing_key is not None:
-        yield Path(config.link.signing_key), _READ
+    for named in (config.link.signing_key, config.camera.calibration):
+        if named is not None:
+            yield Path(named), _READ
     try:
         for one in config.link.settings().connections().values():
             if one.address().scheme == "serial":

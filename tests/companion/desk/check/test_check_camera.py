@@ -14,8 +14,11 @@ from companion.desk.check import watching
 from companion.desk.check.camera import check_camera, check_exposure, check_frames, check_infrared
 from companion.desk.check.rover import CheckedRover, Perceives
 from companion.desk.check.rules import CheckFinding, Verdict
+from tests.companion.cameras.test_calibration import ROS
 
 cv2 = pytest.importorskip("cv2")
+
+CALIBRATED = 'calibration = "lens.yaml"\n'
 
 
 def rover(
@@ -64,6 +67,22 @@ def test_a_first_picture_passes(tmp_path: Path) -> None:
     verdict, text = only(check_camera(rover(tmp_path)))
     assert verdict is Verdict.PASS
     assert "64 x 36" in text
+
+
+def test_a_picture_that_a_calibration_rectifies_is_told_so(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    (tmp_path / "lens.yaml").write_text(ROS.replace("480", "360").replace("236.75", "176.75"))
+    verdict, text = only(check_camera(rover(tmp_path, "[mount]\nheight = 1.0\ntilt = 10.0\n", CALIBRATED)))
+    assert verdict is Verdict.PASS
+    assert text.endswith("64 x 36, rectified")
+
+
+def test_pictures_of_another_shape_than_the_calibration_s_fail(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    (tmp_path / "lens.yaml").write_text(ROS)
+    verdict, text = only(check_camera(rover(tmp_path, camera=CALIBRATED)))
+    assert verdict is Verdict.FAIL
+    assert "the pictures are 64 x 36, and the calibration is of 640 x 480: calibrate in the shape" in text
 
 
 def test_pictures_that_are_all_torn_fail(tmp_path: Path) -> None:

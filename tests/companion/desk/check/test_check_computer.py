@@ -30,6 +30,7 @@ from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, Verdict
 from companion.storage import Journal
 from tests.anytraverse.bundle.conftest import write_bundle
+from tests.companion.cameras.test_calibration import ROS
 
 
 def rover(
@@ -135,6 +136,18 @@ def opened() -> Iterator[Path]:
     with TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
         yield Path(folder)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can own files as somebody else")
+def test_a_calibration_that_the_service_s_user_may_not_read_is_told(opened: Path) -> None:
+    (opened / "lens.yaml").write_text(ROS)
+    (opened / "lens.yaml").chmod(0o600)
+    one = rover(opened, more='[camera]\nsource = "folder:pictures"\ncalibration = "lens.yaml"\n')
+    one.folder.mkdir()
+    os.chown(one.folder, 65534, 65534)
+    verdict, text = only(check_rights(one))
+    assert verdict == "fail"
+    assert f"nobody may not read {opened}/lens.yaml" in text
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can own files as somebody else")

@@ -243,7 +243,9 @@ def _worst_upright(
     if not enough.any():
         return None
     means = np.where(enough, window(values) / np.maximum(counts, 1.0), -1.0)
-    foot, left = (int(at) for at in np.unravel_index(int(np.argmax(means)), means.shape))
+    # Of equal ones the nearest: a thing's upper part holds smaller windows, and its foot is where it stands.
+    above, left = (int(at) for at in np.unravel_index(int(np.argmax(means[::-1])), means.shape))
+    foot = rows - 1 - above
     top, first = start[0] + int(tops[foot, 0]), start[1] + left
     box = Box(first / width, top / height, (first + int(wide[foot])) / width, (start[0] + foot + 1) / height)
     return Tile(box, float(np.clip(means[foot, left], 0.0, 1.0)))

@@ -45,6 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             args.script,
             args.autopilot,
             args.mission,
+            args.swing,
+            args.bumps,
+            args.slopes,
         ),
     )
     if server.no_script:
@@ -83,6 +86,24 @@ def _parser() -> argparse.ArgumentParser:
         "--mission",
         type=_between(float, 1, 1e6),
         help="m of the trail after which the mission is complete (default: it goes round)",
+    )
+    parser.add_argument(
+        "--swing",
+        type=_between(float, 0, 10),
+        default=0.0,
+        help="degrees by which the rover swings while it drives: pitch at 0.7 Hz, roll less (default 0)",
+    )
+    parser.add_argument(
+        "--bumps",
+        type=_between(float, 0, 10),
+        default=0.0,
+        help="degrees of a jolt that the trail gives about every 6 m (default 0)",
+    )
+    parser.add_argument(
+        "--slopes",
+        type=_between(float, 0, 12),
+        default=0.0,
+        help="degrees of the trail's steepest climb and fall (default 0)",
     )
     parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
     parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")

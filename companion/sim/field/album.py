@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from anytraverse.regions import Box
 from companion.sim.field.control import FieldError
-from companion.sim.field.lens import Lens
+from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.render import GROUND_KINDS, LABELS
 from companion.sim.field.things import DEFAULT_SURPRISES, KINDS, World
 from companion.sim.field.trail import Pose, half_width
+from companion.sim.field.view import View
 
 KEPT = 360
 """Pictures, the newest ones: half a minute of them."""
@@ -37,19 +38,20 @@ class _Picture(NamedTuple):
     taken: float
     pose: Pose
     labels: Labels
+    tilt: Tilt
 
 
 class Album:
     """Takes in pictures as they are drawn; another thread may ask about them."""
 
-    def __init__(self, world: World) -> None:
-        self._world = world
+    def __init__(self, world: World, k1: float = 0.0) -> None:
+        """k1: of the camera's distortion, as of `View`."""
+        self._world, self._k1 = world, k1
         self._pictures: deque[_Picture] = deque(maxlen=KEPT)
-        self._lens: Lens | None = None
 
-    def keep(self, taken: float, pose: Pose, labels: Labels) -> None:
+    def keep(self, taken: float, pose: Pose, labels: Labels, tilt: Tilt = LEVEL) -> None:
         """Take in a picture. taken: monotonic seconds. labels: (H, W) uint8, indices into `LABELS`."""
-        self._pictures.append(_Picture(taken, pose, labels))
+        self._pictures.append(_Picture(taken, pose, labels, tilt))
 
     def look(self, box: Box, at: float | None) -> dict[str, Any]:
         """Say what a box shows. at: monotonic seconds when the picture was taken, None for the newest.
@@ -90,31 +92,31 @@ class Album:
     def _thing(self, kind: str, picture: _Picture, box: Box) -> str:
         """Return the id of the thing of a kind whose place in the picture is nearest, in its own widths."""
         row, column = _middle(picture.labels, kind, box)
-        lens, found = self._lens_of(picture.labels), list[tuple[float, str]]()
+        view, found = self._view(picture), list[tuple[float, str]]()
         for thing in list(self._world.things.values()):
-            x, y, depth = lens.project(picture.pose, thing.x, thing.y, thing.height / 2)
-            if thing.kind == kind and depth > 0:
-                wide = lens.focal * max(thing.radius, thing.length / 2) / depth
+            x, y, depth = view.project(picture.pose, thing.x, thing.y, thing.height / 2)
+            if thing.kind == kind and not math.isnan(x):
+                wide = view.focal * max(thing.radius, thing.length / 2) / depth
                 found.append((math.hypot(x - column, y - row) / wide, thing.id))
         return min(found)[1] if found else kind
 
     def _patch(self, kind: str, picture: _Picture, box: Box) -> str:
         """Return the patch of ground in the box: its kind, its zone, and on which side of the path."""
         row, column = _middle(picture.labels, kind, box)
-        lens, pose, trail = self._lens_of(picture.labels), picture.pose, self._world.trail
-        at = max(0, int(row) - lens.horizon), int(column)
-        ahead, left = float(lens.forward[at]), float(lens.left[at])
+        pose, trail = picture.pose, self._world.trail
+        metres = np.stack(self._view(picture).where(), axis=-1)
+        rows, columns = np.nonzero(~np.isnan(metres[..., 0]))
+        nearest = np.argmin(np.hypot(rows - int(row), columns - int(column)))
+        ahead, left = map(float, metres[rows[nearest], columns[nearest]])
         c, s = math.cos(pose.heading), math.sin(pose.heading)
         along, lateral = trail.nearest(pose.x + ahead * c - left * s, pose.y + ahead * s + left * c)
         on_path = abs(lateral) < float(half_width(np.array(along)))
         side = "path" if on_path else "left" if lateral > 0 else "right"
         return f"{kind}, {trail.zone(along)}, {side}"
 
-    def _lens_of(self, labels: Labels) -> Lens:
-        height, width = labels.shape
-        if self._lens is None or (self._lens.height, self._lens.width) != (height, width):
-            self._lens = Lens(width, height)
-        return self._lens
+    def _view(self, picture: _Picture) -> View:
+        height, width = picture.labels.shape
+        return View(width, height, picture.tilt, self._k1)
 
 
 def shown_kind(labels: Labels, box: Box) -> str:

@@ -26,26 +26,33 @@ NEAREST_FOOT = _RINGS[1]  # m, before which the ground stays open
 _CROWN = 9.0  # m that the woods reach above the lens
 
 
-class Backdrop:
-    """Paints what is behind the things over the upper rows of a frame, whose pixels' directions are known."""
+class Outlook:
+    """The directions in which the upper rows of a frame look, as `Backdrop` needs them."""
 
-    def __init__(self, seed: int, azimuth: Floats, elevation: Floats, labels: tuple[int, int]) -> None:
+    def __init__(self, azimuth: Floats, elevation: Floats) -> None:
         """`azimuth` (left positive) and `elevation` are (H, W) in radians, of a camera that looks along +x.
 
-        The rows reach as far below the horizon as woods may stand. `labels`: the label ids of sky and woods.
+        The rows reach as far below the horizon as woods may stand.
         """
-        rng = np.random.default_rng([seed, 20])
-        self._labels = labels
-        self._column = np.degrees(azimuth) * np.float32(_PER_DEGREE)
-        self._elevation = np.degrees(elevation)
-        self._pixels = np.float32(
+        self.column = np.degrees(azimuth) * np.float32(_PER_DEGREE)
+        self.elevation = np.degrees(elevation)
+        self.pixels = np.float32(
             len(elevation) / np.degrees(elevation[0, 0] - elevation[-1, 0])
         )  # in a degree
-        self._row = np.clip(np.abs(self._elevation) * _PER_DEGREE, 0, _ROWS - 1).astype(np.int32)
+        self.row = np.clip(np.abs(self.elevation) * _PER_DEGREE, 0, _ROWS - 1).astype(np.int32)
         highest = elevation.max(axis=1)
-        self._horizon = int(np.searchsorted(-highest, 0.0))
-        self._hills_from = int(np.searchsorted(-highest, -math.radians(_HIGHEST_HILL)))
-        self._bearing = azimuth[max(0, self._horizon - 1)]  # of each column
+        self.horizon = int(np.searchsorted(-highest, 0.0))
+        self.hills_from = int(np.searchsorted(-highest, -math.radians(_HIGHEST_HILL)))
+        self.bearing = azimuth[max(0, self.horizon - 1)]  # of each column
+
+
+class Backdrop:
+    """Paints what is behind the things over the upper rows of a frame."""
+
+    def __init__(self, seed: int, labels: tuple[int, int]) -> None:
+        """`labels`: the label ids of sky and woods."""
+        rng = np.random.default_rng([seed, 20])
+        self._labels = labels
         self._sky, self._woods, self._ragged, self._hills = (
             _sky(rng),
             _woods(rng),
@@ -53,7 +60,9 @@ class Backdrop:
             _hills(rng),
         )
 
-    def paint(self, frame: Bytes, labels: Bytes, pose: Pose, t: float, ground: Ground) -> None:
+    def paint(
+        self, frame: Bytes, labels: Bytes, outlook: Outlook, pose: Pose, t: float, ground: Ground
+    ) -> None:
         """Paints in full light over a frame (rows, W, 3) with its ground drawn and over its labels (rows, W).
 
         t: s, by which the clouds have drifted.
@@ -61,28 +70,28 @@ class Backdrop:
         import cv2
 
         turn = np.float32(np.degrees(pose.heading) * _PER_DEGREE)
-        column = (self._column + turn).astype(np.int32) & (_WIDTH - 1)
+        column = (outlook.column + turn).astype(np.int32) & (_WIDTH - 1)
         drift = round(t * _DRIFT * _PER_DEGREE)
-        at = self._row * _WIDTH
-        above = slice(0, self._horizon)
-        if self._horizon:
+        at = outlook.row * _WIDTH
+        above = slice(0, outlook.horizon)
+        if outlook.horizon:
             frame[above] = _unpack(np.take(self._sky, at[above] + ((column[above] + drift) & (_WIDTH - 1))))
         labels[above] = self._labels[0]
         at += column
         woods = _unpack(np.take(self._woods, at))
 
-        if self._hills_from < self._horizon:
-            low = slice(self._hills_from, self._horizon)
-            rise = (np.take(self._hills, column[low]) - self._elevation[low]) * self._pixels
+        if outlook.hills_from < outlook.horizon:
+            low = slice(outlook.hills_from, outlook.horizon)
+            rise = (np.take(self._hills, column[low]) - outlook.elevation[low]) * outlook.pixels
             air = np.full_like(woods[low], HAZE)
             hills = np.asarray(cv2.addWeighted(woods[low], 0.36, air, 0.64, 0), np.uint8)
             self._cover(frame[low], labels[low], hills, rise)
-        crown, foot = self._woods_around(pose, ground)
+        crown, foot = self._woods_around(outlook.bearing + pose.heading, pose, ground)
         if crown.max() > 1:
             ragged = np.take(self._ragged, at)
-            over = crown * (1 + np.float32(0.35) * ragged) - np.float32(1) - self._elevation
-            under = self._elevation + foot * (1 + np.float32(0.2) * ragged)
-            self._cover(frame, labels, woods, np.minimum(over * np.float32(0.6), under) * self._pixels)
+            over = crown * (1 + np.float32(0.35) * ragged) - np.float32(1) - outlook.elevation
+            under = outlook.elevation + foot * (1 + np.float32(0.2) * ragged)
+            self._cover(frame, labels, woods, np.minimum(over * np.float32(0.6), under) * outlook.pixels)
 
     def _cover(self, frame: Bytes, labels: Bytes, woods: Bytes, rise: Floats) -> None:
         """Paints woods where they reach above a pixel, `rise` pixels high; the edge is one pixel soft."""
@@ -92,12 +101,11 @@ class Backdrop:
         frame[:] = cv2.blendLinear(frame, woods, 1 - shown, shown)
         labels[shown > 0.5] = self._labels[1]
 
-    def _woods_around(self, pose: Pose, ground: Ground) -> tuple[Floats, Floats]:
-        """Returns how far above and below the horizon the woods reach in each column, in degrees."""
-        bearing = (self._bearing + pose.heading)[None, :]
+    def _woods_around(self, bearing: Floats, pose: Pose, ground: Ground) -> tuple[Floats, Floats]:
+        """Returns how far above and below the horizon the woods reach at bearings (rad), in degrees."""
         ring = np.asarray(_RINGS, np.float32)[:, None]
-        x = (pose.x + ring * np.cos(bearing)).astype(np.float32)
-        y = (pose.y + ring * np.sin(bearing)).astype(np.float32)
+        x = (pose.x + ring * np.cos(bearing[None, :])).astype(np.float32)
+        y = (pose.y + ring * np.sin(bearing[None, :])).astype(np.float32)
         forest, _ = ground.shares(x, y)
         crown = (forest * np.degrees(np.arctan(_CROWN / ring))).max(axis=0)
         beyond = slice(1, None)  # without the nearest ring, so that no foot of the woods covers the path

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.sim.field import tiles
+from companion.sim.field.lens import Lens
 from companion.sim.field.things import World
 from companion.sim.field.trail import ZONES, Pose, half_width
 
@@ -34,13 +36,20 @@ _SHADOW = {
 }
 
 
+class Footing(NamedTuple):
+    """Where the pixels of a lens meet the ground, m ahead and to the left, and the scales of tiles there."""
+
+    forward: Floats
+    left: Floats
+    levels: tuple[tuple[NDArray[np.int32], ...], ...]
+
+
 class Ground:
     """Samples a world's ground at points. Maps are drawn once, shadows again when the world changes."""
 
-    def __init__(self, world: World, forward: Floats, left: Floats, footprint: Floats) -> None:
-        """`forward`, `left`, `footprint`: (H, W) in metres, where pixels meet the ground (see `Lens`)."""
+    def __init__(self, world: World) -> None:
         rng = np.random.default_rng([world.seed, 10])
-        self._world, self._forward, self._left = world, forward, left
+        self._world = world
         self._materials = tiles.Mips(np.stack(tiles.materials(rng)), tiles.TEXEL)
         field = np.stack(
             [
@@ -50,23 +59,26 @@ class Ground:
             axis=-1,
         )
         self._noise = tiles.Mips(field[None], _NOISE_TEXEL)
-        self._levels = self._materials.level(footprint), self._noise.level(footprint)
         low, high = world.trail.points.min(axis=0) - _MARGIN, world.trail.points.max(axis=0) + _MARGIN
         self._corner, self._extent = low, high - low
         self._route = _route_map(world, low, high)
         self._shadows, self._drawn = np.zeros((0, 0), np.uint8), -1
-        self.points = (forward, left)  # world coordinates of the pixels at the last call of `look`
+        self.points: tuple[Floats, ...] = ()  # world coordinates of the pixels at the last call of `look`
 
-    def look(self, pose: Pose) -> tuple[Bytes, Bytes, Floats]:
+    def footing(self, lens: Lens) -> Footing:
+        levels = self._materials.level(lens.footprint), self._noise.level(lens.footprint)
+        return Footing(lens.forward, lens.left, levels)
+
+    def look(self, pose: Pose, footing: Footing) -> tuple[Bytes, Bytes, Floats]:
         """Returns colours (H, W, 3) in full light, labels (H, W) and brightness (H, W; 1 = full light)."""
         if self._drawn != self._world.revision:
             self._shadows, self._drawn = self._draw_shadows(), self._world.revision
         c, s = np.float32(np.cos(pose.heading)), np.float32(np.sin(pose.heading))
-        x = self._forward * c - self._left * s + np.float32(pose.x)
-        y = self._forward * s + self._left * c + np.float32(pose.y)
+        x = footing.forward * c - footing.left * s + np.float32(pose.x)
+        y = footing.forward * s + footing.left * c + np.float32(pose.y)
         self.points = x, y
         away, half, forest, gravel = self._read_route(x, y)
-        field = self._noise.read(x, y, self._levels[1])
+        field = self._noise.read(x, y, footing.levels[1])
         edge, patch, spots, tone = (
             field[..., i].astype(np.float32) * np.float32(1 / 40) - 3.2 for i in range(4)
         )
@@ -78,7 +90,7 @@ class Ground:
         strip = 0.26 + 0.14 * edge - 0.3 * (1 + tone)  # of grass between the ruts, where it grows at all
         on_path &= (lateral > np.minimum(strip, 0.45)) | (zone > 0)
         material = zone + 3 * on_path
-        colours = self._materials.read(x, y, self._levels[0], material)[..., :3]
+        colours = self._materials.read(x, y, footing.levels[0], material)[..., :3]
 
         light = 1 + 0.07 * tone + 0.04 * patch
         rut = (lateral - _RUT - 0.04 * edge) * (1 / _RUT_WIDTH)

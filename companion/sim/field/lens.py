@@ -14,32 +14,33 @@ Floats = NDArray[np.float32]
 HEIGHT = 1.0  # m from the ground to the lens
 PITCH = math.radians(7.0)  # rad from the horizon down to the optical axis
 FIELD_OF_VIEW = math.radians(75.0)  # rad, horizontal
-_FARTHEST = 300.0  # m; without it the row at the horizon would be infinitely far
+FARTHEST = 300.0  # m; without it the row at the horizon would be infinitely far
 
 
 class Lens:
-    """A pinhole camera without distortion, HEIGHT above the ground, looking along a heading and PITCH down.
+    """A pinhole camera without roll or distortion, HEIGHT above the ground, looking along a heading and down.
 
-    `forward` and `left` (m along and across the heading) and `footprint` (m of ground that a pixel covers)
-    have the shape (height - horizon, width): the rows from `horizon` on see the ground.
+    `forward` and `left` (m along and across the heading) have the shape (height - horizon, width), and
+    `footprint` (m of ground that a pixel covers) one column: the rows from `horizon` on see the ground.
     """
 
-    def __init__(self, width: int, height: int) -> None:
-        self.width, self.height = width, height
-        self.focal = width / 2 / math.tan(FIELD_OF_VIEW / 2)  # pixels
+    def __init__(self, width: int, height: int, down: float = PITCH, focal: float | None = None) -> None:
+        """down: rad from the horizon to the optical axis. focal: pixels; None: as FIELD_OF_VIEW needs it."""
+        self.width, self.height, self._down = width, height, down
+        self.focal = focal_length(width) if focal is None else focal  # pixels
         self._across = (np.arange(width) + 0.5 - width / 2) / self.focal
-        down = (np.arange(height) + 0.5 - height / 2) / self.focal
-        self._ahead = math.cos(PITCH) - down * math.sin(PITCH)
-        self._drop = math.sin(PITCH) + down * math.cos(PITCH)
+        row = (np.arange(height) + 0.5 - height / 2) / self.focal
+        self._ahead = math.cos(down) - row * math.sin(down)
+        self._drop = math.sin(down) + row * math.cos(down)
         self.horizon = int(np.count_nonzero(self._drop <= 0))
-        depth = HEIGHT / np.maximum(self._drop[self.horizon :], HEIGHT / _FARTHEST)
+        depth = HEIGHT / np.maximum(self._drop[self.horizon :], HEIGHT / FARTHEST)
         shape = depth.size, width
         self.forward = np.broadcast_to((self._ahead[self.horizon :] * depth)[:, None], shape).astype(
             np.float32
         )
         self.left = (-self._across * depth[:, None]).astype(np.float32)
         footprint = depth * np.sqrt(depth / HEIGHT) / self.focal
-        self.footprint = np.broadcast_to(footprint[:, None], shape).astype(np.float32)
+        self.footprint = footprint[:, None].astype(np.float32)
 
     def directions(self, rows: int) -> tuple[Floats, Floats]:
         """Returns azimuth (left positive) and elevation of the first rows' pixels: (rows, width), radians."""
@@ -51,11 +52,17 @@ class Lens:
     def project(self, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
         """Projects a point (m): returns column and row in pixels, NaN behind the lens, and its depth in m."""
         ahead, left = relative(pose, x, y)
-        depth = ahead * math.cos(PITCH) + (HEIGHT - z) * math.sin(PITCH)
+        c, s = math.cos(self._down), math.sin(self._down)
+        depth = ahead * c + (HEIGHT - z) * s
         if depth <= 0:
             return math.nan, math.nan, depth
-        down = (HEIGHT - z) * math.cos(PITCH) - ahead * math.sin(PITCH)
+        down = (HEIGHT - z) * c - ahead * s
         return self.width / 2 - self.focal * left / depth, self.height / 2 + self.focal * down / depth, depth
+
+
+def focal_length(width: int) -> float:
+    """Returns the focal length in pixels of a picture that is so many pixels and FIELD_OF_VIEW wide."""
+    return width / 2 / math.tan(FIELD_OF_VIEW / 2)
 
 
 def relative(pose: Pose, x: float, y: float) -> tuple[float, float]:

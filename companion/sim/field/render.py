@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.sim.field import backdrop, sprites
-from companion.sim.field.backdrop import Backdrop
-from companion.sim.field.ground import Ground
+from companion.sim.field.backdrop import Backdrop, Outlook
+from companion.sim.field.ground import Footing, Ground
 from companion.sim.field.lens import HEIGHT, Lens, relative
+from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.sensor import Sensor
 from companion.sim.field.sprites import Tufts
 from companion.sim.field.things import KINDS, FieldThing, World
 from companion.sim.field.trail import Pose
+from companion.sim.field.view import View
 
 Bytes = NDArray[np.uint8]
 Seen = tuple[FieldThing, float, float]  # a thing, metres ahead, metres to the left
@@ -31,55 +34,91 @@ _THING_LABELS = {kind: LABELS.index(kind) for kind in KINDS} | {"tuft": LABELS.i
 _CROWN = 7.0  # half the width of a tree's crown, in radii of its trunk
 
 
+class _Scene(NamedTuple):
+    """A view, and what is the same in all frames of it."""
+
+    view: View
+    footing: Footing
+    clear: NDArray[np.float32]
+    haze: Bytes
+    foot: int  # rows that the backdrop may cover
+    outlook: Outlook
+
+
 class PinholeCamera:
-    """A pinhole camera that looks along a rover's heading, slightly down, 1 m above the ground.
+    """A camera that looks along a rover's heading, slightly down, 1 m above the ground; a pinhole without k1.
 
     Every pixel has the label of the nearest thing that it shows. A forest's floor and the tufts at the verge
-    are labelled "grass", woods in the distance "tree".
+    are labelled "grass", woods in the distance "tree". `lens` is that of a level rover, without distortion.
     """
 
-    def __init__(self, world: World, width: int = 320, height: int = 240, seed: int = 0) -> None:
+    def __init__(
+        self, world: World, width: int = 320, height: int = 240, seed: int = 0, k1: float = 0.0
+    ) -> None:
+        """k1: of OpenCV's radial distortion, as of `View`."""
         if not (16 <= width <= 4096 and 16 <= height <= 4096):
             raise ValueError(f"no frames of {width} x {height}: give 16 to 4096 pixels a side")
         self.world, self.width, self.height = world, width, height
-        self.lens = lens = Lens(width, height)
+        self.lens = Lens(width, height)
+        self._k1 = k1
         self._sensor = Sensor(width, height, seed)
-        self._ground = Ground(world, lens.forward, lens.left, lens.footprint)
-        self._clear = _clear(np.hypot(lens.forward, lens.left))
-        self._haze = ((1 - self._clear)[..., None] * np.asarray(backdrop.HAZE)).astype(np.uint8)
-        self._foot = min(height, lens.horizon + round(lens.focal * 1.3 * HEIGHT / backdrop.NEAREST_FOOT))
-        labels = LABELS.index("sky"), LABELS.index("tree")
-        self._backdrop = Backdrop(world.seed, *lens.directions(self._foot), labels)
+        self._ground = Ground(world)
+        self._backdrop = Backdrop(world.seed, (LABELS.index("sky"), LABELS.index("tree")))
         self._verge = Tufts(world)
+        self._scene = LEVEL, self._look(LEVEL)
 
-    def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Renders the frame at a pose and time t in s.
+    def render(self, pose: Pose, t: float, tilt: Tilt = LEVEL) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Renders the frame at a rover's pose, time t in s and tilt.
 
         Returns RGB (H, W, 3) uint8 and labels (H, W) uint8, indices into LABELS.
         """
         import cv2
 
-        picture = np.empty((self.height, self.width, 3), np.uint8)
-        labels = np.empty((self.height, self.width), np.uint8)
-        self._draw_ground(picture[self.lens.horizon :], labels[self.lens.horizon :], pose)
-        self._backdrop.paint(picture[: self._foot], labels[: self._foot], pose, t, self._ground)
-        for thing, ahead, left in self._in_view(pose):
+        if tilt != self._scene[0]:
+            self._scene = tilt, self._look(tilt)
+        scene = self._scene[1]
+        lens, pose = scene.view.lens, Pose(pose.x, pose.y, pose.heading + scene.view.yaw)
+        picture = np.empty((lens.height, lens.width, 3), np.uint8)
+        labels = np.empty((lens.height, lens.width), np.uint8)
+        if lens.horizon < lens.height:
+            self._draw_ground(picture[lens.horizon :], labels[lens.horizon :], scene, pose)
+        above = slice(0, scene.foot)
+        self._backdrop.paint(picture[above], labels[above], scene.outlook, pose, t, self._ground)
+        for thing, ahead, left in self._in_view(lens, pose):
             if thing.kind == "puddle":
-                self._draw_puddle(picture, labels, thing, ahead)
+                self._draw_puddle(picture, labels, lens, thing, ahead)
             else:
-                self._draw_thing(picture, labels, thing, pose, math.hypot(ahead, left))
+                self._draw_thing(picture, labels, lens, thing, pose, math.hypot(ahead, left))
+        if scene.view.table is not None:
+            picture = np.asarray(cv2.remap(picture, *scene.view.table, cv2.INTER_LINEAR), np.uint8)
+            labels = np.asarray(cv2.remap(labels, *scene.view.table, cv2.INTER_NEAREST), np.uint8)
         soft = np.asarray(cv2.GaussianBlur(picture, (3, 3), 0.55), np.uint8)
         return self._sensor.expose(soft, self.world.light, t), labels
 
-    def distance_ahead(self, row: int) -> float:
-        """Returns how far ahead (m) the level ground in a picture's row is; infinite above the horizon."""
-        if row < self.lens.horizon:
-            return math.inf
-        return float(self.lens.forward[min(row, self.height - 1) - self.lens.horizon, 0])
+    def view(self, tilt: Tilt = LEVEL) -> View:
+        """Returns the geometry of the frames of a tilt."""
+        return View(self.width, self.height, tilt, self._k1)
 
-    def _in_view(self, pose: Pose) -> list[Seen]:
+    def distance_ahead(self, row: int) -> float:
+        """Returns how far ahead (m) of a level rover the ground in the middle of a picture's row is.
+
+        It is infinite above the horizon.
+        """
+        ahead = float(self.view().where()[0][min(row, self.height - 1), self.width // 2])
+        return math.inf if math.isnan(ahead) else ahead
+
+    def _look(self, tilt: Tilt) -> _Scene:
+        view = self.view(tilt)
+        lens = view.lens
+        clear = _clear(np.hypot(lens.forward, lens.left))
+        haze = ((1 - clear)[..., None] * np.asarray(backdrop.HAZE)).astype(np.uint8)
+        foot = lens.horizon + round(lens.focal * 1.3 * HEIGHT / backdrop.NEAREST_FOOT)
+        foot = min(lens.height, max(2, foot))
+        return _Scene(view, self._ground.footing(lens), clear, haze, foot, Outlook(*lens.directions(foot)))
+
+    def _in_view(self, lens: Lens, pose: Pose) -> list[Seen]:
         """Returns the things that may be visible in drawing order: puddles first, then from far to near."""
-        slope = self.width / 2 / self.lens.focal
+        slope = lens.width / 2 / lens.focal
         seen: list[Seen] = []
         for thing in [*self.world.things.values(), *self._verge.near(pose)]:
             ahead, left = relative(pose, thing.x, thing.y)
@@ -88,18 +127,20 @@ class PinholeCamera:
                 seen.append((thing, ahead, left))
         return sorted(seen, key=lambda one: (one[0].kind != "puddle", -math.hypot(one[1], one[2])))
 
-    def _draw_ground(self, picture: Bytes, labels: Bytes, pose: Pose) -> None:
+    def _draw_ground(self, picture: Bytes, labels: Bytes, scene: _Scene, pose: Pose) -> None:
         import cv2
 
-        colours, kinds, light = self._ground.look(pose)
-        scale = np.clip(light * self._clear * 128, 0, 255).astype(np.uint8)
+        colours, kinds, light = self._ground.look(pose, scene.footing)
+        scale = np.clip(light * scene.clear * 128, 0, 255).astype(np.uint8)
         lit = cv2.multiply(np.ascontiguousarray(colours), cv2.merge([scale, scale, scale]), scale=1 / 128)
-        picture[:] = cv2.add(lit, self._haze)
+        picture[:] = cv2.add(lit, scene.haze)
         labels[:] = _GROUND_LABELS[kinds]
 
-    def _draw_puddle(self, picture: Bytes, labels: Bytes, thing: FieldThing, ahead: float) -> None:
+    def _draw_puddle(
+        self, picture: Bytes, labels: Bytes, lens: Lens, thing: FieldThing, ahead: float
+    ) -> None:
         """Draws water that mirrors the backdrop, with a wet rim and a ragged shore."""
-        found = np.flatnonzero(np.abs(self.lens.forward[:, 0] - ahead) < thing.radius * 1.4)
+        found = np.flatnonzero(np.abs(lens.forward[:, 0] - ahead) < thing.radius * 1.4)
         if len(found) == 0:
             return
         rows = slice(found[0], found[-1] + 1)
@@ -111,27 +152,25 @@ class PinholeCamera:
         shore = 0.9 + 0.06 * np.sin(3 * angle + thing.look) + 0.04 * np.sin(5 * angle)
         out = np.hypot(x, y) / (shore * thing.radius)
         water, rim = out < 1, out < 1.18
-        mirror = np.clip(
-            self.lens.horizon - 1 - np.arange(rows.start, rows.stop), 0, max(0, self.lens.horizon - 1)
-        )
+        mirror = np.clip(lens.horizon - 1 - np.arange(rows.start, rows.stop), 0, max(0, lens.horizon - 1))
         sheen = picture[mirror].astype(np.float32) * 0.62 + np.array([58, 64, 70], np.float32)
-        under = picture[self.lens.horizon :][rows]
+        under = picture[lens.horizon :][rows]
         under[rim] = (under[rim] * 0.72).astype(np.uint8)
         under[water] = sheen[water].astype(np.uint8)
-        labels[self.lens.horizon :][rows][water] = _THING_LABELS["puddle"]
+        labels[lens.horizon :][rows][water] = _THING_LABELS["puddle"]
 
     def _draw_thing(
-        self, picture: Bytes, labels: Bytes, thing: FieldThing, pose: Pose, distance: float
+        self, picture: Bytes, labels: Bytes, lens: Lens, thing: FieldThing, pose: Pose, distance: float
     ) -> None:
         """Draws a thing's sprite, which always faces the camera, over what is behind it."""
-        column, foot, depth = self.lens.project(pose, thing.x, thing.y)
+        column, foot, depth = lens.project(pose, thing.x, thing.y)
         if depth < NEAR:
             return
         width = 2 * thing.radius
         if thing.length:
             turn = thing.heading - math.atan2(thing.y - pose.y, thing.x - pose.x)
             width += (thing.length - width) * abs(math.sin(turn))
-        pixels = self.lens.focal / depth
+        pixels = lens.focal / depth
         at, size = (column, foot + 0.02 * pixels), (width * pixels, thing.height * pixels)
         light = self._ground.light_on(thing.x, thing.y)
         drawn = sprites.paint(thing.kind, thing.look, self.world.seed).draw(

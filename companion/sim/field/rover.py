@@ -13,6 +13,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from companion.sim.field.motion import Attitude, Motion
+
 if TYPE_CHECKING:
     from companion.sim.field.trail import Pose, Trail
 
@@ -90,8 +92,16 @@ class Order:
 class Rover:
     """The state of the body in virtual time; only `step` moves it."""
 
-    def __init__(self, trail: Trail, *, cruise_speed: float = 2.5, body: Body | None = None) -> None:
+    def __init__(
+        self,
+        trail: Trail,
+        *,
+        cruise_speed: float = 2.5,
+        body: Body | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         self.body = body or Body()
+        self._motion = motion or Motion(trail)
         self.cruise_speed = cruise_speed
         self.reversed = False
         self._drive = MotorDrive.OFF
@@ -118,6 +128,11 @@ class Rover:
         from companion.sim.field.trail import Pose
 
         return Pose(self.x, self.y, self.heading)
+
+    @property
+    def attitude(self) -> Attitude:
+        bearing = self.heading - self._trail.pose(self.s).heading
+        return self._motion.at(self.time, self.s, self.speed, bearing)
 
     @property
     def drive(self) -> MotorDrive:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import selectors
 import threading
 import time
@@ -17,6 +18,7 @@ from companion.sim.field.album import Album
 from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.control import ControlServer
 from companion.sim.field.frame_server import FrameServer
+from companion.sim.field.motion import LEVEL, Motion, Tilt
 from companion.sim.field.onboard import install
 from companion.sim.field.ports import UdpPort
 from companion.sim.field.px4 import Px4
@@ -34,9 +36,11 @@ AUTOPILOTS: Mapping[str, type[SimulatedAutopilot]] = {"ardupilot": SimulatedAuto
 
 
 class Renders(Protocol):
-    """A camera: renders RGB (H, W, 3) uint8 and labels (H, W) uint8 at a pose and rover time in s."""
+    """A camera: renders RGB (H, W, 3) uint8 and labels (H, W) uint8 at a pose, rover time in s and tilt."""
 
-    def render(self, pose: Pose, t: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]: ...
+    def render(
+        self, pose: Pose, t: float, tilt: Tilt = LEVEL
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]: ...
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,8 @@ class FieldOptions:
     """How the field runs. `fps`: of the camera. `speed`: m/s. `duration`: s, None: until it is stopped.
 
     `script`: whether the autopilot runs the shipped script. `autopilot`: a key of `AUTOPILOTS`. `mission`: m
-    of the trail after which the mission is complete; None: it goes round.
+    of the trail after which the mission is complete; None: it goes round. `swing`, `bumps`, `slopes`: as of
+    `Motion`, in degrees.
     """
 
     seed: int = 1
@@ -55,6 +60,9 @@ class FieldOptions:
     script: bool = True
     autopilot: str = "ardupilot"
     mission: float | None = None
+    swing: float = 0.0
+    bumps: float = 0.0
+    slopes: float = 0.0
 
 
 class FieldServer:
@@ -74,6 +82,13 @@ class FieldServer:
             cruise_speed=options.speed,
             autopilot=AUTOPILOTS[options.autopilot],
             mission=options.mission,
+            motion=Motion(
+                world.trail,
+                world.seed,
+                swing=math.radians(options.swing),
+                bumps=math.radians(options.bumps),
+                slopes=math.radians(options.slopes),
+            ),
         )
         self.no_script = "--no-script"
         if options.autopilot == "px4":
@@ -188,8 +203,8 @@ class FieldServer:
         rover = self._simulation.rover
         with self._simulation.lock:
             captured_at = time.monotonic()
-            pose = rover.pose
-            rgb, labels = self._camera.render(pose, rover.time)
+            pose, tilt = rover.pose, rover.attitude.tilt
+            rgb, labels = self._camera.render(pose, rover.time, tilt)
         self._drawn += 1
-        self._album.keep(captured_at, pose, labels)
+        self._album.keep(captured_at, pose, labels, tilt)
         self._frames.publish(CapturedFrame(self._drawn, captured_at, rgb))

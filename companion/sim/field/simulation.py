@@ -12,6 +12,7 @@ from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.rover import STEP, Rover
 
 if TYPE_CHECKING:
+    from companion.sim.field.motion import Motion
     from companion.sim.field.router import Port
     from companion.sim.field.things import World
 
@@ -36,11 +37,15 @@ class Simulation:
         cruise_speed: float = 2.5,
         autopilot: type[SimulatedAutopilot] = SimulatedAutopilot,
         mission: float | None = None,
+        motion: Motion | None = None,
     ) -> None:
-        """mission: m of the trail after which the mission is complete; None: it goes round."""
+        """mission: m of the trail after which the mission is complete; None: it goes round.
+
+        motion: of the rover; None: it stays level.
+        """
         self.world = world
         self.lock = threading.Lock()
-        self.rover = Rover(world.trail, cruise_speed=cruise_speed)
+        self.rover = Rover(world.trail, cruise_speed=cruise_speed, motion=motion)
         self.autopilot = autopilot(self.rover, send)
         self.autopilot.tour.length = mission
         self.contacts: deque[dict[str, Any]] = deque(maxlen=MAX_CONTACTS)
@@ -76,14 +81,20 @@ class Simulation:
             self.world.light = level
 
     def status(self) -> dict[str, Any]:
-        """Returns what an onlooker sees, as JSON types: lengths in m, angles in rad, rover times in s."""
-        rover, autopilot = self.rover, self.autopilot
+        """Returns what an onlooker sees, as JSON types: lengths in m, rover times in s, headings in rad.
+
+        pitch, roll and slope_ahead (of the ground that the camera sees) are in degrees.
+        """
+        rover, autopilot, attitude = self.rover, self.autopilot, self.rover.attitude
         return {
             "t": round(rover.time, 3),
             "s": rover.s,
             "x": rover.x,
             "y": rover.y,
             "heading": rover.heading,
+            "pitch": math.degrees(attitude.pitch),
+            "roll": math.degrees(attitude.roll),
+            "slope_ahead": math.degrees(attitude.slope_ahead),
             "zone": self.world.trail.zone(rover.s),
             "speed": rover.speed,
             "mode": autopilot.mode.name,

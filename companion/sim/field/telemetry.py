@@ -53,8 +53,10 @@ def position(rover: Rover) -> Any:
 
 
 def attitude(rover: Rover) -> Any:
+    """Makes ATTITUDE. Its rates are those of pitch and roll, at small angles also those of the body."""
+    at, yaw = rover.attitude, math.remainder(_yaw(rover), math.tau)
     return mavlink.MAVLink_attitude_message(
-        _boot_ms(rover), 0.0, 0.0, math.remainder(_yaw(rover), math.tau), 0.0, 0.0, 0.0
+        _boot_ms(rover), at.roll, at.pitch, yaw, at.roll_rate, at.pitch_rate, 0.0
     )
 
 

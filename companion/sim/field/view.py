@@ -1,0 +1,118 @@
+"""Turns and distorts the picture of a lens as a camera's on a rover that leans, and tells where it looks."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.sim.field.lens import FARTHEST, HEIGHT, PITCH, Floats, Lens, focal_length
+from companion.sim.field.motion import LEVEL, Tilt
+from companion.sim.field.trail import Pose
+
+Doubles = NDArray[np.float64]
+
+_LEAST_STRETCH = 0.25  # of a distorted by an undistorted picture, outwards; nearer to 0 nothing is drawn
+
+
+class View:
+    """A camera that looks PITCH down from a rover, which leans by `tilt` against the ground.
+
+    A camera that looks down and rolls also looks aside. So it has the picture of a `lens` without roll, `yaw`
+    rad to the left of the rover, turned about the optical axis. That is exact, and leans things as well.
+    k1: of OpenCV's radial distortion; the focal length is as without it. Where a barrel ends before the
+    picture does (at 4:3 from -0.16 on), the pixels beyond repeat the last that see something.
+    """
+
+    def __init__(self, width: int, height: int, tilt: Tilt = LEVEL, k1: float = 0.0) -> None:
+        self._size, self._k1 = (width, height), k1
+        self.yaw, self._down, self._turn = _camera_angles(tilt)
+        self.focal = focal_length(width)
+        self.table: tuple[Floats, Floats] | None = None  # for cv2.remap: from the lens's picture to this one
+        if not (tilt.roll or k1):
+            self.lens = Lens(width, height, self._down)
+            return
+        x, y = self._rays()
+        wide, high = (2 * math.ceil(self.focal * float(np.abs(axis).max())) + 2 for axis in (x, y))
+        self.lens = Lens(wide, high, self._down, self.focal)
+        self.table = (
+            (x * self.focal + (wide - 1) / 2).astype(np.float32),
+            (y * self.focal + (high - 1) / 2).astype(np.float32),
+        )
+
+    def project(self, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
+        """Projects a point (m) at a rover's pose: returns column, row, both NaN if unseen, and depth in m."""
+        column, row, depth = self.lens.project(Pose(pose.x, pose.y, pose.heading + self.yaw), x, y, z)
+        if self.table is None or depth <= 0:
+            return column, row, depth
+        right, down = (column - self.lens.width / 2) / self.focal, (row - self.lens.height / 2) / self.focal
+        c, s = math.cos(self._turn), math.sin(self._turn)
+        right, down = right * c + down * s, down * c - right * s
+        stretch = 1 + self._k1 * (right * right + down * down)
+        if math.hypot(right, down) > _last_ray(self._k1):
+            return math.nan, math.nan, depth
+        width, height = self._size
+        return width / 2 + self.focal * right * stretch, height / 2 + self.focal * down * stretch, depth
+
+    def where(self) -> tuple[Floats, Floats]:
+        """Returns how many metres ahead and to the left of the rover each pixel (H, W) meets the ground.
+
+        NaN where it does not. What stands on the ground does not count. It is at most FARTHEST away.
+        """
+        x, y = self._rays()
+        drop = math.sin(self._down) + y * math.cos(self._down)
+        *_, seen = _undistorted(*self._size, self._k1)
+        depth = np.where(seen & (drop > 0), HEIGHT / np.maximum(drop, HEIGHT / FARTHEST), np.nan)
+        ahead, left = (math.cos(self._down) - y * math.sin(self._down)) * depth, -x * depth
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return (ahead * c - left * s).astype(np.float32), (ahead * s + left * c).astype(np.float32)
+
+    def _rays(self) -> tuple[Doubles, Doubles]:
+        """Returns the place of each pixel in the lens's picture: right and down, in focal lengths."""
+        x, y, _ = _undistorted(*self._size, self._k1)
+        c, s = math.cos(self._turn), math.sin(self._turn)
+        return x * c - y * s, x * s + y * c
+
+
+def _camera_angles(tilt: Tilt) -> tuple[float, float, float]:
+    """Returns the camera's angles: left of the rover, down from the horizon, and its roll; rad.
+
+    They are those of a rotation by pitch, then roll, then the mount's PITCH.
+    """
+    if not tilt.roll:
+        return 0.0, PITCH - tilt.pitch, 0.0
+    ahead, down = math.cos(PITCH), math.sin(PITCH) * math.cos(tilt.roll)
+    right = -math.sin(PITCH) * math.sin(tilt.roll)
+    c, s = math.cos(tilt.pitch), math.sin(tilt.pitch)
+    ahead, down = ahead * c + down * s, down * c - ahead * s
+    turn = math.asin(math.sin(tilt.roll) * c / math.hypot(ahead, right))
+    return math.atan2(-right, ahead), math.asin(down), turn
+
+
+def _last_ray(k1: float) -> float:
+    """Returns how far from the middle the last ray meets the picture without distortion, in focal lengths."""
+    return math.sqrt((1 - _LEAST_STRETCH) / (-3 * k1)) if k1 < 0 else math.inf
+
+
+@lru_cache(maxsize=8)
+def _undistorted(width: int, height: int, k1: float) -> tuple[Doubles, Doubles, NDArray[np.bool_]]:
+    """Returns where each pixel would be without distortion: right and down of the middle, in focal lengths.
+
+    Also whether it sees anything; where not, the place is that of the last ray in its direction.
+    """
+    focal = focal_length(width)
+    x = np.broadcast_to((np.arange(width) + 0.5 - width / 2) / focal, (height, width))
+    y = np.broadcast_to(((np.arange(height) + 0.5 - height / 2) / focal)[:, None], (height, width))
+    out = np.hypot(x, y)
+    if not k1:
+        return x, y, np.ones_like(out, bool)
+    last = _last_ray(k1)
+    farthest = last * (1 + k1 * last * last) if k1 < 0 else math.inf
+    wanted = np.minimum(out, farthest)
+    ray = wanted.copy()
+    for _ in range(20):  # Newton's method: from here it never passes the root
+        ray -= (ray + k1 * ray**3 - wanted) / (1 + 3 * k1 * ray * ray)
+    share = ray / np.maximum(out, 1e-9)
+    return x * share, y * share, out <= farthest

@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     cv2.setNumThreads(1)
     world = World(args.seed)
-    camera = PinholeCamera(world, width=args.width, height=args.height, seed=args.seed)
+    camera = PinholeCamera(world, width=args.width, height=args.height, seed=args.seed, k1=args.distortion)
     server = FieldServer(
         world,
         camera,
@@ -48,6 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             args.swing,
             args.bumps,
             args.slopes,
+            args.distortion,
         ),
     )
     if server.no_script:
@@ -104,6 +105,12 @@ def _parser() -> argparse.ArgumentParser:
         type=_between(float, 0, 12),
         default=0.0,
         help="degrees of the trail's steepest climb and fall (default 0)",
+    )
+    parser.add_argument(
+        "--distortion",
+        type=_between(float, -0.4, 0.2),
+        default=0.0,
+        help="k1 of the camera's radial distortion in OpenCV's model, negative: barrel (default 0)",
     )
     parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
     parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")

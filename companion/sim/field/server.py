@@ -49,7 +49,7 @@ class FieldOptions:
 
     `script`: whether the autopilot runs the shipped script. `autopilot`: a key of `AUTOPILOTS`. `mission`: m
     of the trail after which the mission is complete; None: it goes round. `swing`, `bumps`, `slopes`: as of
-    `Motion`, in degrees.
+    `Motion`, in degrees. `distortion`: k1 of the camera's view.
     """
 
     seed: int = 1
@@ -63,6 +63,7 @@ class FieldOptions:
     swing: float = 0.0
     bumps: float = 0.0
     slopes: float = 0.0
+    distortion: float = 0.0
 
 
 class FieldServer:
@@ -96,7 +97,7 @@ class FieldServer:
         elif options.script:
             self.no_script = install(self._simulation.autopilot)
         self._frames = FrameServer()
-        self._album = Album(world)
+        self._album = Album(world, options.distortion)
         self._selector = selectors.DefaultSelector()
         requests = ControlRequests(
             self._simulation,

@@ -10,10 +10,11 @@ import pytest
 from anytraverse.regions import Box
 from companion.sim.field.album import Album
 from companion.sim.field.control import FieldError
-from companion.sim.field.lens import Lens
+from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
 from companion.sim.field.trail import Pose
+from companion.sim.field.view import View
 
 WIDTH, HEIGHT = 320, 240
 REGION = Box(0.35, 0.46, 0.65, 0.95)
@@ -36,9 +37,9 @@ class Scene:
         return around(pose, self.thing.x, self.thing.y)
 
 
-def around(pose: Pose, x: float, y: float) -> Box:
+def around(pose: Pose, x: float, y: float, tilt: Tilt = LEVEL, k1: float = 0.0) -> Box:
     """A square of 24 pixels with its lower side on the ground at a point."""
-    column, row, _ = Lens(WIDTH, HEIGHT).project(pose, x, y)
+    column, row, _ = View(WIDTH, HEIGHT, tilt, k1).project(pose, x, y)
     sides = (column - 12) / WIDTH, (row - 22) / HEIGHT, (column + 12) / WIDTH, (row + 2) / HEIGHT
     return Box(*sides)
 
@@ -132,3 +133,21 @@ def test_of_two_things_of_a_kind_the_one_in_the_box_is_meant() -> None:
     scene.album.keep(1.0, pose, scene.camera.render(pose, 0.0)[1])
     assert scene.album.look(around(pose, other.x, other.y), 1.0)["thing"] == "drum-2"
     assert scene.album.look(around(pose, scene.thing.x, scene.thing.y), 1.0)["thing"] == "drum-1"
+
+
+def test_of_two_things_the_one_in_the_box_is_meant_in_the_picture_of_a_rover_that_leans() -> None:
+    scene, k1, tilt = Scene(), -0.12, Tilt(math.radians(9), math.radians(-12))
+    s, _ = scene.world.trail.nearest(scene.thing.x, scene.thing.y)
+    pose = scene.world.trail.pose(s - 4.0)
+    other = type(scene.thing)(**{**vars(scene.thing), "id": "drum-2"})
+    other.x += 3.0 * math.cos(pose.heading) - 0.8 * math.sin(pose.heading)
+    other.y += 3.0 * math.sin(pose.heading) + 0.8 * math.cos(pose.heading)
+    scene.world.things[other.id] = other
+    camera, album = PinholeCamera(scene.world, WIDTH, HEIGHT, k1=k1), Album(scene.world, k1)
+    album.keep(1.0, pose, camera.render(pose, 0.0, tilt)[1], tilt)
+    for thing in (other, scene.thing):
+        assert album.look(around(pose, thing.x, thing.y, tilt, k1), 1.0)["thing"] == thing.id
+    path = around(
+        pose, pose.x + 2.3 * math.cos(pose.heading), pose.y + 2.3 * math.sin(pose.heading), tilt, k1
+    )
+    assert album.look(path, 1.0)["patch"] == "dirt path, meadow, path"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import selectors
 import signal
@@ -202,6 +203,24 @@ def no_more_than(count: int, stream: FrameStream) -> bool:
     return True
 
 
+def test_a_rover_that_is_to_lean_says_so_and_still_films() -> None:
+    leans = "--swing=5", "--bumps=3", "--slopes=6", "--distortion=-0.1"
+    process = start(*leans, "--autostart", "--no-script")
+    try:
+        addresses = first_line(process)
+        with (
+            Peer(addresses["companion"], 1, 191) as rover,
+            FieldControl(*host_and_port(addresses["control"])) as control,
+            FrameStream(*host_and_port(addresses["frames"])) as stream,
+        ):
+            moving = rover.hear(lambda frame: kind("ATTITUDE")(frame) and abs(frame.pitchspeed) > 0.02)
+            assert abs(moving.pitch) < math.radians(5 + 3 + 6)
+            assert {"pitch", "roll", "slope_ahead"} < control.status().keys()
+            assert stream.read(timeout=5.0).rgb.shape == (48, 64, 3)
+    finally:
+        end(process)
+
+
 def test_the_stop_request_ends_the_process_cleanly() -> None:
     process = start()
     try:
@@ -237,7 +256,19 @@ def test_it_runs_for_its_time_even_when_nobody_reads_what_it_says() -> None:
     assert (process.returncode, conflicts) == (0, b"")
 
 
-@pytest.mark.parametrize("option", [("--fps", "0"), ("--speed", "-1"), ("--width", "1"), ("--seed", "x")])
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--fps", "0"),
+        ("--speed", "-1"),
+        ("--width", "1"),
+        ("--seed", "x"),
+        ("--swing", "11"),
+        ("--bumps", "-1"),
+        ("--slopes", "13"),
+        ("--distortion", "-0.5"),
+    ],
+)
 def test_an_option_out_of_range_is_refused_by_name(
     option: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -110,7 +110,7 @@ def _parser() -> argparse.ArgumentParser:
         "--distortion",
         type=_between(float, -0.4, 0.2),
         default=0.0,
-        help="k1 of the camera's radial distortion in OpenCV's model, negative: barrel (default 0)",
+        help="k1 of the lens as in OpenCV, below 0 a barrel; below -0.15 corners see nothing (default 0)",
     )
     parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
     parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")

@@ -23,7 +23,7 @@ class View:
     A camera that looks down and rolls also looks aside. So it has the picture of a `lens` without roll, `yaw`
     rad to the left of the rover, turned about the optical axis. That is exact, and leans things as well.
     k1: of OpenCV's radial distortion; the focal length is as without it. Where a barrel ends before the
-    picture does (at 4:3 from -0.16 on), the pixels beyond repeat the last that see something.
+    picture does (at 4:3 below -0.15), the pixels beyond repeat the last that see something.
     """
 
     def __init__(self, width: int, height: int, tilt: Tilt = LEVEL, k1: float = 0.0) -> None:
@@ -34,13 +34,14 @@ class View:
         if not (tilt.roll or k1):
             self.lens = Lens(width, height, self._down)
             return
-        x, y = self._rays()
-        wide, high = (2 * math.ceil(self.focal * float(np.abs(axis).max())) + 2 for axis in (x, y))
+        import cv2
+
+        places = _undistorted(width, height, k1)[0].astype(np.float32)
+        table = np.asarray(cv2.transform(places, self._turned() * self.focal), np.float32)
+        reach = np.abs(np.vstack([*table[[0, -1]], *table[:, [0, -1]]])).max(axis=0)  # at the four sides
+        wide, high = (2 * math.ceil(axis) + 2 for axis in reach)
         self.lens = Lens(wide, high, self._down, self.focal)
-        self.table = (
-            (x * self.focal + (wide - 1) / 2).astype(np.float32),
-            (y * self.focal + (high - 1) / 2).astype(np.float32),
-        )
+        self.table = table[..., 0] + np.float32((wide - 1) / 2), table[..., 1] + np.float32((high - 1) / 2)
 
     def project(self, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
         """Projects a point (m) at a rover's pose: returns column, row, both NaN if unseen, and depth in m."""
@@ -61,19 +62,18 @@ class View:
 
         NaN where it does not. What stands on the ground does not count. It is at most FARTHEST away.
         """
-        x, y = self._rays()
+        places, seen = _undistorted(*self._size, self._k1)
+        x, y = np.moveaxis(places @ self._turned().T, 2, 0)
         drop = math.sin(self._down) + y * math.cos(self._down)
-        *_, seen = _undistorted(*self._size, self._k1)
         depth = np.where(seen & (drop > 0), HEIGHT / np.maximum(drop, HEIGHT / FARTHEST), np.nan)
         ahead, left = (math.cos(self._down) - y * math.sin(self._down)) * depth, -x * depth
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return (ahead * c - left * s).astype(np.float32), (ahead * s + left * c).astype(np.float32)
 
-    def _rays(self) -> tuple[Doubles, Doubles]:
-        """Returns the place of each pixel in the lens's picture: right and down, in focal lengths."""
-        x, y, _ = _undistorted(*self._size, self._k1)
+    def _turned(self) -> Doubles:
+        """Returns the rotation of places in this picture to those in the lens's."""
         c, s = math.cos(self._turn), math.sin(self._turn)
-        return x * c - y * s, x * s + y * c
+        return np.array([[c, -s], [s, c]])
 
 
 def _camera_angles(tilt: Tilt) -> tuple[float, float, float]:
@@ -97,22 +97,21 @@ def _last_ray(k1: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _undistorted(width: int, height: int, k1: float) -> tuple[Doubles, Doubles, NDArray[np.bool_]]:
-    """Returns where each pixel would be without distortion: right and down of the middle, in focal lengths.
+def _undistorted(width: int, height: int, k1: float) -> tuple[Doubles, NDArray[np.bool_]]:
+    """Returns where each pixel would be without distortion: (H, W, 2), from the middle, in focal lengths.
 
     Also whether it sees anything; where not, the place is that of the last ray in its direction.
     """
     focal = focal_length(width)
-    x = np.broadcast_to((np.arange(width) + 0.5 - width / 2) / focal, (height, width))
-    y = np.broadcast_to(((np.arange(height) + 0.5 - height / 2) / focal)[:, None], (height, width))
-    out = np.hypot(x, y)
+    across, down = ((np.arange(size) + 0.5 - size / 2) / focal for size in (width, height))
+    places = np.stack(np.meshgrid(across, down), axis=-1)
+    out = np.hypot(places[..., 0], places[..., 1])
     if not k1:
-        return x, y, np.ones_like(out, bool)
+        return places, np.ones_like(out, bool)
     last = _last_ray(k1)
     farthest = last * (1 + k1 * last * last) if k1 < 0 else math.inf
     wanted = np.minimum(out, farthest)
     ray = wanted.copy()
     for _ in range(20):  # Newton's method: from here it never passes the root
         ray -= (ray + k1 * ray**3 - wanted) / (1 + 3 * k1 * ray * ray)
-    share = ray / np.maximum(out, 1e-9)
-    return x * share, y * share, out <= farthest
+    return places * (ray / np.maximum(out, 1e-9))[..., None], out <= farthest

@@ -111,7 +111,9 @@ class PinholeCamera:
         view = self.view(tilt)
         lens = view.lens
         clear = _clear(np.hypot(lens.forward, lens.left))
-        haze = ((1 - clear)[..., None] * np.asarray(backdrop.HAZE)).astype(np.uint8)
+        lost, haze = (1 - clear).astype(np.float64), np.empty((*clear.shape, 3), np.uint8)
+        for channel, colour in enumerate(backdrop.HAZE):
+            haze[..., channel] = lost * colour
         foot = lens.horizon + round(lens.focal * 1.3 * HEIGHT / backdrop.NEAREST_FOOT)
         foot = min(lens.height, max(2, foot))
         return _Scene(view, self._ground.footing(lens), clear, haze, foot, Outlook(*lens.directions(foot)))

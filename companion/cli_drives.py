@@ -15,11 +15,22 @@ if TYPE_CHECKING:
 
 
 def add_drives(commands: Commands) -> None:
-    """Add rehearse, replay, tune, record and incident."""
+    """Add look-ground, rehearse, replay, tune, record and incident."""
+    _add_look_ground(commands)
     _add_rehearse(commands)
     _add_replay(commands)
     _add_tune(commands)
     _add_recordings(commands)
+
+
+def _add_look_ground(commands: Commands) -> None:
+    look = commands.add_parser("look-ground", help="draw into a picture where [mount] puts the ground")
+    look.add_argument("picture", metavar="PICTURE", help="of the rover's camera; of a drive its first frame")
+    look.add_argument(
+        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
+    )
+    look.add_argument("--out", default="ground.png", metavar="PNG", help="by default ./%(default)s")
+    look.set_defaults(run=_look_ground)
 
 
 def _add_rehearse(commands: Commands) -> None:
@@ -90,6 +101,13 @@ def _add_recordings(commands: Commands) -> None:
     incident.add_argument("--last", metavar="TIME", help="the last 60s, 5m or 1h instead")
     incident.add_argument("--out", metavar="FILE", help="by default incident-C7.zip here")
     incident.set_defaults(run=_incident)
+
+
+def _look_ground(options: argparse.Namespace) -> int:
+    from companion.desk.ground import look_ground
+
+    with told(look_ground.MountError):
+        return _of_drives(lambda: look_ground.run(options.picture, file=options.config, out=options.out))
 
 
 def _rehearse(options: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, End
 from companion.cameras.video import PlaybackPace
 
 _PHOTOS = {".jpg", ".jpeg"}
-_SUFFIXES = _PHOTOS | {".png", ".bmp", ".webp", ".tif", ".tiff"}
+SUFFIXES = _PHOTOS | {".png", ".bmp", ".webp", ".tif", ".tiff"}
 _USUAL_RATE = 10.0
 
 
@@ -31,7 +31,7 @@ def pictures(folder: Path) -> list[Path]:
         raise CameraError(
             f"folder {folder} cannot be read ({error.strerror}): check [camera] source"
         ) from error
-    found = [path for path in names if path.suffix.lower() in _SUFFIXES]
+    found = [path for path in names if path.suffix.lower() in SUFFIXES]
     photos = {path.stem for path in found if path.suffix.lower() in _PHOTOS}
     frames = [path for path in found if path.suffix.lower() != ".png" or path.stem not in photos]
     if not frames:

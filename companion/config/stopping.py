@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass, replace
 
 from anytraverse.ground import RELIABLE, WIDEST, GroundCamera, GroundRegion
+from anytraverse.ground_lines import GroundLine, ground_lines
 from anytraverse.judging import LARGEST_TILE, Settings
 from companion.config.schema import Config
 from companion.vehicle.ardupilot import LONGEST_BRAKE
@@ -132,6 +133,15 @@ def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
         return f"{text} (set by [roi] tile_share)", in_time
     own = "" if isinstance(judged, Stopping) else f", the perceiver's own; to calculate it: {judged}"
     return text + own, in_time
+
+
+def lines_of(config: Config) -> tuple[GroundLine, ...]:
+    """Return the lines that show in a picture where the mount puts the ground; none without a mount."""
+    if config.ground_camera is None:
+        return ()
+    judged = judge_stopping(config)
+    stops = judged.needs if isinstance(judged, Stopping) else None
+    return ground_lines(config.ground_camera, config.mount.width, stops)
 
 
 def with_settings(config: Config, judging: Settings) -> Config:

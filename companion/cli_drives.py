@@ -30,7 +30,20 @@ def _add_look_ground(commands: Commands) -> None:
         "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
     )
     look.add_argument("--out", default="ground.png", metavar="PNG", help="by default ./%(default)s")
+    look.add_argument(
+        "--estimate", action="store_true", help="of a drive: propose height and tilt, and draw nothing"
+    )
+    look.add_argument(
+        "--speed", type=_speed, metavar="N", help="m/s at which a video or pictures were driven straight"
+    )
     look.set_defaults(run=_look_ground)
+
+
+def _speed(text: str) -> float:
+    speed = float(text)
+    if not 0.05 <= speed <= 30.0:
+        raise argparse.ArgumentTypeError(f"{text} is no speed: give 0.05 to 30")
+    return speed
 
 
 def _add_rehearse(commands: Commands) -> None:
@@ -104,10 +117,14 @@ def _add_recordings(commands: Commands) -> None:
 
 
 def _look_ground(options: argparse.Namespace) -> int:
-    from companion.desk.ground import look_ground
+    if options.estimate:
+        from companion.desk.ground.mount_estimate import estimate
 
-    with told(look_ground.MountError):
-        return _of_drives(lambda: look_ground.run(options.picture, file=options.config, out=options.out))
+        return _of_drives(lambda: estimate(options.picture, file=options.config, speed=options.speed))
+    from companion.desk.ground.look_ground import MountError, run
+
+    with told(MountError):
+        return _of_drives(lambda: run(options.picture, file=options.config, out=options.out))
 
 
 def _rehearse(options: argparse.Namespace) -> int:

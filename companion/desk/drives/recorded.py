@@ -137,6 +137,21 @@ class RecordedDrive:
         for path in self._paths:
             yield from _of_file(path, clock, named)
 
+    def parts(self) -> Iterator[RecordedDrive]:
+        """Yield each file with frames as a drive of its own, whose monotonic clock does not start again."""
+        for path in self._paths:
+            try:
+                part = RecordedDrive(path)
+            except DriveError:
+                continue
+            yield part
+
+    def reports(self) -> Iterator[Mapping[str, Any]]:
+        """Read what the autopilot reported, contents of /vehicle."""
+        for path in self._paths:
+            for _, one in _told(path, {TOPICS[Topic.VEHICLE].name: Topic.VEHICLE}):
+                yield read_json(one.message.data)
+
     def answers(self) -> list[tuple[float, str]]:
         """Read the answers to calls: when the call opened, in seconds of the drive, and the answer as typed.
 

@@ -1,1 +1,1 @@
-"""Looks at the ground at a desk: whether the mount is right, and what it must be."""
+"""Looks at the ground at a desk: whether the configured mount is right, and what it must be."""

@@ -15,7 +15,8 @@ class PageMessageKind(bytes, Enum):
     """What is told to the web process."""
 
     SETUP = b"c"
-    """The first message: folder, token_hash, own_address: where only this computer reaches it, else ""."""
+    """The first message: folder, token_hash, own_address: where only this computer reaches it, else "", and
+    ground: the `GroundLine`s of the mount, which the page lays over the live picture."""
     NEWS = b"n"
     """The documents status, state and check, `told`: what the ground is told, `ahead`: of `Status.ahead`,
     and `at`: when it was so."""

@@ -11,9 +11,11 @@ import os
 import socket
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from companion.config import Config
+from companion.config.stopping import lines_of
 from companion.observers.page.messages import ALIVE, ANSWER, LONGEST_SAID, WANTED, PageMessageKind
 from companion.pages.listen import hashed
 from companion.system.datagrams import LARGEST, Datagram, decode
@@ -69,6 +71,7 @@ class Page(SideService[WebChild]):
                 "folder": os.path.abspath(config.journal.path),
                 "token_hash": hashed(config.web.token),
                 "own_address": listen.host if listen is not None and listen.loopback else "",
+                "ground": [{**asdict(line), "labelled": line.labelled} for line in lines_of(config)],
             },
         ).encoded()
         self._launch = launch

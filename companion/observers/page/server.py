@@ -9,7 +9,7 @@ import os
 import re
 import select
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import BoundedSemaphore
@@ -59,11 +59,18 @@ _T = TypeVar("_T")
 class PageSite:
     """Answers requests from the news and the state folder."""
 
-    def __init__(self, news: News, folder: StateFolder, answering: Answering | None = None) -> None:
-        """answering: None where the page only shows."""
+    def __init__(
+        self,
+        news: News,
+        folder: StateFolder,
+        answering: Answering | None = None,
+        ground: Sequence[Mapping[str, Any]] = (),
+    ) -> None:
+        """answering: None where the page only shows. ground: see `PageMessageKind.SETUP`."""
         self._news = news
         self._answering = answering
         self._folder = folder
+        self._ground = ground
         self.wrong_tokens = WrongTokens()
         self._metrics = Metrics(news, self.wrong_tokens)
         self._disk = ThreadPoolExecutor(2, "disk")
@@ -99,6 +106,7 @@ class PageSite:
     async def _told(self) -> AsyncIterator[bytes]:
         told_at, frame, plotted, answered = None, None, float("-inf"), 0
         answering = self._answering
+        yield event("ground", {"lines": self._ground})
         while True:
             news = self._news
             if news.told_at != told_at:
@@ -250,7 +258,7 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
         answering = Answering(
             news, lambda payload, now: _send(channel, Datagram(ANSWER, {"at": now}, payload).encoded())
         )
-    site = PageSite(news, StateFolder(setup["folder"]), answering)
+    site = PageSite(news, StateFolder(setup["folder"]), answering, setup["ground"])
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
     most_posted = MOST_POSTED if answering is not None else 0
     gate = Gate(

@@ -3,7 +3,8 @@
 import { changed, drawn, element, showText } from "./elements.js";
 import { dragBox, movedBox, tapBox } from "./boxes.js";
 
-const BAR = 34, FOOT = 30; // px of 480 wide pictures, above and below the frame
+export const BAR = 34; // px of 480 wide pictures above the frame
+export const FOOT = 30; // and below it
 const STEP = 0.01;
 
 export class Picture {

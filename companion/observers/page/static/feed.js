@@ -10,12 +10,12 @@ const WHY_NOT = {
 };
 
 export class Feed {
-  // take: called with ("news" | "points" | "picture" | "answered" | "calls" | "log" | "connection", content, late). late: seconds that
+  // take: called with ("ground" | "news" | "points" | "picture" | "answered" | "calls" | "log" | "connection", content, late). late: seconds that
   // an event waited on its way.
   constructor(take) {
     this.take = take;
     this.reading = false;
-    this.stream = new Stream(["news", "points", "picture", "answered"], take, whyNot("/healthz", WHY_NOT));
+    this.stream = new Stream(["ground", "news", "points", "picture", "answered"], take, whyNot("/healthz", WHY_NOT));
     document.addEventListener("visibilitychange", () => this.readFiles());
     setInterval(() => this.readFiles(), FILES_EVERY);
     this.readFiles();

@@ -66,6 +66,9 @@ const feed = new Feed((kind, content, late) => {
     case "connection":
       connection = content;
       break;
+    case "ground":
+      views.showGround(content.lines);
+      break;
     case "points":
       points = joined(points.filter(([at]) => at < content.points[0][0]), content.points);
       break;

@@ -5,6 +5,7 @@ import { CallView, legend } from "./call_view.js";
 import { Cards } from "./cards.js";
 import { changed, element, showText } from "./elements.js";
 import { Incident } from "./incident.js";
+import { Metres } from "./metres.js";
 import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
 import { say } from "./sending.js";
@@ -27,10 +28,17 @@ export function showPictureNote({ text, fresh }) {
   changed("view", fresh, (part) => part.classList.toggle("stale", !fresh));
 }
 
+// lines: where the mount puts the ground in the picture.
+export function showGround(lines) {
+  metres.show(lines);
+}
+
 const fan = new Fan();
 const drivable = new TimePlot("Drivable", { above: false, at: 1 });
 const unexplained = new TimePlot("Unexplained", { above: true, at: 2 });
-document.querySelector("#view figcaption").append(legend("look here"));
+const caption = document.querySelector("#view figcaption");
+caption.append(legend("look here"));
+const metres = new Metres(document.getElementById("picture"), caption);
 document.getElementById("ahead").append(fan.part, drivable.part, unexplained.part);
 const [open, past] = ["open", "past"].map((id) => document.getElementById(id));
 const pastTitle = past.firstElementChild;

@@ -86,9 +86,19 @@ class Browser:
 class Stage(Supervisor, Browser):
     """Runs a `Page` and its process."""
 
-    def __init__(self, folder: Path, listen: str = "127.0.0.1:0", token: str = "", **page: Any) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        listen: str = "127.0.0.1:0",
+        token: str = "",
+        *,
+        config: Config | None = None,
+        **page: Any,
+    ) -> None:
         self.folder = folder
-        config = replace(Config(), web=WebSection(listen, token), journal=JournalSection(folder=str(folder)))
+        config = replace(
+            config or Config(), web=WebSection(listen, token), journal=JournalSection(folder=str(folder))
+        )
         self.service = self.page = Page(config, **{"restarts": LIMITS, **page})
         self.news: dict[str, Any] = {
             "told": "",

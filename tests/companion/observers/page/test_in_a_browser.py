@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,14 @@ import cv2
 import numpy as np
 import pytest
 
+from anytraverse.judged_picture import draw_frame
 from anytraverse.operations import Tap
+from companion.config import Config
+from companion.config.schema import MountSection
+from companion.config.stopping import lines_of
 from companion.observers.page.page import missing
+from companion.sim.field.render import PinholeCamera
+from companion.sim.field.things import World
 from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
@@ -132,6 +140,48 @@ def test_the_place_that_matched_is_shown_beside_the_newest_picture_while_it_is_i
     assert not picture.is_visible()
     stage.news["state"]["known_place"] = None
     stage.until(lambda: not place.is_visible())
+
+
+def test_the_metres_are_laid_over_the_frame_without_its_bars_when_they_are_switched_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = World(0)
+    frame, _ = PinholeCamera(world).render(world.trail.pose(20.0), 0.0)
+    panel = draw_frame(frame, "the simulated field")
+    monkeypatch.setattr(played, "JPEG", cv2.imencode(".jpg", panel[..., ::-1])[1].tobytes())
+    mounted = replace(
+        Config(),
+        camera=replace(Config().camera, view=75.0),
+        mount=MountSection(height=1.0, tilt=7.0, aspect=4 / 3, front=0.6, width=2.9),
+        stopping=replace(Config().stopping, speed=0.8),
+    )
+    stage = Stage(tmp_path, config=mounted)
+    with closing(stage.ready()), playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        tab = browser.new_page()
+        tab.goto(stage.page.url)
+        switch, lines = tab.get_by_label("Metres"), tab.locator(".metres line:not(.halo)")
+        stage.until(tab.locator("#picture").is_visible)
+        stage.until(switch.is_visible)
+        assert lines.count() == 0
+        switch.check()
+        assert lines.count() == 10
+        labels = tab.locator(".metres text").all_text_contents()
+        assert labels[:7] == ["horizon", "1 m", "2 m", "3 m", "4 m", "5 m", "6 m"]
+        assert labels[8:] == ["2.9 m wide", "stops in 3.4 m"]
+        shown, scale = tab.locator("#picture").bounding_box(), 360 / 424
+        for line, expected in zip(lines.all()[:7], lines_of(mounted), strict=False):
+            across = line.bounding_box()
+            row = (across["y"] + across["height"] / 2 - shown["y"]) / shown["height"]
+            assert abs(row - (34 / 424 + scale * expected.start[1])) < 0.006
+        switch.uncheck()
+        assert lines.count() == 0
+        browser.close()
+
+
+def test_without_a_mount_there_is_no_switch_for_metres(stage: Stage, tab: Any) -> None:
+    stage.until(tab.locator("#picture").is_visible)
+    assert not tab.get_by_label("Metres").is_visible()
 
 
 def held(stage: Stage, tab: Any, given: list[bytes], key: str) -> set[Motion]:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from anytraverse.ground import RELIABLE, WIDEST, GroundCamera, GroundRegion
 from anytraverse.ground_lines import GroundLine, ground_lines
 from anytraverse.judging import LARGEST_TILE, Settings
+from anytraverse.regions import Box, Region
 from companion.config.schema import Config
 from companion.vehicle.ardupilot import LONGEST_BRAKE
 from companion.vehicle.brakes import Brakes
@@ -225,6 +226,14 @@ def ground_region(config: Config) -> GroundRegion | None:
     judged, camera = judge_stopping(config), config.ground_camera
     needs = judged.needs if isinstance(judged, Stopping) and config.stopping.speed is not None else None
     return None if camera is None else _region(config, camera, needs)
+
+
+def region_of(config: Config) -> Region:
+    """Return where the region of interest is in the picture of a vehicle that does not lean."""
+    ground, roi = ground_region(config), config.roi
+    if ground is not None:
+        return ground.in_picture(None).region
+    return Box(roi.left, roi.top, roi.right, roi.bottom)
 
 
 def _region(config: Config, camera: GroundCamera, needs: float | None) -> GroundRegion | None:

@@ -18,12 +18,11 @@ from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Memory, first_memory, resumed_memory
 from anytraverse.pace import Pace
 from anytraverse.perception import Perceiver, Prompt, make_perceiver
-from anytraverse.regions import Box
 from anytraverse.roi import Corridor
 from anytraverse.synonyms import meaning_of
 from companion.config import Config
 from companion.config.schema import LONGEST_FRESHNESS
-from companion.config.stopping import ground_region, tile_width
+from companion.config.stopping import ground_region, region_of, tile_width
 
 log = logging.getLogger(__name__)
 
@@ -77,11 +76,10 @@ def judging_settings(config: Config, perceiver: Perceiver, *, misfit_allowed: bo
         similarity_margin=config.call.similarity_margin,
         match=own.match,
     )
-    roi, width, ground = config.roi, config.corridor, ground_region(config)
-    box = Box(roi.left, roi.top, roi.right, roi.bottom)
+    roi, width = config.roi, config.corridor
     return Settings(
-        region=box if ground is None else ground.in_picture(None).region.bounds,
-        ground=ground,
+        region=region_of(config).bounds,
+        ground=ground_region(config),
         thresholds=thresholds,
         corridor=Corridor(width.bottom, width.top, bottom_row=width.bottom_row, top_row=width.top_row),
         tile_share=perceiver.defaults.tile_share if roi.tile_share is None else roi.tile_share,

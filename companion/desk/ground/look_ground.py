@@ -24,10 +24,10 @@ from anytraverse.frame import Image
 from anytraverse.ground import RELIABLE, WIDEST, GroundCamera
 from anytraverse.ground_lines import ASSUMED_WIDTH, GroundLine, LineKind, horizon_row
 from anytraverse.look import read_picture
-from anytraverse.regions import Box
+from anytraverse.regions import Box, Region
 from companion.cameras.folder import SUFFIXES
 from companion.config import Config, load_config
-from companion.config.stopping import Stopping, judge_stopping, lines_of
+from companion.config.stopping import Stopping, ground_region, judge_stopping, lines_of, region_of
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
 
@@ -62,10 +62,10 @@ def run(where: str, *, file: str, out: str) -> int:
     if camera is None:
         raise MountError(f"{file}: {_missing(config)}")
     picture = first_picture(where, config.camera.rate)
-    box = _region(config)
-    write_png(out, draw(picture, lines_of(config), box))
+    region = region_of(config)
+    write_png(out, draw(picture, lines_of(config), region))
     print(f"{where}: {_mount(camera, config)}")
-    for name, text in _told(camera, config, picture.shape[0], box):
+    for name, text in _told(camera, config, picture.shape[0], region.bounds):
         print(f"  {name:9} {text}")
     if wrong := wrong_aspect(config, picture):
         print(f"  WARNING   {wrong}")
@@ -83,11 +83,12 @@ def first_picture(where: str, rate: float) -> Image:
     raise DriveError(f"{where} has no frame that can be read: give a picture")
 
 
-def draw(picture: Image, lines: Sequence[GroundLine], region: Box) -> Image:
+def draw(picture: Image, lines: Sequence[GroundLine], region: Region) -> Image:
     """Return the picture, not below `_SMALLEST` pixels wide, with the lines and the region of interest."""
     canvas = np.ascontiguousarray(fitted(picture, max(_SMALLEST, picture.shape[1])))
     outline(canvas, region, PAPER, 1)
-    _write(canvas, "region", (region.left, region.top + 0.03), PAPER, to_left=False)
+    (left, top), *_ = region.corners
+    _write(canvas, "region", (left, top + 0.03), PAPER, to_left=False)
     for line in lines:
         _draw_line(canvas, line)
     for line in lines:  # over all lines
@@ -127,11 +128,6 @@ def wrong_aspect(config: Config, picture: Image) -> str:
     )
 
 
-def _region(config: Config) -> Box:
-    roi = config.roi
-    return Box(roi.left, roi.top, roi.right, roi.bottom)
-
-
 def _missing(config: Config) -> str:
     if config.mount.height is None:
         return (
@@ -156,18 +152,21 @@ def _mount(camera: GroundCamera, config: Config) -> str:
     )
 
 
-def _told(camera: GroundCamera, config: Config, height: int, region: Box) -> list[tuple[str, str]]:
+def _told(camera: GroundCamera, config: Config, height: int, box: Box) -> list[tuple[str, str]]:
     """Return what is said of the picture: what of it, and where that is."""
-    row, middle = horizon_row(camera), (region.left + region.right) / 2
+    row, middle = horizon_row(camera), (box.left + box.right) / 2
     side = {row < 0: " (above the picture)", row > 1: " (below the picture)"}.get(True, "")
-    upper, lower = _ahead(camera, middle, region.top), _ahead(camera, middle, region.bottom)
-    width = config.mount.width
+    upper, lower = _ahead(camera, middle, box.top), _ahead(camera, middle, box.bottom)
+    width, ground = config.mount.width, ground_region(config)
+    region = f"upper side {upper}, lower side {lower}"
+    if ground is not None:
+        region = f"{ground.near:.1f} to {ground.far:.1f} m ahead, {ground.width:.1f} m wide"
     judged = judge_stopping(config)
     stops = judged if isinstance(judged, str) else _stops(judged)
     return [
         ("horizon", f"row {row:.2f} of the height, {row * height:.0f} of {height} pixels{side}"),
         ("nearest", f"the lowest row shows the ground {_ahead(camera, 0.5, 1.0)}"),
-        ("region", f"upper side {upper}, lower side {lower}"),
+        ("region", region),
         ("width", f"{width:g} m" if width else f"not known, {ASSUMED_WIDTH:g} m is drawn: set [mount] width"),
         ("stops", stops),
     ]

@@ -43,16 +43,19 @@ def look(picture: Path, config: str) -> int:
 
 
 def test_it_says_where_horizon_region_and_stop_are(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    config = MOUNT + "width = 0.6\n[roi]\ntop = 0.5\n[stopping]\nspeed = 1.0\n"
+    config = MOUNT + "[roi]\ntop = 0.5\n[stopping]\nspeed = 1.0\n"
     assert look(picture, config) == 0
     told = capsys.readouterr().out
     assert "height 1 m, tilt 7 degrees, view 75 degrees, front 0.6 m ahead of the lens" in told
     assert "row 0.39 of the height, 94 of 240 pixels" in told
     assert "the lowest row shows the ground 0.7 m ahead" in told
     assert "upper side 7.5 m ahead (beyond 6 m no distance is reliable), lower side 0.9 m ahead" in told
-    assert "width     0.6 m" in told
     assert "stops     in 4.2 m at 1 m/s" in told
     assert "WARNING" not in told
+    assert look(picture, config.replace("[roi]", "width = 0.6\n[roi]")) == 0
+    told = capsys.readouterr().out
+    assert "width     0.6 m" in told
+    assert "region    0.8 to 5.4 m ahead, 1.2 m wide" in told
 
 
 def test_the_picture_has_the_lines_where_the_mount_puts_them(picture: Path) -> None:

@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo console test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
+.PHONY: help demo console test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-ground bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -66,6 +66,9 @@ bench-cameras: ready-dev ## lose a camera 100 times and see when it is back; ARG
 
 bench-perception: ready-dev ## how far the perceiver may be trusted, at home and abroad; ARGS="--perceiver builtin:FILE.onnx --sweep"
 	@$(PYTHON_IN_VENV) -m bench.perception $(ARGS)
+
+bench-ground: ready-dev ## how well a frame's ground is known in metres while the rover swings (a minute); ARGS=--quick
+	@$(PYTHON_IN_VENV) -m bench.ground $(ARGS)
 
 bench-power: ready-dev ## kill the companion at 500 points of its writes, and cut its power at 200; ARGS="--kills 20 --cuts 20"
 	@$(PYTHON_IN_VENV) -m bench.faults.power_loss $(ARGS)

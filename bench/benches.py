@@ -185,6 +185,17 @@ BENCHES = {
         _frames,
         _PERCEPTION,
     ),
+    "ground": Bench(
+        "bench.ground",
+        "how well a frame's ground is known in metres while the rover swings, jolts and climbs; its cost",
+        (1.2, 0.2),
+        quick=("--quick",),
+        figures=(
+            Quoted("range_error_90/4", "error at 4 m, a swing of 2 degrees, 90 %", "m", LESS),
+            Quoted("range_error_90/5", "error at 5 m, a swing of 2 degrees, 90 %", "m", LESS),
+            Quoted("ms_metres_50", "the figures of a region in metres, median", "ms of CPU", LESS),
+        ),
+    ),
     "false-stops": Bench(
         "bench.false_stops",
         "clean frames of held-out drives that are not OK",

@@ -41,6 +41,8 @@ RANGES = (3.0, 4.0, 5.0, 6.0)
 ASIDE = (-0.5, 0.0, 0.5)
 SPEED, FPS, ATTITUDES = 1.5, 10.0, 4.0
 """m/s; frames/s; reports of ATTITUDE a second."""
+JUDGED = 0.05
+"""s from a frame's capture until it is judged: later reports are not known then."""
 WIRE = 0.02
 """s, at most, from a report to its receipt."""
 MAP = 48
@@ -95,7 +97,7 @@ def errors_of(ride: Ride, seed: int, seconds: float) -> dict[str, dict[float, li
         tilt = motion.at(at, SPEED * at, SPEED).tilt
         places, camera = _seen(View(WIDTH, PIXELS, tilt, ride.distortion), points, calibration, ride)
         rows = (np.floor(places[:, 1] * MAP) + 0.5) / MAP
-        known = [one for one in reports if one.at <= at + 1.0 / ATTITUDES + WIRE]
+        known = [one for one in reports if one.at <= at + JUDGED]
         leans = {
             "none": (0.0, 0.0),
             "reported": lean_at(known[-8:], at) or (0.0, 0.0),

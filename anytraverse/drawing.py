@@ -124,7 +124,7 @@ def fitted(image: Image, width: int) -> Image:
 def outline(canvas: Image, region: Region, colour: Colour, thickness: int = 2) -> None:
     """Draw a region with a dark rim, which makes it visible on any background."""
     height, width = canvas.shape[:2]
-    corners = np.rint(np.multiply(region.corners, (width - 1, height - 1))).astype(np.int32)
+    corners = np.rint(np.multiply(np.clip(region.corners, -10, 10), (width - 1, height - 1))).astype(np.int32)
     cv2.polylines(canvas, [corners], True, (20, 20, 20), thickness + 2, cv2.LINE_AA)  # noqa: FBT003
     cv2.polylines(canvas, [corners], True, colour, thickness, cv2.LINE_AA)  # noqa: FBT003
 

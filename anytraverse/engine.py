@@ -21,6 +21,7 @@ from anytraverse.assessment import Assessment, Finding, Map, Maps, Observation, 
 from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.findings import check_age, find, find_scene, make_maps, roi_figures
 from anytraverse.frame import Frame, is_black, is_image
+from anytraverse.ground import STEEPEST
 from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
 from anytraverse.light import measure_light
@@ -149,8 +150,10 @@ class AnyTraverse:
 
     def figures_of(self, observation: Observation, maps: Maps) -> RoiFigures | Finding:
         """Calculate the figures of the region of interest, or say which fault prevents it."""
-        height, width = observation.frame.image.shape[:2]
-        return roi_figures(maps, width / height, self.settings.at(observation.frame.lean))
+        (height, width), lean = observation.frame.image.shape[:2], observation.frame.lean
+        if self.settings.metres is not None and lean is not None and max(map(abs, lean)) > STEEPEST:
+            return Finding.fault(f"the vehicle leans by {max(map(abs, lean)):.0f} degrees")
+        return roi_figures(maps, width / height, self.settings.at(lean))
 
     def answer(
         self,

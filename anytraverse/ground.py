@@ -23,7 +23,11 @@ Matrix = NDArray[np.float64]
 
 RELIABLE = 6.0
 """Metres. Beyond, a tilt that is wrong by 1 degree moves the ground by a metre: nothing is told there."""
+STEEPEST = 12.0
+"""Degrees. Where a vehicle leans by more against the ground, half of the region may be out of the picture."""
 _ROUNDING = 1e-6
+_NEAR_HORIZON = 0.3
+"""So near to the horizon, of the way from it to the far side, a region that is lengthened ends at most."""
 WIDEST = 120.0
 """Degrees. A wider view does not follow the pinhole model."""
 
@@ -42,6 +46,11 @@ class Lens:
         """Take a horizontal view in degrees, below 180. aspect: width by height of the picture."""
         focal = 0.5 / math.tan(math.radians(view / 2.0))
         return cls(focal, focal * aspect)
+
+    @property
+    def aspect(self) -> float:
+        """Width by height of the picture, whose pixels are square."""
+        return self.focal_y / self.focal_x
 
     @property
     def matrix(self) -> Matrix:
@@ -193,35 +202,51 @@ class RegionInPicture:
     """How a region of the ground appears in a picture.
 
     region: where it lies. near, far: (row, width of the vehicle there) in fractions of the picture's height
-    and width; the row may lie outside of it. tiles: how large a tile is.
+    and width; the row may lie outside of it. rows: between them the vehicle's whole width is in the region.
+    tiles: how large a tile is. When the nose goes up, `region` ends no nearer than for a vehicle that does
+    not lean: the first metres of a climb look like a swing, and must not hide what is on them.
     """
 
     region: Quad
     near: tuple[float, float]
     far: tuple[float, float]
+    rows: tuple[float, float]
     tiles: TileScale
+
+
+NOWHERE = Quad(((-1.0, -1.0),) * 4)
+"""Of a region that is not in the picture: it holds no pixel."""
 
 
 @lru_cache(64)
 def _in_picture(ground: GroundRegion, lean: tuple[float, float]) -> RegionInPicture:
     camera = ground.camera.leaning(*lean)
     near, far = camera.front + ground.near, camera.front + ground.far
-    half, half_vehicle, half_tile = ground.width / 2, ground.vehicle / 2, ground.tile / 2
-    corners = [(far, half), (far, -half), (near, -half), (near, half)]
-    sides = [(x, y * side) for y in (half_vehicle, half_tile) for x in (near, far) for side in (1, -1)]
-    seen = camera.to_picture(np.array(corners + sides))
-    if not np.isfinite(seen).all():  # it leans so far that the near ground is behind the lens
-        seen = np.full(seen.shape, -1.0)
-    places = [(float(x), float(y)) for x, y in seen]
-    widths = [
-        ((left[1] + right[1]) / 2, right[0] - left[0])
-        for left, right in zip(places[4::2], places[5::2], strict=True)
-    ]
-    (low, wide), (high, slim) = widths[2:]
-    slope = (wide - slim) / (low - high) if low != high else 0.0
-    horizon = low - wide / slope if slope else low
-    corner = (places[0], places[1], places[2], places[3])
-    return RegionInPicture(Quad(corner), widths[0], widths[1], TileScale(horizon, slope))
+    halves = (ground.width / 2, ground.vehicle / 2, ground.tile / 2)
+    points = [(x, half * side) for half in halves for x in (near, far) for side in (1, -1)]
+    seen = camera.to_picture(np.array(points)).reshape(3, 2, 2, 2)  # half, near or far, left or right, x or y
+    rows, widths = seen[..., 1].mean(axis=2), seen[:, :, 1, 0] - seen[:, :, 0, 0]
+    if not (np.isfinite(seen).all() and widths.min() > 0.0 and rows[2, 0] > rows[2, 1]):
+        return RegionInPicture(NOWHERE, (0.0, 1.0), (0.0, 1.0), (0.0, 0.0), TileScale(0.0, 1.0))
+    slope = float((widths[2, 0] - widths[2, 1]) / (rows[2, 0] - rows[2, 1]))
+    horizon = float(rows[2, 0] - widths[2, 0] / slope)
+    ends = seen[0, 1]
+    if lean[0] > 0.0:
+        lower = max(0.0, float(ends[:, 1].mean()) - ground.in_picture(None).far[0])
+        highest = horizon + _NEAR_HORIZON * (ends[:, 1] - horizon)
+        tops = np.minimum(ends[:, 1], np.maximum(ends[:, 1] - lower, highest))
+        ends = (
+            ends
+            + (ends - seen[0, 0]) * ((tops - ends[:, 1]) / (ends[:, 1] - seen[0, 0][:, 1]))[:, np.newaxis]
+        )
+    corners = [(float(x), float(y)) for x, y in (*ends, seen[0, 0][1], seen[0, 0][0])]
+    return RegionInPicture(
+        Quad((corners[0], corners[1], corners[2], corners[3])),
+        (float(rows[1, 0]), float(widths[1, 0])),
+        (float(rows[1, 1]), float(widths[1, 1])),
+        (float(seen[1, 1, :, 1].max()), float(seen[1, 0, :, 1].min())),
+        TileScale(horizon, slope),
+    )
 
 
 def _turned(degrees: float, axis: int) -> Matrix:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from anytraverse.errors import SettingsError
-from anytraverse.ground import GroundRegion
+from anytraverse.ground import NOWHERE, GroundRegion
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box, Region, TileScale
 from anytraverse.roi import Corridor
 
+_SAME = 1e-5
+"""By so little the sides of a region may differ that went to a ground station and back."""
 LARGEST_TILE = 0.25
 """Over the ROI's width. A tile that is calculated from the camera's mount is no larger: see `Settings`."""
 
@@ -84,8 +86,8 @@ class Settings:
     frames must match a remembered scene before it is adopted. scene_every: every n-th frame gets an embedding
     of its own, 1 to 100; see `SceneWatch`. pooling, uncertainty: names in `POOLINGS` and `UNCERTAINTIES`.
     misfit_allowed: whether the vehicle may be wider than the region, see `misfit`. No frame is OK then.
-    ground: the ROI in metres, None: `region` is all that is known of it. It is where `ground` lies for a
-    vehicle that does not lean; a frame is judged by its own region and `tiles`, see `at`.
+    ground: the ROI in metres, None: not known. `region` is the box around it for a vehicle that does not
+    lean; a frame is judged by its own region and `tiles`, see `at`. With another `region` it is not used.
     Raises SettingsError for a number out of range, an unknown name, or a misfit that is not allowed.
     """
 
@@ -124,7 +126,7 @@ class Settings:
     @property
     def misfit(self) -> str:
         """Why the vehicle does not fit into the region, "" where it does: see `Corridor.misfit`."""
-        if self.ground is not None or self.tiles is not None:
+        if self.metres is not None or self.tiles is not None:
             return ""  # a `GroundRegion` is as wide as the vehicle, or wider
         return self.corridor.misfit(self.region.bounds)
 
@@ -133,7 +135,17 @@ class Settings:
 
         lean: as in `Frame`. They are these settings themselves where no region in metres is known.
         """
-        return self if self.ground is None else _seen(self, self.ground, lean)
+        return self if self.metres is None else _seen(self, self.metres, lean)
+
+    @property
+    def metres(self) -> GroundRegion | None:
+        """The ROI in metres that is in force; None where it is one in fractions of the image."""
+        if self.ground is None:
+            return None
+        sides = zip(
+            astuple(self.region.bounds), astuple(self.ground.in_picture(None).region.bounds), strict=True
+        )
+        return self.ground if all(abs(one - other) <= _SAME for one, other in sides) else None
 
     @property
     def tile(self) -> float | TileScale:
@@ -159,8 +171,10 @@ def _seen(settings: Settings, ground: GroundRegion, lean: tuple[float, float] | 
     seen = ground.in_picture(lean)
     (low, wide), (high, slim) = seen.near, seen.far
     bounds, corridor = seen.region.bounds, settings.corridor
-    top, bottom = max(0.0, high), min(1.0, low)
-    if top < bottom:
+    top, bottom, region = max(0.0, high), min(1.0, low), seen.region
+    if top >= bottom:
+        region = NOWHERE
+    else:
         slope = (wide - slim) / (low - high)
         middle = ground.width / ground.vehicle * (wide + slim) / 2
         corridor = replace(
@@ -170,8 +184,9 @@ def _seen(settings: Settings, ground: GroundRegion, lean: tuple[float, float] | 
             bottom_row=bottom,
             top_row=top,
             gap=min(1.0, corridor.gap * middle / (bounds.right - bounds.left)),
+            rows=seen.rows,
         )
-    return replace(settings, region=seen.region, corridor=corridor, tiles=seen.tiles, ground=None)
+    return replace(settings, region=region, corridor=corridor, tiles=seen.tiles, ground=None)
 
 
 def _check(name: str, value: object, holds: bool, expected: str) -> None:

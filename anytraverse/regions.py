@@ -142,7 +142,7 @@ def _within(sides: tuple[float, ...]) -> tuple[float, float]:
     )
 
 
-@lru_cache(64)
+@lru_cache(4)
 def _mask(quad: Quad, height: int, width: int) -> NDArray[np.bool_]:
     x, y = (np.arange(width) + 0.5) / width, ((np.arange(height) + 0.5) / height)[:, np.newaxis]
     inside = np.ones((height, width), dtype=np.bool_)

@@ -36,6 +36,8 @@ class Corridor:
     gap: side of the smallest gap that closes the corridor, over the ROI's width, (0, 1]. A tile may be
     smaller: single cells along ragged borders are not drivable, and would be a gap.
     room: a strip is wider than the vehicle by this factor where the ROI leaves room for it, 1 or more.
+    rows: only between these rows must a strip lead through the ROI, None: through all of it. The ends of a
+    ROI that is no box may be narrower than the vehicle.
     Raises SettingsError for fractions that are not above 0, for rows that are not in this order, and for
     share, bands, gap or room out of range.
     """
@@ -48,6 +50,7 @@ class Corridor:
     bottom_row: float = 0.95
     top_row: float = 0.6
     room: float = 1.0
+    rows: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not (0.0 < self.bottom < math.inf and 0.0 < self.top < math.inf):
@@ -283,6 +286,10 @@ def corridor_open(drivable: Mask, region: Region, corridor: Corridor, gap: tuple
     """
     height, width = drivable.shape
     rows, columns = region.bounds.slices(height, width)
+    if corridor.rows is not None:
+        top, bottom = (math.ceil(row * height - 0.5) for row in corridor.rows)
+        rows = slice(max(rows.start, top), max(rows.start, top, min(rows.stop, bottom)))
+    gap = min(gap[0], max(1, rows.stop - rows.start)), gap[1]
     outside = ~region.mask(height, width)[rows, columns]
     missing = ~drivable[rows, columns] | outside
     if missing.size == 0 or missing.all() or corridor.misfit(region.bounds):

@@ -5,6 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 
+import numpy as np
+
+from anytraverse.errors import SettingsError
+from anytraverse.findings import is_open
 from anytraverse.ground import RELIABLE, WIDEST, GroundCamera, GroundRegion
 from anytraverse.ground_lines import GroundLine, ground_lines
 from anytraverse.judging import LARGEST_TILE, Settings
@@ -20,6 +24,10 @@ FARTHEST = 20.0
 _SLOWEST = 0.05
 _PICTURE = 640
 """Pixels. Width of the picture in which a tile is told where the camera's is not configured."""
+SMALLEST_ROI = 0.05
+"""Least width and height of the ROI, fractions of the image's. A smaller ROI holds too few cells of a map."""
+_MAP = (48, 64)
+"""Rows and columns of a perceiver's map: the built-in's."""
 _FURTHER, _AHEAD, _BESIDE = 1.2, 0.5, 0.6
 """A region in metres ends at this factor of what stopping needs, and m; it is wider than the vehicle by m."""
 _UNKNOWN_MEAN = 0.8
@@ -114,7 +122,7 @@ def describe_tile(config: Config, judging: Settings) -> tuple[str, bool]:
 
     judging: the settings in force. Where mount or speed are not known, nothing is said against it.
     """
-    if (ground := judging.ground) is not None:
+    if (ground := judging.metres) is not None:
         text = f"the region is {ground.near:.1f} to {ground.far:.1f} m ahead, {ground.width:.1f} m wide"
         return f"{text}, a tile {ground.tile:g} m", True
     bounds, picture = judging.region.bounds, config.camera.width or _PICTURE
@@ -147,7 +155,7 @@ def lines_of(config: Config) -> tuple[GroundLine, ...]:
 
 def with_settings(config: Config, judging: Settings) -> Config:
     """Return the configuration with the region of interest and the tile of the settings in force."""
-    ground, roi = judging.ground, replace(config.roi, **asdict(judging.region.bounds))
+    ground, roi = judging.metres, replace(config.roi, **asdict(judging.region.bounds))
     if ground is None:
         mount = replace(config.mount, width=None)
         return replace(config, roi=replace(roi, tile_share=judging.tile_side), mount=mount)
@@ -202,7 +210,9 @@ def judge_stopping(
     judged = Stopping(fastest, brakes, react, 0.0, overrun=overrun)
     configured = replace(judged, speed=stopping.speed or 0.0)
     if (ground := _region(config, camera, configured.needs if stopping.speed else None)) is not None:
-        return replace(judged, sees=ground.far - ground.tile)
+        # A thing is noticed when its foot is in the first row of the map below the region's far side.
+        row = camera.lens.aspect / _MAP[1]
+        return replace(judged, sees=camera.distance(camera.row(ground.far) + row))
     return _seeing_in_fractions(config, camera, judged, tile)
 
 
@@ -225,7 +235,19 @@ def ground_region(config: Config) -> GroundRegion | None:
     """Return the region of interest in metres; None where mount, width or speed are not configured."""
     judged, camera = judge_stopping(config), config.ground_camera
     needs = judged.needs if isinstance(judged, Stopping) and config.stopping.speed is not None else None
-    return None if camera is None else _region(config, camera, needs)
+    ground = None if camera is None else _region(config, camera, needs)
+    if ground is not None and not _is_open(ground):
+        raise SettingsError("the camera looks aside, is rolled, or sees too little of the ground for metres")
+    return ground
+
+
+def _is_open(ground: GroundRegion) -> bool:
+    """Return whether the vehicle fits through where all is drivable, on maps as small as they get."""
+    bounds = ground.in_picture(None).region.bounds
+    if min(bounds.right - bounds.left, bounds.bottom - bounds.top) < SMALLEST_ROI:
+        return False
+    settings = Settings(ground=ground, region=bounds).at(None)
+    return is_open(np.ones(_MAP, dtype=np.bool_), ground.camera.lens.aspect, settings)
 
 
 def region_of(config: Config) -> Region:

@@ -63,7 +63,7 @@ def _frame(picture: Image, region: Region, colour: Colour, around: int = 0) -> N
     import cv2
 
     height, width = picture.shape[:2]
-    corners = np.rint(np.multiply(region.corners, (width - 1, height - 1))).astype(np.int32)
+    corners = np.rint(np.multiply(np.clip(region.corners, -10, 10), (width - 1, height - 1))).astype(np.int32)
     outwards = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.int32)
     cv2.polylines(picture, [corners + around * outwards], True, colour, 1)  # noqa: FBT003
 

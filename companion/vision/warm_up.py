@@ -77,7 +77,7 @@ def judging_settings(config: Config, perceiver: Perceiver, *, misfit_allowed: bo
         match=own.match,
     )
     roi, width = config.roi, config.corridor
-    return Settings(
+    settings = Settings(
         region=region_of(config).bounds,
         ground=ground_region(config),
         thresholds=thresholds,
@@ -90,6 +90,11 @@ def judging_settings(config: Config, perceiver: Perceiver, *, misfit_allowed: bo
         scene_every=config.perceiver.scene_every,
         misfit_allowed=misfit_allowed,
     )
+    if settings.metres is None:
+        return settings
+    # Of a region in metres it is known how wide the vehicle appears, also where the ground sets other sides.
+    level = settings.at(None).corridor
+    return replace(settings, corridor=replace(level, gap=settings.corridor.gap, rows=None))
 
 
 def load_engine(

@@ -46,8 +46,8 @@ RECENT = 3
 STORED_FRAMES = 3
 """Stored frames of calls and holds, to which answers and taps may refer."""
 _LOGGED_AGAIN = 10.0
-_LEANS = 16
-"""Reports of how the vehicle leans that are kept: those of the last 4 s."""
+_LEANS, _LEANS_EVERY = 32, 0.1
+"""Reports of how the vehicle leans that are kept, and s from one to the next: there may be 50 a second."""
 
 
 class Worker:
@@ -78,7 +78,7 @@ class Worker:
                 self._tuning, self._engine.settings = number, settings
             case Situation(lean=lean):
                 self._situation = request
-                if lean is not None and (not self._leans or lean.at > self._leans[-1].at):
+                if lean is not None and (not self._leans or lean.at >= self._leans[-1].at + _LEANS_EVERY):
                     self._leans.append(lean)
             case Apply():
                 return [self._answer(request)]

@@ -9,11 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anytraverse.assessment import Finding, Maps
+from anytraverse.assessment import Finding, Maps, Reason
+from anytraverse.engine import AnyTraverse
 from anytraverse.errors import SettingsError
-from anytraverse.findings import roi_figures
-from anytraverse.ground import RELIABLE, GroundCamera, GroundRegion
+from anytraverse.findings import is_open, roi_figures
+from anytraverse.frame import Frame
+from anytraverse.ground import RELIABLE, STEEPEST, GroundCamera, GroundRegion
 from anytraverse.judging import Settings
+from anytraverse.memory import first_memory
+from anytraverse.perception import make_perceiver
+from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Quad, TileScale
 from anytraverse.roi import RoiFigures, worst_tile
 
@@ -68,12 +73,35 @@ def test_it_holds_the_pixels_whose_ground_is_in_it_however_the_vehicle_leans(
     x, y = points(lean)[..., 0] - CAMERA.front, points(lean)[..., 1]
     inside = (x > GROUND.near) & (x < GROUND.far) & (np.abs(y) < GROUND.width / 2)
     assert inside.sum() > 300
-    np.testing.assert_array_equal(judging().at(lean).region.mask(ROWS, COLUMNS), inside)
+    mask = judging().at(lean).region.mask(ROWS, COLUMNS)
+    nearer = mask & ~(x >= GROUND.far)
+    np.testing.assert_array_equal(nearer, inside)
+    if lean[0] <= 0.0:
+        np.testing.assert_array_equal(mask, inside)
 
 
-def test_a_nose_that_goes_up_lowers_the_region_in_the_picture() -> None:
-    level, up = judging().at((0.0, 0.0)).region.bounds, judging().at((3.0, 0.0)).region.bounds
-    assert up.top > level.top + 0.03
+def test_a_nose_that_goes_down_raises_all_of_it_and_one_that_goes_up_lowers_but_its_near_side() -> None:
+    level, up, down = (judging().at((pitch, 0.0)).region.bounds for pitch in (0.0, 3.0, -3.0))
+    assert down.top < level.top - 0.03
+    assert down.bottom < level.bottom - 0.03
+    assert up.bottom > level.bottom + 0.03
+    assert up.top == pytest.approx(level.top), "the first metres of a climb look like a swing"
+
+
+@pytest.mark.parametrize("shape", [(48, 64), (96, 128), (240, 320)])
+def test_over_drivable_ground_the_way_is_open_however_the_vehicle_swings(shape: tuple[int, int]) -> None:
+    camera = GroundCamera.pinhole(0.8, 10.0, 75.0, 4 / 3, front=0.3)
+    ground = GroundRegion(camera, camera.nearest(1.2), 3.5, 1.2, 0.6)
+    drivable = np.ones(shape, np.bool_)
+    for lean in [(pitch, bank) for pitch in (-3.0, 0.0, 3.0) for bank in (-4.0, -1.0, 0.5, 2.0, 4.0)]:
+        assert is_open(drivable, 4 / 3, judging(ground).at(lean)), lean
+
+
+def test_a_wall_across_the_way_closes_it_however_the_vehicle_swings() -> None:
+    for lean in [(pitch, bank) for pitch in (-3.0, 0.0, 3.0) for bank in (-4.0, -1.0, 0.5, 2.0, 4.0)]:
+        x, y = points(lean)[..., 0] - CAMERA.front, points(lean)[..., 1]
+        wall = (x > 2.6) & (x < 3.6) & (np.abs(y) < 0.8)
+        assert not is_open(~wall, 4 / 3, judging().at(lean)), lean
 
 
 def test_without_a_region_in_metres_a_frame_is_judged_by_the_settings_themselves() -> None:
@@ -114,10 +142,10 @@ def test_a_thing_beyond_the_region_or_beside_it_is_in_no_tile() -> None:
 
 
 def test_a_thing_across_the_way_closes_the_corridor_and_one_beside_it_does_not() -> None:
-    for left, is_open in ((0.0, False), (0.65, True)):
+    for left, free in ((0.0, False), (0.65, True)):
         roi = roi_figures(maps(standing(3.3, left, 0.5)), 4 / 3, judging().at(None))
         assert isinstance(roi, RoiFigures)
-        assert roi.corridor.open is is_open
+        assert roi.corridor.open is free
 
 
 @given(LEANS)
@@ -199,3 +227,15 @@ def test_a_box_and_a_quad_of_its_corners_are_the_same_region() -> None:
     quad = Quad(box.corners)
     assert quad.bounds == box
     np.testing.assert_array_equal(quad.mask(48, 64), box.mask(48, 64))
+
+
+def test_a_frame_of_a_vehicle_that_leans_too_far_is_a_fault_and_one_that_leans_a_little_is_not() -> None:
+    perceiver = make_perceiver("builtin:lexicon")
+    engine = AnyTraverse(
+        perceiver, judging(), first_memory(perceiver.model_id, Preferences.parse("grass: 1; trail: 1"))
+    )
+    image = np.full((48, 64, 3), (90, 120, 60), np.uint8)
+    for number, (lean, faulty) in enumerate([((STEEPEST - 1, 0.0), False), ((0.0, STEEPEST + 1), True)], 1):
+        seen = engine.step(Frame(number, 0.0, image, lean=lean), 0.0)
+        assert (Reason.FAULT in seen.reasons) is faulty
+    assert "leans by 13 degrees" in next(one.figure for one in seen.bad if one.reason is Reason.FAULT)

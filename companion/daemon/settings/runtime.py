@@ -18,7 +18,7 @@ from anytraverse.regions import Box
 from companion.calls.numbers import Numbers
 from companion.calls.policy import OffSwitch, PolicyState, Side
 from companion.config import Config
-from companion.config.stopping import longest_brake
+from companion.config.stopping import SMALLEST_ROI, longest_brake
 from companion.wire import parameters
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
@@ -40,8 +40,6 @@ from companion.wire.parameters import (
     build,
 )
 
-SMALLEST_ROI = 0.05
-"""Least width and height of the ROI, fractions of the image's. A smaller ROI holds too few cells of a map."""
 THRESHOLDS: Mapping[str, str] = MappingProxyType(
     {parameters.THR_ROI: "roi", parameters.THR_SCENE: "scene", THR_TILE: "tile", parameters.THR_TRAV: "trav"}
 )
@@ -75,7 +73,6 @@ def tuned(judging: Settings, values: Mapping[str, float], *, misfit_allowed: boo
         judging,
         thresholds=replace(judging.thresholds, **thresholds),
         region=_region(judging.region.bounds, sides) if sides else judging.region,
-        ground=None if sides else judging.ground,
         misfit_allowed=misfit_allowed or bool(judging.misfit),
     )
 

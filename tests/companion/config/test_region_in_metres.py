@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from anytraverse.errors import SettingsError
 from anytraverse.ground import RELIABLE
 from anytraverse.judging import Settings
 from anytraverse.perception import make_perceiver
@@ -69,10 +70,11 @@ def test_without_mount_width_speed_or_pinhole_there_is_none(unknown: dict[str, o
     assert in_force(config).ground is None
 
 
-def test_a_thing_counts_as_seen_a_tile_before_it_ends() -> None:
+def test_a_thing_counts_as_seen_a_row_of_the_map_before_it_ends() -> None:
     ground = ground_region(CONFIG)
     assert ground is not None
-    assert judged(CONFIG).sees == pytest.approx(ground.far - ground.tile)
+    row = ground.camera.row(judged(CONFIG).sees) - ground.camera.row(ground.far)
+    assert row == pytest.approx(1 / 48, abs=1e-4)
     assert judged(CONFIG).enough
 
 
@@ -105,10 +107,27 @@ def test_the_settings_in_force_have_it_and_its_box_in_the_picture() -> None:
 
 def test_a_side_that_the_ground_station_sets_makes_it_one_in_fractions() -> None:
     settings = tuned(in_force(CONFIG), {ROI["top"]: 0.55})
-    assert settings.ground is None
+    assert settings.metres is None
+    assert settings.at((3.0, 2.0)) is settings
     assert settings.region.bounds.top == 0.55
     assert judged(with_settings(CONFIG, settings)).sees != judged(CONFIG).sees
-    assert tuned(in_force(CONFIG), {}).ground is not None
+    assert settings.corridor == replace(in_force(CONFIG).at(None).corridor, gap=0.25, rows=None)
+
+
+def test_sides_that_are_as_they_were_leave_it_in_metres() -> None:
+    settings = in_force(CONFIG)
+    asis = {name: round(getattr(settings.region.bounds, side), 6) for side, name in ROI.items()}
+    assert tuned(settings, asis).metres == settings.ground
+    assert tuned(settings, {ROI["top"]: asis[ROI["top"]]}).metres == settings.ground
+    other = tuned(settings, {ROI["left"]: 0.1})
+    assert other.metres is None
+    assert tuned(other, {ROI["left"]: asis[ROI["left"]]}).metres == settings.ground
+
+
+@pytest.mark.parametrize("mount", [{"heading": 40.0}, {"heading": 180.0}, {"tilt": -30.0}])
+def test_a_mount_by_which_the_vehicle_fits_through_nowhere_is_refused(mount: dict[str, float]) -> None:
+    with pytest.raises(SettingsError):
+        ground_region(replace(CONFIG, mount=replace(CONFIG.mount, **mount)))
 
 
 def written(folder: Path, mount: str, roi: str = "") -> Path:

@@ -243,6 +243,18 @@ def test_a_frame_has_the_lean_of_its_own_moment(stage: Stage) -> None:
     assert lean == pytest.approx((1.0, -2.0)), "the report that is nearest in time"
 
 
+def test_reports_of_the_lean_that_come_very_often_push_out_no_older_ones_that_a_late_frame_needs(
+    stage: Stage,
+) -> None:
+    captured_at = stage.look().assessment.frame.captured_at
+    for number in range(100):
+        lean = Lean(captured_at + 0.02 * number, 0.01 * number, 0.0, 0.0, 0.0)
+        stage.worker.handle(Situation(Place(), lean=lean))
+    lean_then = stage.look().assessment.frame.lean
+    assert lean_then is not None
+    assert lean_then[0] < 0.1
+
+
 @pytest.mark.parametrize("frame_id", [2, 77])
 def test_an_answer_about_a_frame_that_is_gone_is_refused_and_teaches_nothing(
     stage: Stage, frame_id: int

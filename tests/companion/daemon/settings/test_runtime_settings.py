@@ -12,8 +12,8 @@ from anytraverse.memory import first_memory
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.config import Config
+from companion.config.stopping import SMALLEST_ROI
 from companion.daemon.settings.runtime import (
-    SMALLEST_ROI,
     RuntimeSettings,
     first_values,
     first_words,

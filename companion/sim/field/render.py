@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from companion.sim.field import backdrop, sprites
 from companion.sim.field.backdrop import Backdrop, Outlook
 from companion.sim.field.ground import Footing, Ground
-from companion.sim.field.lens import HEIGHT, Lens, relative
+from companion.sim.field.lens import STANDARD, Lens, LensMount, relative
 from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.sensor import Sensor
 from companion.sim.field.sprites import Tufts
@@ -46,20 +46,26 @@ class _Scene(NamedTuple):
 
 
 class PinholeCamera:
-    """A camera that looks along a rover's heading, slightly down, 1 m above the ground; a pinhole without k1.
+    """A camera that looks along a rover's heading, slightly down; a pinhole without k1.
 
     Every pixel has the label of the nearest thing that it shows. A forest's floor and the tufts at the verge
     are labelled "grass", woods in the distance "tree". `lens` is that of a level rover, without distortion.
     """
 
     def __init__(
-        self, world: World, width: int = 320, height: int = 240, seed: int = 0, k1: float = 0.0
+        self,
+        world: World,
+        width: int = 320,
+        height: int = 240,
+        seed: int = 0,
+        k1: float = 0.0,
+        mount: LensMount = STANDARD,
     ) -> None:
         """k1: of OpenCV's radial distortion, as of `View`."""
         if not (16 <= width <= 4096 and 16 <= height <= 4096):
             raise ValueError(f"no frames of {width} x {height}: give 16 to 4096 pixels a side")
         self.world, self.width, self.height = world, width, height
-        self.lens = Lens(width, height)
+        self.lens = Lens(width, height, mount)
         self._k1 = k1
         self._sensor = Sensor(width, height, seed)
         self._ground = Ground(world)
@@ -97,7 +103,7 @@ class PinholeCamera:
 
     def view(self, tilt: Tilt = LEVEL) -> View:
         """Returns the geometry of the frames of a tilt."""
-        return View(self.width, self.height, tilt, self._k1)
+        return View(self.width, self.height, tilt, self._k1, self.lens.mount)
 
     def distance_ahead(self, row: int) -> float:
         """Returns how far ahead (m) of a level rover the ground in the middle of a picture's row is.
@@ -114,7 +120,7 @@ class PinholeCamera:
         lost, haze = (1 - clear).astype(np.float64), np.empty((*clear.shape, 3), np.uint8)
         for channel, colour in enumerate(backdrop.HAZE):
             haze[..., channel] = lost * colour
-        foot = lens.horizon + round(lens.focal * 1.3 * HEIGHT / backdrop.NEAREST_FOOT)
+        foot = lens.horizon + round(lens.focal * 1.3 * lens.mount.height / backdrop.NEAREST_FOOT)
         foot = min(lens.height, max(2, foot))
         return _Scene(view, self._ground.footing(lens), clear, haze, foot, Outlook(*lens.directions(foot)))
 

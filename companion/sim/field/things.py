@@ -64,6 +64,13 @@ class World:
         for thing in [*_surprises(self.trail, seed, surprises), *_scenery(self.trail, seed)]:
             self.things[thing.id] = thing
 
+    def add(self, thing: FieldThing) -> None:
+        """Puts a thing down. Raises ValueError where there is one of that id."""
+        if thing.id in self.things:
+            raise ValueError(f"{thing.id} is there already: give another id")
+        self.things[thing.id] = thing
+        self.revision += 1
+
     def remove(self, thing_id: str) -> None:
         """Takes a thing away. Raises KeyError when there is none of that id."""
         self._known(thing_id)

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.sim.field.lens import FARTHEST, HEIGHT, PITCH, Floats, Lens, focal_length
+from companion.sim.field.lens import FARTHEST, STANDARD, Floats, Lens, LensMount, focal_length
 from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.trail import Pose
 
@@ -18,7 +18,7 @@ _LEAST_STRETCH = 0.25  # of a distorted by an undistorted picture, outwards; nea
 
 
 class View:
-    """A camera that looks PITCH down from a rover, which leans by `tilt` against the ground.
+    """A camera of a mount on a rover, which leans by `tilt` against the ground.
 
     A camera that looks down and rolls also looks aside. So it has the picture of a `lens` without roll, `yaw`
     rad to the left of the rover, turned about the optical axis. That is exact, and leans things as well.
@@ -26,13 +26,16 @@ class View:
     picture does (at 4:3 below -0.15), the pixels beyond repeat the last that see something.
     """
 
-    def __init__(self, width: int, height: int, tilt: Tilt = LEVEL, k1: float = 0.0) -> None:
+    def __init__(
+        self, width: int, height: int, tilt: Tilt = LEVEL, k1: float = 0.0, mount: LensMount = STANDARD
+    ) -> None:
         self._size, self._k1 = (width, height), k1
-        self.yaw, self._down, self._turn = _camera_angles(tilt)
+        self.yaw, self._down, self._turn = _camera_angles(tilt, mount.pitch)
+        self._mount = LensMount(mount.height, self._down)
         self.focal = focal_length(width)
         self.table: tuple[Floats, Floats] | None = None  # for cv2.remap: from the lens's picture to this one
         if not (tilt.roll or k1):
-            self.lens = Lens(width, height, self._down)
+            self.lens = Lens(width, height, self._mount)
             return
         import cv2
 
@@ -40,7 +43,7 @@ class View:
         table = np.asarray(cv2.transform(places, self._turned() * self.focal), np.float32)
         reach = np.abs(np.vstack([*table[[0, -1]], *table[:, [0, -1]]])).max(axis=0)  # at the four sides
         wide, high = (2 * math.ceil(axis) + 2 for axis in reach)
-        self.lens = Lens(wide, high, self._down, self.focal)
+        self.lens = Lens(wide, high, self._mount, self.focal)
         self.table = table[..., 0] + np.float32((wide - 1) / 2), table[..., 1] + np.float32((high - 1) / 2)
 
     def project(self, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
@@ -65,7 +68,8 @@ class View:
         places, seen = _undistorted(*self._size, self._k1)
         x, y = np.moveaxis(places @ self._turned().T, 2, 0)
         drop = math.sin(self._down) + y * math.cos(self._down)
-        depth = np.where(seen & (drop > 0), HEIGHT / np.maximum(drop, HEIGHT / FARTHEST), np.nan)
+        above = self._mount.height
+        depth = np.where(seen & (drop > 0), above / np.maximum(drop, above / FARTHEST), np.nan)
         ahead, left = (math.cos(self._down) - y * math.sin(self._down)) * depth, -x * depth
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return (ahead * c - left * s).astype(np.float32), (ahead * s + left * c).astype(np.float32)
@@ -76,15 +80,15 @@ class View:
         return np.array([[c, -s], [s, c]])
 
 
-def _camera_angles(tilt: Tilt) -> tuple[float, float, float]:
+def _camera_angles(tilt: Tilt, mount: float) -> tuple[float, float, float]:
     """Returns the camera's angles: left of the rover, down from the horizon, and its roll; rad.
 
-    They are those of a rotation by pitch, then roll, then the mount's PITCH.
+    They are those of a rotation by pitch, then roll, then the mount's pitch, `mount`.
     """
     if not tilt.roll:
-        return 0.0, PITCH - tilt.pitch, 0.0
-    ahead, down = math.cos(PITCH), math.sin(PITCH) * math.cos(tilt.roll)
-    right = -math.sin(PITCH) * math.sin(tilt.roll)
+        return 0.0, mount - tilt.pitch, 0.0
+    ahead, down = math.cos(mount), math.sin(mount) * math.cos(tilt.roll)
+    right = -math.sin(mount) * math.sin(tilt.roll)
     c, s = math.cos(tilt.pitch), math.sin(tilt.pitch)
     ahead, down = ahead * c + down * s, down * c - ahead * s
     turn = math.asin(math.sin(tilt.roll) * c / math.hypot(ahead, right))

@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 _SHIPPED = (
     "companion.toml",
     "companion.schema.json",
-    "vehicles/rover.toml",
+    *(f"vehicles/{name}.toml" for name in ("rover", "quadruped", "small-rover", "atv")),
     "ardupilot/anytraverse.lua",
     "qgroundcontrol/anytraverse.json",
     *(f"cockpit/{name}.json" for name in ("go", "stay", "look-again", "other-place", "word", "view")),

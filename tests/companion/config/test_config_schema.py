@@ -34,7 +34,10 @@ def _fits(document: Any) -> bool:
     return bool(jsonschema.Draft202012Validator(json_schema()).is_valid(document))
 
 
-@pytest.mark.parametrize("name", ["companion.toml", "vehicles/rover.toml"])
+@pytest.mark.parametrize(
+    "name",
+    ["companion.toml", *(f"vehicles/{name}.toml" for name in ("rover", "quadruped", "small-rover", "atv"))],
+)
 def test_the_shipped_files_fit_the_schema_beside_them(name: str) -> None:
     path = SHIPPED / name
     assert _fits(Layer.read(path).data)

@@ -31,6 +31,10 @@ COMMANDS: Commands = {
         "count the calls that a drive raises, by many thresholds",
         "companion.desk.tuning.calls_command",  # the rules of calls are the companion's
     ),
+    "roi-exchange": (
+        "exchange the regions of interest of several vehicles, on a simulated trail",
+        "companion.desk.exchange.command",
+    ),
     "fit": ("fit the built-in network to labelled frames of your own", "anytraverse.training.command"),
     "export": ("make a bundle of a CLIPSeg checkpoint, for a rover to run", "anytraverse.export.command"),
     "bundle": (

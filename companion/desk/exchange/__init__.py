@@ -1,0 +1,1 @@
+"""Exchanges regions of interest between vehicles, on the simulated trail: `anytraverse roi-exchange`."""

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from anytraverse.ground import GroundCamera, Lens
 from companion.sim.field.lens import Lens as SimulatedLens
+from companion.sim.field.lens import LensMount
 from companion.sim.field.trail import Pose
 
 SIMULATED = GroundCamera.pinhole(1.0, 7.0, 75.0, 4 / 3)
@@ -22,11 +23,16 @@ def place(camera: GroundCamera, ahead: float, left: float) -> tuple[float, float
     return float(x), float(y)
 
 
-def test_the_simulated_cameras_pixels_meet_the_ground_where_it_says() -> None:
-    lens = SimulatedLens(320, 240)
+@pytest.mark.parametrize(("height", "tilt"), [(1.0, 7.0), (0.45, 15.0)])
+def test_the_simulated_cameras_pixels_meet_the_ground_where_it_says(height: float, tilt: float) -> None:
+    lens = SimulatedLens(320, 240, LensMount(height, math.radians(tilt)))
+    camera = GroundCamera.pinhole(height, tilt, 75.0, 4 / 3)
     for ahead, left in ((2.0, 0.0), (5.0, 1.5), (9.0, -3.0)):
         column, row, _ = lens.project(Pose(0.0, 0.0, 0.0), ahead, left)
-        assert place(SIMULATED, ahead, left) == pytest.approx((column / 320, row / 240), abs=1e-6)
+        assert place(camera, ahead, left) == pytest.approx((column / 320, row / 240), abs=1e-6)
+    row = 200
+    there = np.array([[lens.forward[row - lens.horizon, 40], lens.left[row - lens.horizon, 40]]])
+    assert camera.to_picture(there)[0] == pytest.approx((40.5 / 320, 200.5 / 240), abs=1e-4)
 
 
 def test_it_agrees_with_the_row_and_width_of_a_vehicle_that_does_not_lean() -> None:

@@ -143,3 +143,14 @@ def test_a_longer_trail_has_its_surprises_all_along() -> None:
     places = sorted(trail.nearest(one.x, one.y)[0] for one in world.things.values() if one.surprise)
     assert [trail.zone(s) for s in places] == ["meadow"] * 2 + ["forest"] * 2 + ["gravel"] * 2
     assert min(np.diff(places)) > 40
+
+
+def test_a_thing_that_is_put_down_is_there_once() -> None:
+    world = World(1, surprises=())
+    thing = World(1).things["drum-1"]
+    before = world.revision
+    world.add(thing)
+    assert world.contact(thing.x, thing.y, 0.1) == ["drum-1"]
+    assert world.revision > before
+    with pytest.raises(ValueError, match="is there already"):
+        world.add(thing)

@@ -125,7 +125,7 @@ def test_what_is_put_down_stands_where_it_is_said_to() -> None:
     world, placed = make_trail(1)
     for one in placed:
         s, aside = world.trail.nearest(one.thing.x, one.thing.y)
-        assert (s, aside) == (pytest.approx(one.s, abs=0.05), pytest.approx(one.aside, abs=0.05))
+        assert [s, aside] == pytest.approx([one.s, one.aside], abs=0.05)
 
 
 def _pair(vehicle: Any, *calls: float | None) -> Pair:

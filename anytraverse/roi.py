@@ -98,7 +98,8 @@ class Corridor:
 class Tile:
     """Holds a square window of the ROI and its mean uncertainty, in [0, 1].
 
-    around: a larger square around a window that is smaller than the things that are looked for.
+    around: a larger square around a window that is smaller than the things that are looked for, or the whole
+    upright square of which only the lower part lies in the ROI.
     """
 
     box: Box
@@ -251,7 +252,10 @@ def _worst_upright(
     foot = rows - 1 - above
     top, first = start[0] + int(tops[foot, 0]), start[1] + left
     box = Box(first / width, top / height, (first + int(wide[foot])) / width, (start[0] + foot + 1) / height)
-    return Tile(box, float(np.clip(means[foot, left], 0.0, 1.0)))
+    # At the ROI's far side only the foot of a thing lies in it: too little to be shown, or learnt from a tap.
+    upright = max(0, start[0] + foot + 1 - int(high[foot])) / height
+    around = replace(box, top=upright) if upright < box.top else None
+    return Tile(box, float(np.clip(means[foot, left], 0.0, 1.0)), around)
 
 
 def tile_size(height: int, width: int, bounds: Box, aspect: float, share: float) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from anytraverse.ground import GroundCamera, GroundRegion
 from anytraverse.regions import Box
 from anytraverse.roi import tile_size, worst_tile
 
@@ -145,3 +146,19 @@ def test_not_a_number_is_not_passed_over() -> None:
     tile = worst_tile(uncertainty, ROI, 1.0)
     assert tile is not None
     assert math.isnan(tile.uncertainty)
+
+
+def test_of_a_thing_whose_foot_reaches_into_the_far_side_the_whole_square_is_shown() -> None:
+    camera = GroundCamera.pinhole(1.0, 7.0, 75.0, 4 / 3)
+    seen = GroundRegion(camera, 0.5, 5.0, 1.2, 0.6).in_picture(None)
+    first = seen.region.bounds.slices(48, 64)[0].start
+    uncertainty = np.zeros((48, 64), np.float32)
+    uncertainty[first - 8 : first + 1, 29:35] = 1.0
+    tile = worst_tile(uncertainty, seen.region, 4 / 3, seen.tiles)
+    assert tile is not None
+    assert tile.uncertainty == pytest.approx(1.0)
+    assert tile.box.slices(48, 64)[0] == slice(first, first + 1)
+    rows, columns = tile.shown.slices(48, 64)
+    assert rows.stop == first + 1
+    assert rows.stop - rows.start == pytest.approx(columns.stop - columns.start, abs=1)
+    assert seen.region.bounds.contains(*tile.box.centre)

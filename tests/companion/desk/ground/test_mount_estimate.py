@@ -56,6 +56,7 @@ def test_the_simulated_mount_is_found_on_every_trail(seed: int) -> None:
     assert fit.height[1] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_speed_that_is_a_tenth_too_high_makes_the_height_a_tenth_too_great(
     driven: Sequence[FramePair],
 ) -> None:
@@ -70,6 +71,7 @@ def test_pairs_of_other_places_tell_nothing(driven: Sequence[FramePair]) -> None
         fit_mount(mixed, CAMERA)
 
 
+@pytest.mark.slow
 def test_a_nose_that_rises_untold_makes_the_pairs_disagree_or_no_mount_fit(
     driven: Sequence[FramePair],
 ) -> None:
@@ -78,6 +80,7 @@ def test_a_nose_that_rises_untold_makes_the_pairs_disagree_or_no_mount_fit(
         fit_mount(rising, CAMERA)
 
 
+@pytest.mark.slow
 def test_a_recording_tells_the_mount(
     tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -236,9 +236,8 @@ def _worst_upright(
     lefts = np.arange(columns)[np.newaxis, :]
     rights = np.minimum(columns, lefts + wide[:, np.newaxis])
 
-    def window(of: NDArray[np.generic]) -> NDArray[np.float64]:
-        table = np.zeros((rows + 1, columns + 1))
-        table[1:, 1:] = of.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
+    def window(of: Map | Mask) -> NDArray[np.float64]:
+        table = _summed_area(of)
         return np.asarray(table[ends, rights] - table[tops, rights] - table[ends, lefts] + table[tops, lefts])
 
     counts = window(counted)
@@ -271,10 +270,16 @@ def tile_size(height: int, width: int, bounds: Box, aspect: float, share: float)
     )
 
 
-def _window_sums(values: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
-    """Sum every window of (height, width), by a summed-area table."""
+def _summed_area(values: NDArray[np.floating] | Mask) -> NDArray[np.float64]:
+    """Return the summed-area table of (h, w) values, (h + 1, w + 1)."""
     table = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
     table[1:, 1:] = values.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
+    return table
+
+
+def _window_sums(values: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
+    """Sum every window of (height, width), by a summed-area table."""
+    table = _summed_area(values)
     sums: NDArray[np.float64] = (
         table[height:, width:] - table[:-height, width:] - table[height:, :-width] + table[:-height, :-width]
     )

@@ -121,10 +121,16 @@ def fitted(image: Image, width: int) -> Image:
     return np.asarray(cv2.resize(image, (width, height), interpolation=method), dtype=np.uint8)
 
 
+def corner_pixels(canvas: Image, region: Region) -> NDArray[np.int32]:
+    """Return the columns and rows of a region's corners, (4, 2); far outside of the canvas they are cut."""
+    height, width = canvas.shape[:2]
+    places = np.clip(region.corners, -10, 10)
+    return np.asarray(np.rint(np.multiply(places, (width - 1, height - 1))), np.int32)
+
+
 def outline(canvas: Image, region: Region, colour: Colour, thickness: int = 2) -> None:
     """Draw a region with a dark rim, which makes it visible on any background."""
-    height, width = canvas.shape[:2]
-    corners = np.rint(np.multiply(np.clip(region.corners, -10, 10), (width - 1, height - 1))).astype(np.int32)
+    corners = corner_pixels(canvas, region)
     cv2.polylines(canvas, [corners], True, (20, 20, 20), thickness + 2, cv2.LINE_AA)  # noqa: FBT003
     cv2.polylines(canvas, [corners], True, colour, thickness, cv2.LINE_AA)  # noqa: FBT003
 

@@ -62,10 +62,11 @@ def _frame(picture: Image, region: Region, colour: Colour, around: int = 0) -> N
     """Draw a line one pixel wide, `around` pixels outside of a region."""
     import cv2
 
-    height, width = picture.shape[:2]
-    corners = np.rint(np.multiply(np.clip(region.corners, -10, 10), (width - 1, height - 1))).astype(np.int32)
+    from anytraverse.drawing import corner_pixels
+
     outwards = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.int32)
-    cv2.polylines(picture, [corners + around * outwards], True, colour, 1)  # noqa: FBT003
+    corners = corner_pixels(picture, region) + around * outwards
+    cv2.polylines(picture, [corners], True, colour, 1)  # noqa: FBT003
 
 
 def _finest(picture: Image, coarsest: int, limit: int) -> bytes | None:

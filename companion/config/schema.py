@@ -39,6 +39,8 @@ from companion.config.web import LiveSection, WebSection
 from companion.vehicle import PX4_HOLDS
 
 LONGEST_FRESHNESS = 10.0
+_ASPECT_OFF = 0.02
+"""Share by which a picture's shape may differ from [mount] aspect."""
 MOST_SCENES = 10_000
 """The most that a memory holds, wherever it comes from."""
 SMALLEST_RING = 20
@@ -167,6 +169,10 @@ class MountSection(Section):
     width: float | None = setting(
         None, number(0.1, 10), "the vehicle's width, m; with it the region of interest is one in metres"
     )
+
+    def has_shape(self, width: int, height: int) -> bool:
+        """Whether pictures of so many pixels have the shape that `aspect` says."""
+        return abs(width / height / self.aspect - 1.0) <= _ASPECT_OFF
 
     def conflicts(self) -> Iterator[Conflict]:
         if (self.height is None) != (self.tilt is None):

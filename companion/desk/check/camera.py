@@ -14,7 +14,6 @@ from companion.vision.infrared import REMEDY, SHARE, TEXT
 from companion.vision.warm_up import too_slow
 
 CAMERA, FRAMES, EXPOSURE, INFRARED = "camera", "frames", "exposure", "infrared"
-_ASPECT_OFF = 0.02
 _SLOW = 0.8
 """Share of [camera] rate below which a camera is too slow for it."""
 _DARK, _FLAT = 25.0, 4.0
@@ -34,7 +33,7 @@ def check_camera(rover: CheckedRover) -> list[CheckFinding]:
     what = f"{shown(config.camera.source)}, {seen.width} x {seen.height}"
     what += ", rectified" if config.calibration else ""
     aspect, is_now = config.mount.aspect, seen.width / seen.height
-    if config.mount.height is not None and abs(is_now / aspect - 1.0) > _ASPECT_OFF:
+    if config.mount.height is not None and not config.mount.has_shape(seen.width, seen.height):
         wrong = (
             f"{what}, and [mount] aspect is {aspect:g}: set it to {is_now:.3f}, or the row stopping is wrong"
         )

@@ -31,8 +31,6 @@ from companion.config.stopping import Stopping, ground_region, judge_stopping, l
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
 
-ASPECT_OFF = 0.02
-"""Share by which a picture's shape may differ from [mount] aspect."""
 _BLUE: Colour = (86, 180, 233)
 _RIM: Colour = (20, 20, 20)
 _COLOURS: dict[LineKind, Colour] = {
@@ -119,12 +117,12 @@ def _write(canvas: Image, text: str, at: tuple[float, float], colour: Colour, *,
 
 def wrong_aspect(config: Config, picture: Image) -> str:
     """Say that a picture has another shape than the mount; "" where it has the same."""
-    aspect, is_now = config.mount.aspect, picture.shape[1] / picture.shape[0]
-    if abs(is_now / aspect - 1.0) <= ASPECT_OFF:
+    aspect, (height, width) = config.mount.aspect, picture.shape[:2]
+    if config.mount.has_shape(width, height):
         return ""
     return (
-        f"the picture is {picture.shape[1]} x {picture.shape[0]}, and [mount] aspect is {aspect:g}: where it "
-        f"is the rover's own, set aspect to {is_now:.3f}; else the lines are wrong"
+        f"the picture is {width} x {height}, and [mount] aspect is {aspect:g}: where it "
+        f"is the rover's own, set aspect to {width / height:.3f}; else the lines are wrong"
     )
 
 

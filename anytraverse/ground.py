@@ -192,6 +192,14 @@ class GroundRegion:
         if self.tile <= 0.0:
             raise SettingsError(f"a tile of {self.tile:g} m holds nothing")
 
+    @classmethod
+    def in_view(
+        cls, camera: GroundCamera, near: float, far: float, width: float, vehicle: float
+    ) -> GroundRegion:
+        """Make one that begins no nearer than its ground is in view, and ends where the ground is known."""
+        near, far = max(near, camera.nearest(width)), min(far, RELIABLE - camera.front)
+        return cls(camera, near, far, width, vehicle)
+
     def in_picture(self, lean: tuple[float, float] | None) -> RegionInPicture:
         """Return how it appears when the vehicle leans so: pitch and bank in degrees, None: not at all."""
         return _in_picture(self, lean or (0.0, 0.0))

@@ -9,7 +9,7 @@ import numpy as np
 
 from anytraverse.errors import SettingsError
 from anytraverse.findings import is_open
-from anytraverse.ground import RELIABLE, WIDEST, GroundCamera, GroundRegion
+from anytraverse.ground import WIDEST, GroundCamera, GroundRegion
 from anytraverse.ground_lines import GroundLine, ground_lines
 from anytraverse.judging import LARGEST_TILE, Settings
 from anytraverse.regions import Box, Region
@@ -268,9 +268,8 @@ def _region(config: Config, camera: GroundCamera, needs: float | None) -> Ground
     if vehicle is None or (roi.far is None and needs is None):
         return None
     width = vehicle + _BESIDE if roi.width is None else roi.width
-    wanted = _FURTHER * (needs or 0.0) + _AHEAD if roi.far is None else roi.far
-    far = min(wanted, RELIABLE - camera.front)
-    return GroundRegion(camera, max(roi.near, camera.nearest(width)), far, width, vehicle)
+    far = _FURTHER * (needs or 0.0) + _AHEAD if roi.far is None else roi.far
+    return GroundRegion.in_view(camera, roi.near, far, width, vehicle)
 
 
 def _down(figure: float) -> float:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from anytraverse.errors import AnyTraverseError
-from anytraverse.ground import RELIABLE, GroundCamera, GroundRegion
+from anytraverse.ground import GroundCamera, GroundRegion
 from anytraverse.resources import resource
 from companion.config import Config, ConfigError, load_config
 from companion.config.stopping import Stopping, ground_region, judge_stopping
@@ -63,9 +63,7 @@ class ExchangeVehicle:
         It begins where this camera sees ground, and ends `RELIABLE` m from this lens at most. Raises
         SettingsError where nothing is left.
         """
-        near = max(region.near, self.camera.nearest(region.width))
-        far = min(region.far, RELIABLE - self.camera.front)
-        return replace(region, camera=self.camera, near=near, far=far)
+        return GroundRegion.in_view(self.camera, region.near, region.far, region.width, region.vehicle)
 
 
 def read_vehicle(path: Path) -> ExchangeVehicle:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,17 @@ Intrinsics = tuple[float, float, float, float]
 """Of the picture as it is: focal lengths in x and y, and the x and y of the lens axis, all in pixels."""
 
 
+class Pose(NamedTuple):
+    """A place and heading of the vehicle by odometry: in m and degrees, from a start that is anywhere.
+
+    x, y: on the ground, y to the left of x. heading: of the nose from x, counter-clockwise.
+    """
+
+    x: float
+    y: float
+    heading: float
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """Holds one picture.
@@ -29,6 +40,7 @@ class Frame:
     depth, intrinsics: None where the camera does not tell.
     lean: degrees of pitch (nose up) and bank (right side down) by which the vehicle leant against the ground
     on which it stood; None where that is not known.
+    pose: where the vehicle was and how it was turned, by odometry; None where that is not known.
     """
 
     id: int
@@ -37,6 +49,7 @@ class Frame:
     depth: Depth | None = None
     intrinsics: Intrinsics | None = None
     lean: tuple[float, float] | None = None
+    pose: Pose | None = None
 
 
 def is_image(image: Any) -> bool:

@@ -32,7 +32,7 @@ from companion.sim.field.motion import Motion
 from companion.sim.field.things import World
 from companion.sim.field.trail import Pose
 from companion.sim.field.view import View
-from companion.vehicle.motion import Lean, LeanFilter, lean_at
+from companion.vehicle.motion import LeanFilter, MotionReport, lean_at
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def errors_of(ride: Ride, seed: int, seconds: float) -> dict[str, dict[float, li
     return found
 
 
-def _reports(motion: Motion, seconds: float, rng: np.random.Generator) -> Iterator[Lean]:
+def _reports(motion: Motion, seconds: float, rng: np.random.Generator) -> Iterator[MotionReport]:
     """Yield what the companion makes of ATTITUDE; the receipt is up to `WIRE` late."""
     filtered = LeanFilter()
     for number in range(round((seconds + 1.0) * ATTITUDES)):

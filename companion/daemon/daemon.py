@@ -149,8 +149,8 @@ class Daemon:
         vehicle = self._deciders.vehicle
         self._vision.rate.tick(now, self._deciders.computer.newest)
         newest = self._link.vehicle
-        lean = newest.lean if newest is not None else None
-        self._vision.situation(vehicle.position.place(), lean, now, moving=vehicle.moves(now))
+        motion = newest.motion if newest is not None else None
+        self._vision.situation(vehicle.position.place(), motion, now, moving=vehicle.moves(now))
         for result in self._vision.poll(now):
             self._executor.events.append(result)
             with self._guard.survived(kind_of(result).__name__, now):

@@ -9,7 +9,8 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.link.inbound import RcChannels
-from companion.vehicle.motion import LeanFilter
+from companion.vehicle.course import along_nose
+from companion.vehicle.motion import LeanFilter, Odometry
 from companion.vehicle.state import PUSHES, Mission, MissionState, Vehicle, is_set
 
 FAILED_LASTS = 5.0
@@ -90,6 +91,7 @@ class VehicleTracker:
         self.returns = 0
         self._uptime = 0
         self._lean_filter = LeanFilter()
+        self._odometry = Odometry()
 
     def is_ours(self, system_id: int) -> bool:
         """Whether this is the adopted autopilot's system."""
@@ -156,11 +158,12 @@ class VehicleTracker:
             roll, pitch, yaw = (round(math.degrees(angle), 2) for angle in angles)
             rates = [
                 math.degrees(one) if abs(one) <= _FASTEST else 0.0
-                for one in (message.pitchspeed, message.rollspeed)
+                for one in (message.pitchspeed, message.rollspeed, message.yawspeed)
             ]
             lean = self._lean_filter.take(now, (pitch, roll), (rates[0], rates[1]))
+            motion = self._odometry.take(lean, yaw, rates[2], along_nose(self.vehicle, yaw, now))
             self.vehicle = replace(
-                self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now, lean=lean
+                self.vehicle, attitude=(roll, pitch, yaw % 360), attitude_at=now, motion=motion
             )
 
     def throttle(self, system_id: int, message: Any, now: float) -> None:
@@ -217,7 +220,7 @@ class VehicleTracker:
         if vehicle.position is not None and now - (vehicle.position_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = vehicle = replace(vehicle, position=None, speed=None, course=None)
         if vehicle.attitude is not None and now - (vehicle.attitude_at or 0.0) > POSITION_LIFETIME:
-            self.vehicle = vehicle = replace(vehicle, attitude=None, lean=None)
+            self.vehicle = vehicle = replace(vehicle, attitude=None, motion=None)
         if vehicle.pushes_since is not None and now - (vehicle.throttle_at or 0.0) > POSITION_LIFETIME:
             self.vehicle = vehicle = replace(vehicle, pushes_since=None)
         mission = vehicle.mission

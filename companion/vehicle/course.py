@@ -36,6 +36,13 @@ def heading_of(vehicle: Vehicle, now: float) -> float | None:
     return vehicle.attitude[2] if vehicle.attitude is not None and fresh else None
 
 
+def along_nose(vehicle: Vehicle, heading: float, now: float) -> float | None:
+    """Return the speed in m/s along a heading, below 0 backwards; None where it is not known."""
+    if vehicle.speed is None or vehicle.position_at is None or now - vehicle.position_at > STALE:
+        return None
+    return vehicle.speed * math.cos(math.radians(heading - (vehicle.course or 0.0)))
+
+
 def unknown(vehicle: Vehicle | None, now: float) -> str:
     """Say what is not known, so that the course is not judged: "position" or "heading"; "": nothing."""
     if vehicle is None or vehicle.position_at is None or now - vehicle.position_at > STALE:

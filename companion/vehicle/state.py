@@ -10,7 +10,7 @@ from enum import IntEnum
 from typing import Any
 
 from anytraverse.history import Place
-from companion.vehicle.motion import Lean
+from companion.vehicle.motion import MotionReport
 from companion.wire.json_values import place_attributes
 
 _METRES_PER_DEGREE = 111_320.0
@@ -73,8 +73,8 @@ class Vehicle:
     CURRENT_MODE.
     position: (latitude, longitude, heading or None) in degrees; None without a fix or when older than 5 s.
     speed: over ground, m/s; known with the position. course: direction of that speed, degrees clockwise from
-    north; None at a speed of 0. attitude: roll, pitch, yaw in degrees; None when older than 5 s. lean: how it
-    leans against the ground, of the same report.
+    north; None at a speed of 0. attitude: roll, pitch, yaw in degrees; None when older than 5 s. motion: how
+    it leans and moves, of the same report.
     clock: the autopilot's time at second 0 of the link's clock, in seconds since 1970; None where it has no
     time.
     reboots: how often its time since boot has run backwards.
@@ -95,7 +95,7 @@ class Vehicle:
     mode_at: float | None = None
     attitude: tuple[float, float, float] | None = None
     attitude_at: float | None = None
-    lean: Lean | None = None
+    motion: MotionReport | None = None
     clock: float | None = None
     clock_at: float | None = None
     reboots: int = 0

@@ -144,6 +144,7 @@ def _check_assessment(seen: Assessment, settings: Settings, now: float) -> None:
     _need(seen.frame.depth is None and seen.frame.intrinsics is None, "a depth, which is left out")
     lean = seen.frame.lean
     _need(lean is None or (_finite(*lean) and max(map(abs, lean)) <= LARGEST_LEAN), "how the vehicle leans")
+    _need(seen.frame.pose is None or _finite(*seen.frame.pose), "the vehicle's pose")
     if (observation := seen.observation) is not None:
         _need(observation.frame.id == seen.frame.id, "an observation of another frame")
         _need(observation.features is None and not observation.attended, "features, which are left out")

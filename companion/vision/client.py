@@ -27,7 +27,7 @@ from companion.config import Config
 from companion.config.radio import LinkSection
 from companion.config.web import WebSection
 from companion.system.watchdog import Failure, Restarts, Watchdog
-from companion.vehicle.motion import Lean
+from companion.vehicle.motion import MotionReport
 from companion.vision.checks import MOST_TUNINGS, BadReportError, Expected, check_report
 from companion.vision.child import Child
 from companion.vision.codec import CodecError, decode, encode_trusted
@@ -142,7 +142,7 @@ class VisionClient:
         processes in a row died is dropped: it may be what kills them."""
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._situation_at = float("-inf")
-        self._lean: Lean | None = None
+        self._motion: MotionReport | None = None
         self._freeze_detector = FreezeDetector()
         self._moved, self._situated_at = 0.0, float("inf")
         """Seconds of motion since the newest frame; when `situation` was called last."""
@@ -304,8 +304,8 @@ class VisionClient:
         self._encoding = request
         return True
 
-    def situation(self, place: Place, lean: Lean | None, now: float, *, moving: bool) -> None:
-        """Send where the vehicle is, and the rate, five times a second, and each new report of its lean.
+    def situation(self, place: Place, motion: MotionReport | None, now: float, *, moving: bool) -> None:
+        """Send where the vehicle is, and the rate, five times a second, and each new report of its motion.
 
         moving: whether it has moved since the last call, so that two pictures in a row must differ.
         """
@@ -313,9 +313,9 @@ class VisionClient:
         self._situated_at = now
         child = self.watchdog.child
         idle = self.watchdog.running and child is not None and child.idle
-        if idle and (now - self._situation_at >= _SITUATION_EVERY or lean != self._lean):
-            self._situation_at, self._lean = now, lean
-            self._send(Situation(place, self.rate.value, lean))
+        if idle and (now - self._situation_at >= _SITUATION_EVERY or motion != self._motion):
+            self._situation_at, self._motion = now, motion
+            self._send(Situation(place, self.rate.value, motion))
 
     def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""

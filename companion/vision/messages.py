@@ -21,7 +21,7 @@ from anytraverse.regions import Box
 from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
-from companion.vehicle.motion import Lean
+from companion.vehicle.motion import MotionReport
 from companion.vision.freeze_detector import Luma
 from companion.wire.ids import State
 from companion.wire.packing import clean
@@ -126,12 +126,12 @@ class Tune:
 class Situation:
     """Says where the vehicle is, and how much to judge.
 
-    rate: frames/s, None: as configured. lean: the newest report of how it leans.
+    rate: frames/s, None: as configured. motion: the newest report of how it leans and moves.
     """
 
     place: Place
     rate: float | None = None
-    lean: Lean | None = None
+    motion: MotionReport | None = None
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections import OrderedDict, deque
 from dataclasses import replace
@@ -17,7 +18,7 @@ from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
-from companion.vehicle.motion import Lean, lean_at
+from companion.vehicle.motion import MotionReport, lean_at, pose_at
 from companion.vision import pictures
 from companion.vision.exposure import ADVICE, ExposureDetector
 from companion.vision.freeze_detector import Luma, luma
@@ -46,8 +47,8 @@ RECENT = 3
 STORED_FRAMES = 3
 """Stored frames of calls and holds, to which answers and taps may refer."""
 _LOGGED_AGAIN = 10.0
-_LEANS, _LEANS_EVERY = 32, 0.1
-"""Reports of how the vehicle leans that are kept, and s from one to the next: there may be 50 a second."""
+_MOTIONS, _MOTIONS_EVERY = 32, 0.1
+"""Reports of the vehicle's motion that are kept, and s from one to the next: there may be 50 a second."""
 
 
 class Worker:
@@ -61,7 +62,7 @@ class Worker:
         self._tuning = 0
         """Number of the `Tune` in force."""
         self._situation = Situation(Place())
-        self._leans: deque[Lean] = deque(maxlen=_LEANS)
+        self._motions: deque[MotionReport] = deque(maxlen=_MOTIONS)
         self._exposure_detector = ExposureDetector()
         self._badly_exposed = ""
         self._infrared_detector = InfraredDetector()
@@ -76,10 +77,11 @@ class Worker:
         match request:
             case Tune(number, settings):
                 self._tuning, self._engine.settings = number, settings
-            case Situation(lean=lean):
+            case Situation(motion=motion):
                 self._situation = request
-                if lean is not None and (not self._leans or lean.at >= self._leans[-1].at + _LEANS_EVERY):
-                    self._leans.append(lean)
+                latest = self._motions[-1].at if self._motions else -math.inf
+                if motion is not None and motion.at >= latest + _MOTIONS_EVERY:
+                    self._motions.append(motion)
             case Apply():
                 return [self._answer(request)]
             case Restore():
@@ -97,7 +99,8 @@ class Worker:
     def judge(self, frame: Frame) -> FrameJudged:
         """Judge a new frame. An exception makes the frame's assessment a fault."""
         started = time.monotonic()
-        frame = replace(frame, lean=lean_at(self._leans, frame.captured_at))
+        at = frame.captured_at
+        frame = replace(frame, lean=lean_at(self._motions, at), pose=pose_at(self._motions, at))
         try:
             seen = self._engine.step(frame, started, self._situation.place)
         except Exception:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
-from anytraverse.frame import Image
+from anytraverse.frame import Frame, Image, Pose
 from anytraverse.history import Place
 
 
@@ -20,7 +20,7 @@ class DriveFrame:
     """A frame. name: of its file, or its time in a video. at: seconds of the drive.
 
     decode: returns the picture. place, travelled: where the vehicle was, and the metres that it had driven,
-    as far as known. lean: as in `Frame`.
+    as far as known. lean, pose: as in `Frame`.
     """
 
     name: str
@@ -29,6 +29,12 @@ class DriveFrame:
     place: Place = field(default_factory=Place)
     travelled: float | None = None
     lean: tuple[float, float] | None = None
+    pose: Pose | None = None
+
+    def numbered(self, number: int) -> Frame:
+        """Return it as a camera's frame of this id. Only for one that is not torn."""
+        assert self.image is not None
+        return Frame(number, self.at, self.image, lean=self.lean, pose=self.pose)
 
     @cached_property
     def image(self) -> Image | None:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
-from anytraverse.frame import Frame
 from companion.calls.decisions import Call, CallOpened, WouldHold
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeReport
@@ -71,9 +70,7 @@ class DriveJudge:
         if frame.image is None:
             self._calls.tick(frame.at)
             return None
-        seen = self.engine.step(
-            Frame(self._frames, frame.at, frame.image, lean=frame.lean), frame.at, frame.place
-        )
+        seen = self.engine.step(frame.numbered(self._frames), frame.at, frame.place)
         decisions = self._calls.assessed(seen, frame.at)
         opened = next((one.call for one in decisions if isinstance(one, CallOpened)), None)
         if opened is not None:

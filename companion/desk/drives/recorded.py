@@ -16,7 +16,7 @@ from msgspec import ValidationError, convert
 
 from anytraverse.decoding import decode
 from anytraverse.errors import AnyTraverseError
-from anytraverse.frame import Image
+from anytraverse.frame import Image, Pose
 from anytraverse.ground import GroundRegion
 from anytraverse.judging import Settings
 from anytraverse.operations import ForgetWord, SetWord, Tap
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 _NS = 1_000_000_000
 _LONGEST_GAP = 3600.0
 _JUMP = 1.0
+_FARTHEST = 1e7
+"""m. No odometry that was recorded goes further."""
 _HELD, _MOST_HELD = 64, 32 << 20
 """Frames of a recording, and bytes of their messages, that are held so that their times rise."""
 _MOST_TOLD, _OF_A_MESSAGE = 64 << 20, 200
@@ -250,9 +252,8 @@ def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[Re
         words = standing[Topic.WORDS].then(judged)
         settings = standing[Topic.SETTINGS].then(judged)
         told = read_json(content)
-        frame = DriveFrame(
-            name, clock.at_next(captured), partial(_picture, data), lean=_lean(told.get("lean"))
-        )
+        lean, pose = _lean(told.get("lean")), _pose(told.get("pose"))
+        frame = DriveFrame(name, clock.at_next(captured), partial(_picture, data), lean=lean, pose=pose)
         weights = _mapping(words.get("words"))
         tapped = bool(_mapping(words.get("taps")).keys() & weights.keys())
         yield RecordedFrame(frame, told, weights, tapped, _mapping(settings.get("judging")))
@@ -283,6 +284,14 @@ def _lean(told: Any) -> tuple[float, float] | None:
         return None
     pitch, bank = (number_of(one, -LARGEST_LEAN, LARGEST_LEAN) for one in told)
     return None if pitch is None or bank is None else (pitch, bank)
+
+
+def _pose(told: Any) -> Pose | None:
+    """Read where the vehicle was, None where that was not recorded, or cannot be."""
+    if not isinstance(told, list) or len(told) != 3:
+        return None
+    x, y, heading = (number_of(one, -_FARTHEST, _FARTHEST) for one in told)
+    return None if x is None or y is None or heading is None else Pose(x, y, heading)
 
 
 def _picture(data: bytes) -> Image | None:

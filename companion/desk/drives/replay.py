@@ -11,7 +11,6 @@ from typing import Any
 from anytraverse.assessment import Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
-from anytraverse.frame import Frame
 from anytraverse.judging import Settings
 from anytraverse.preferences import Preferences
 from anytraverse.regular_file import read_regular
@@ -147,7 +146,7 @@ def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -
         return f"the recorded words cannot be used: {error}"
     engine.memory = engine.memory.using(words, {})
     engine.settings = settings_of(recorded.judging, base)
-    seen = engine.judge(engine.observe(Frame(1, frame.at, frame.image, lean=frame.lean)), frame.at)
+    seen = engine.judge(engine.observe(frame.numbered(1)), frame.at)
     return row(frame.name, seen, OF_THE_FRAME)
 
 

@@ -14,7 +14,6 @@ from anytraverse.errors import PerceiverError
 from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.seeing import maps_identity
 from anytraverse.evaluation.spreading import spread
-from anytraverse.frame import Frame
 from anytraverse.perception import surroundings_of
 from anytraverse.perception.stored import PerceptionStore, StoredPerceiver
 from companion.config import Config
@@ -185,7 +184,7 @@ def _perceive(part: _Part) -> int:
             continue
         seen += 1
         try:
-            observation = engine.observe(Frame(number + 1, frame.at, frame.image, lean=frame.lean))
+            observation = engine.observe(frame.numbered(number + 1))
             surroundings_of(engine.perceiver, observation.features)
             engine.maps_of(observation)
         except PerceiverError:

@@ -92,6 +92,7 @@ def assessment(
         "duration": duration,
         "age": seen.age,
         "lean": seen.frame.lean,
+        "pose": seen.frame.pose and tuple(seen.frame.pose),
         "ok": seen.ok,
         "reasons": seen.reasons,
         **figures,

@@ -75,7 +75,7 @@ _JUDGED = {
     **dict.fromkeys(("judged_at", "duration", "age", "similarity", "scene_age"), "number"),
     **dict.fromkeys(("traversability", "uncertainty", "strangeness", "drivable_share"), "number"),
     **dict.fromkeys(("ok", "undecided"), "boolean"),
-    **dict.fromkeys(("reasons", "findings", "sectors", "dropped", "lean"), "array"),
+    **dict.fromkeys(("reasons", "findings", "sectors", "dropped", "lean", "pose"), "array"),
     **dict.fromkeys(("roi", "match", "adopted"), "object"),
 }
 _STATE = {

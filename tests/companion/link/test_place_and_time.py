@@ -42,13 +42,28 @@ def test_a_lean_has_the_rates_of_its_report_but_for_one_that_cannot_be() -> None
     stage = LoopbackLink()
     told(stage, attitude(0.0, 0.0, 0.0))
     turning = mavlink.MAVLink_attitude_message(0, 0.02, 0.05, 0.0, 0.1, -0.2, 0.0)
-    lean = told(stage, turning).lean
+    lean = told(stage, turning).motion
     assert lean is not None
     assert (lean.pitch, lean.bank) == pytest.approx((2.87, 1.15), rel=0.25)
     assert (lean.pitch_rate, lean.bank_rate) == pytest.approx((-11.46, 5.73), abs=0.01)
-    lean = told(stage, mavlink.MAVLink_attitude_message(0, 0.02, 0.05, 0.0, math.nan, 99.0, 0.0)).lean
+    lean = told(stage, mavlink.MAVLink_attitude_message(0, 0.02, 0.05, 0.0, math.nan, 99.0, 0.0)).motion
     assert lean is not None
     assert (lean.pitch_rate, lean.bank_rate) == (0.0, 0.0)
+
+
+def test_speed_and_heading_add_up_to_a_pose() -> None:
+    stage = LoopbackLink()
+    told(stage, attitude(0.0, 0.0, 0.0))
+    motion = None
+    for _ in range(8):
+        told(stage, mavlink.MAVLink_global_position_int_message(0, 1, 1, 0, 0, 150, 0, 0, 0))
+        motion = told(stage, attitude(0.0, 0.0, 0.0)).motion
+    assert motion is not None
+    assert motion.pose is not None
+    assert motion.pose.x == pytest.approx(7 * 0.4 * 1.5, abs=0.01), "`told` takes 0.2 s"
+    backwards = told(stage, attitude(0.0, 0.0, math.pi)).motion
+    assert backwards is not None
+    assert backwards.speed == pytest.approx(-1.5, abs=0.01)
 
 
 def test_an_old_attitude_is_forgotten() -> None:
@@ -56,7 +71,7 @@ def test_an_old_attitude_is_forgotten() -> None:
     told(stage, attitude(0.0, 0.0, 1.0))
     stage.run(6.0)
     assert stage.link.vehicle is not None
-    assert (stage.link.vehicle.attitude, stage.link.vehicle.lean) == (None, None)
+    assert (stage.link.vehicle.attitude, stage.link.vehicle.motion) == (None, None)
 
 
 def test_the_autopilots_time_goes_on_by_itself() -> None:

@@ -27,7 +27,7 @@ from companion.config.web import WebSection
 from companion.sim.loopback_vision import LoopbackVision
 from companion.system.watchdog import SILENT_AFTER
 from companion.tasks import VISION
-from companion.vehicle.motion import Lean
+from companion.vehicle.motion import MotionReport
 from companion.vision.checks import LONGEST_VECTOR
 from companion.vision.client import (
     MAX_DRAWINGS,
@@ -821,12 +821,12 @@ def test_where_it_is_is_told_some_five_times_a_second(stage: Stage) -> None:
 def test_each_new_report_of_the_lean_is_told_at_once(stage: Stage) -> None:
     for number in range(4):
         stage.clock.now += 0.02
-        lean = Lean(stage.clock.now, 0.1 * number, 0.0, 0.0, 0.0)
+        lean = MotionReport(stage.clock.now, 0.1 * number, 0.0, 0.0, 0.0)
         for _ in range(2):
             stage.vision.situation(Place(), lean, stage.clock.now, moving=True)
     stage.child.live(CameraStatus(), None)
     stage.turn()
-    told = [one.lean for one in stage.child.requests if isinstance(one, Situation)]
+    told = [one.motion for one in stage.child.requests if isinstance(one, Situation)]
     assert [round(one.pitch, 1) for one in told if one is not None] == [0.0, 0.1, 0.2, 0.3]
 
 

@@ -19,7 +19,7 @@ from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
 from anytraverse.operations import Operation, SetWord, Tap
 from anytraverse.roi import RoiFigures
-from companion.vehicle.motion import Lean
+from companion.vehicle.motion import MotionReport
 from companion.vision import pictures
 from companion.vision.memory_copy import updated
 from companion.vision.messages import (
@@ -238,7 +238,9 @@ def test_a_frame_has_the_lean_of_its_own_moment(stage: Stage) -> None:
     assert stage.look().assessment.frame.lean is None, "nothing was reported"
     captured_at = stage.look().assessment.frame.captured_at
     for after in (0.0, 5.0, 0.1):  # the last is older than the newest, and is not taken
-        stage.worker.handle(Situation(Place(), lean=Lean(captured_at + after, 1.0 + after, -2.0, 0.0, 0.0)))
+        stage.worker.handle(
+            Situation(Place(), motion=MotionReport(captured_at + after, 1.0 + after, -2.0, 0.0, 0.0))
+        )
     lean = stage.look().assessment.frame.lean
     assert lean == pytest.approx((1.0, -2.0)), "the report that is nearest in time"
 
@@ -248,8 +250,8 @@ def test_reports_of_the_lean_that_come_very_often_push_out_no_older_ones_that_a_
 ) -> None:
     captured_at = stage.look().assessment.frame.captured_at
     for number in range(100):
-        lean = Lean(captured_at + 0.02 * number, 0.01 * number, 0.0, 0.0, 0.0)
-        stage.worker.handle(Situation(Place(), lean=lean))
+        lean = MotionReport(captured_at + 0.02 * number, 0.01 * number, 0.0, 0.0, 0.0)
+        stage.worker.handle(Situation(Place(), motion=lean))
     lean_then = stage.look().assessment.frame.lean
     assert lean_then is not None
     assert lean_then[0] < 0.1

@@ -150,10 +150,11 @@ class AnyTraverse:
 
     def figures_of(self, observation: Observation, maps: Maps) -> RoiFigures | Finding:
         """Calculate the figures of the region of interest, or say which fault prevents it."""
-        (height, width), lean = observation.frame.image.shape[:2], observation.frame.lean
+        frame = observation.frame
+        (height, width), lean = frame.image.shape[:2], frame.lean
         if self.settings.metres is not None and lean is not None and max(map(abs, lean)) > STEEPEST:
             return Finding.fault(f"the vehicle leans by {max(map(abs, lean)):.0f} degrees")
-        return roi_figures(maps, width / height, self.settings.at(lean))
+        return roi_figures(maps, width / height, self.settings.at(lean, frame.reach))
 
     def answer(
         self,

@@ -41,6 +41,8 @@ class Frame:
     lean: degrees of pitch (nose up) and bank (right side down) by which the vehicle leant against the ground
     on which it stood; None where that is not known.
     pose: where the vehicle was and how it was turned, by odometry; None where that is not known.
+    reach: m ahead of its front up to which the ground must be judged for its speed; None: as the settings
+    say.
     """
 
     id: int
@@ -50,6 +52,7 @@ class Frame:
     intrinsics: Intrinsics | None = None
     lean: tuple[float, float] | None = None
     pose: Pose | None = None
+    reach: float | None = None
 
 
 def is_image(image: Any) -> bool:

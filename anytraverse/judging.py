@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from anytraverse.errors import SettingsError
-from anytraverse.ground import NOWHERE, GroundRegion
+from anytraverse.ground import NOWHERE, RELIABLE, GroundRegion
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box, Region, TileScale
@@ -130,12 +130,18 @@ class Settings:
             return ""  # a `GroundRegion` is as wide as the vehicle, or wider
         return self.corridor.misfit(self.region.bounds)
 
-    def at(self, lean: tuple[float, float] | None) -> Settings:
+    def at(self, lean: tuple[float, float] | None, reach: float | None = None) -> Settings:
         """Return a frame's settings: region, corridor and tiles as they appear when the vehicle leans so.
 
-        lean: as in `Frame`. They are these settings themselves where no region in metres is known.
+        lean, reach: as in `Frame`. A region is never made shorter by a reach. They are these settings
+        themselves where no region in metres is known.
         """
-        return self if self.metres is None else _seen(self, self.metres, lean)
+        ground = self.metres
+        if ground is None:
+            return self
+        if reach is not None and reach > ground.far:
+            ground = replace(ground, far=min(reach, RELIABLE - ground.camera.front))
+        return _seen(self, ground, lean)
 
     @property
     def metres(self) -> GroundRegion | None:

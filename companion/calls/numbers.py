@@ -61,7 +61,7 @@ class Numbers:
 
     def at(self, seen: Assessment) -> Numbers:
         """Return these numbers with the region, corridor and tiles by which a frame was judged."""
-        judging = self.judging.at(seen.frame.lean)
+        judging = self.judging.at(seen.frame.lean, seen.frame.reach)
         return self if judging is self.judging else replace(self, judging=judging)
 
     @property

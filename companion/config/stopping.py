@@ -153,13 +153,17 @@ def lines_of(config: Config) -> tuple[GroundLine, ...]:
     return ground_lines(config.ground_camera, config.mount.width, stops)
 
 
-def with_settings(config: Config, judging: Settings) -> Config:
-    """Return the configuration with the region of interest and the tile of the settings in force."""
+def with_settings(config: Config, judging: Settings, reach: float | None = None) -> Config:
+    """Return the configuration with the region of interest and the tile of the settings in force.
+
+    reach: as in `Frame`.
+    """
     ground, roi = judging.metres, replace(config.roi, **asdict(judging.region.bounds))
     if ground is None:
         mount = replace(config.mount, width=None)
         return replace(config, roi=replace(roi, tile_share=judging.tile_side), mount=mount)
-    return replace(config, roi=replace(roi, near=ground.near, far=ground.far, width=ground.width))
+    far = max(ground.far, reach or 0.0)
+    return replace(config, roi=replace(roi, near=ground.near, far=far, width=ground.width))
 
 
 def longest_brake(config: Config) -> float:
@@ -187,7 +191,8 @@ def judge_stopping(
 
     step: seconds that the perceiver takes for a frame. tile: the worst tile's threshold in force, None where
     tiles are not judged. speed: m/s that the autopilot is known to drive; it counts where it is greater than
-    the configured speed. overrun: as in `Stopping`, where the autopilot is known.
+    the configured speed, and a region in metres then ends as far ahead as it needs. overrun: as in
+    `Stopping`, where the autopilot is known.
 
     The time to react is the sum of three: the camera's latency; the time until the thing is noticed; and the
     time until the command reaches the brakes. The second is the longer of two cases: a frame is judged and
@@ -208,8 +213,8 @@ def judge_stopping(
     # Those of HOLD, also where the script brakes first: for several reasons it may set HOLD at once.
     brakes = Brakes.of(stopping.braking, stopping.time_constant)
     judged = Stopping(fastest, brakes, react, 0.0, overrun=overrun)
-    configured = replace(judged, speed=stopping.speed or 0.0)
-    if (ground := _region(config, camera, configured.needs if stopping.speed else None)) is not None:
+    needs = judged.needs if stopping.speed is not None else None
+    if (ground := _region(config, camera, needs)) is not None:
         # A thing is noticed when its foot is in the first row of the map below the region's far side.
         row = camera.lens.aspect / _MAP[1]
         return replace(judged, sees=camera.distance(camera.row(ground.far) + row))
@@ -231,9 +236,12 @@ def _seeing_in_fractions(
     return replace(judged, top=top) if judged.needs <= FARTHEST and 0.0 <= top < roi.top else judged
 
 
-def ground_region(config: Config) -> GroundRegion | None:
-    """Return the region of interest in metres; None where mount, width or speed are not configured."""
-    judged, camera = judge_stopping(config), config.ground_camera
+def ground_region(config: Config, speed: float | None = None) -> GroundRegion | None:
+    """Return the region of interest in metres; None where mount, width or speed are not configured.
+
+    speed: m/s, as in `judge_stopping`.
+    """
+    judged, camera = judge_stopping(config, speed=speed), config.ground_camera
     needs = judged.needs if isinstance(judged, Stopping) and config.stopping.speed is not None else None
     ground = None if camera is None else _region(config, camera, needs)
     if ground is not None and not _is_open(ground):

@@ -150,7 +150,9 @@ class Daemon:
         self._vision.rate.tick(now, self._deciders.computer.newest)
         newest = self._link.vehicle
         motion = newest.motion if newest is not None else None
-        self._vision.situation(vehicle.position.place(), motion, now, moving=vehicle.moves(now))
+        reach = self._deciders.policy.reach
+        place, moving = vehicle.position.place(), vehicle.moves(now)
+        self._vision.situation(place, motion, now, moving=moving, reach=reach)
         for result in self._vision.poll(now):
             self._executor.events.append(result)
             with self._guard.survived(kind_of(result).__name__, now):

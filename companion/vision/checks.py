@@ -12,6 +12,7 @@ import numpy as np
 from anytraverse.answers import LARGEST_EXAMPLES, MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Assessment, Maps
 from anytraverse.frame import is_intrinsics
+from anytraverse.ground import RELIABLE
 from anytraverse.history import MAX_REFUSED, Embedding, Entry
 from anytraverse.judging import Settings
 from anytraverse.memory import MOST_GIVEN, Examples
@@ -145,6 +146,7 @@ def _check_assessment(seen: Assessment, settings: Settings, now: float) -> None:
     lean = seen.frame.lean
     _need(lean is None or (_finite(*lean) and max(map(abs, lean)) <= LARGEST_LEAN), "how the vehicle leans")
     _need(seen.frame.pose is None or _finite(*seen.frame.pose), "the vehicle's pose")
+    _need(seen.frame.reach is None or 0.0 < seen.frame.reach <= RELIABLE, "how far the ground is judged")
     if (observation := seen.observation) is not None:
         _need(observation.frame.id == seen.frame.id, "an observation of another frame")
         _need(observation.features is None and not observation.attended, "features, which are left out")

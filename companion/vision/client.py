@@ -304,10 +304,19 @@ class VisionClient:
         self._encoding = request
         return True
 
-    def situation(self, place: Place, motion: MotionReport | None, now: float, *, moving: bool) -> None:
+    def situation(
+        self,
+        place: Place,
+        motion: MotionReport | None,
+        now: float,
+        *,
+        moving: bool,
+        reach: float | None = None,
+    ) -> None:
         """Send where the vehicle is, and the rate, five times a second, and each new report of its motion.
 
-        moving: whether it has moved since the last call, so that two pictures in a row must differ.
+        reach: as in `Frame`. moving: whether it has moved since the last call, so that two pictures in a row
+        must differ.
         """
         self._moved += max(0.0, now - self._situated_at) if moving else 0.0
         self._situated_at = now
@@ -315,7 +324,7 @@ class VisionClient:
         idle = self.watchdog.running and child is not None and child.idle
         if idle and (now - self._situation_at >= _SITUATION_EVERY or motion != self._motion):
             self._situation_at, self._motion = now, motion
-            self._send(Situation(place, self.rate.value, motion))
+            self._send(Situation(place, self.rate.value, motion, reach))
 
     def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""

@@ -44,7 +44,8 @@ def _in_figures(seen: Assessment, maps: Maps, roi: RoiFigures, settings: Setting
         return "maps of other words"
     if (roi.drivable_share is None) != (roi.known_share == 0.0):
         return "a drivable share of nothing that is known"
-    rows, columns = settings.at(seen.frame.lean).region.bounds.slices(*maps.drivable.shape)
+    judged_by = settings.at(seen.frame.lean, seen.frame.reach)
+    rows, columns = judged_by.region.bounds.slices(*maps.drivable.shape)
     if roi.corridor.open and not (roi.drivable_share and maps.drivable[rows, columns].any()):
         return "an open corridor without drivable ground"
     named, limit = roi.named_tile, settings.thresholds.tile

@@ -126,12 +126,14 @@ class Tune:
 class Situation:
     """Says where the vehicle is, and how much to judge.
 
-    rate: frames/s, None: as configured. motion: the newest report of how it leans and moves.
+    rate: frames/s, None: as configured. motion: the newest report of how it leans and moves. reach: as in
+    `Frame`.
     """
 
     place: Place
     rate: float | None = None
     motion: MotionReport | None = None
+    reach: float | None = None
 
 
 @dataclass(frozen=True)

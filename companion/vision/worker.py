@@ -99,8 +99,9 @@ class Worker:
     def judge(self, frame: Frame) -> FrameJudged:
         """Judge a new frame. An exception makes the frame's assessment a fault."""
         started = time.monotonic()
-        at = frame.captured_at
-        frame = replace(frame, lean=lean_at(self._motions, at), pose=pose_at(self._motions, at))
+        at, motions = frame.captured_at, self._motions
+        reach = self._situation.reach
+        frame = replace(frame, lean=lean_at(motions, at), pose=pose_at(motions, at), reach=reach)
         try:
             seen = self._engine.step(frame, started, self._situation.place)
         except Exception:
@@ -191,7 +192,7 @@ class Worker:
             seen = earlier
         if request.store:
             self._store(request.frame_id, seen)
-        region = self._engine.settings.at(seen.frame.lean).region
+        region = self._engine.settings.at(seen.frame.lean, seen.frame.reach).region
         return pictures.drawn(request, seen, region)
 
     def _store(self, frame_id: int, seen: Assessment) -> None:

@@ -239,3 +239,18 @@ def test_a_frame_of_a_vehicle_that_leans_too_far_is_a_fault_and_one_that_leans_a
         seen = engine.step(Frame(number, 0.0, image, lean=lean), 0.0)
         assert (Reason.FAULT in seen.reasons) is faulty
     assert "leans by 13 degrees" in next(one.figure for one in seen.bad if one.reason is Reason.FAULT)
+
+
+@given(reach=st.floats(0.01, 20.0), lean=LEANS | st.none())
+def test_a_reach_never_makes_the_region_shorter(reach: float, lean: tuple[float, float] | None) -> None:
+    configured, reached = judging().at(lean), judging().at(lean, reach)
+    if reach <= GROUND.far:
+        assert reached == configured
+    elif lean is None:
+        assert reached.region.bounds.top < configured.region.bounds.top
+    further = GroundRegion(CAMERA, 1.5, min(max(reach, 4.5), RELIABLE - 0.3), 1.4, 0.6)
+    assert reached == judging(further).at(lean)
+
+
+def test_a_region_in_fractions_has_no_reach() -> None:
+    assert Settings().at(None, 5.0) == Settings()

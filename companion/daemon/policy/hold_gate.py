@@ -8,7 +8,7 @@ from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.config import Config
-from companion.config.stopping import Stopping, judge_stopping, with_settings
+from companion.config.stopping import Stopping, ground_region, judge_stopping, with_settings
 from companion.vision.infrared import REMEDY, TEXT
 from companion.vision.warm_up import too_slow
 from companion.wire import notices
@@ -53,32 +53,54 @@ class HoldGate:
     """Decides whether a vehicle with this configuration may be held.
 
     judging: the settings in force. step: s that a frame takes to be judged. overrun: m, see `Autopilot`.
+    speed: m/s that it drives, where that is more than configured.
     """
 
     def __init__(self, config: Config) -> None:
         self._config = config
 
-    def stopping(self, judging: Settings, step: float, overrun: float = 0.0) -> Stopping | str:
+    def stopping(
+        self, judging: Settings, step: float, overrun: float = 0.0, speed: float | None = None
+    ) -> Stopping | str:
         """Judge whether the vehicle stops in time; a text where that is not possible."""
-        config = with_settings(self._config, judging)
-        return judge_stopping(config, step, judging.thresholds.tile, overrun=overrun)
+        config = with_settings(self._config, judging, self.reach(speed))
+        return judge_stopping(config, step, judging.thresholds.tile, speed, overrun)
+
+    @property
+    def configured_speed(self) -> float | None:
+        """The commanded speed that is configured, m/s."""
+        return self._config.stopping.speed
+
+    def reach(self, speed: float | None) -> float | None:
+        """Return `Frame.reach` at this speed, None where the region does not follow the speed."""
+        if speed is None or self._config.roi.far is not None:
+            return None
+        ground = ground_region(self._config, speed)
+        return None if ground is None else ground.far
 
     def refuses(
-        self, judging: Settings, step: float, overrun: float = 0.0, misled_by_infrared: bool = False
+        self,
+        judging: Settings,
+        step: float,
+        overrun: float = 0.0,
+        speed: float | None = None,
+        misled_by_infrared: bool = False,
     ) -> HoldRefusal | None:
         """Return why the vehicle may not be held, None where it may."""
         pace = Pace(step, 1.0 / self._config.camera.rate, judging.freshness)
         if not pace.keeps:
             return _too_slow(pace)
-        outruns = self.outruns(judging, step, overrun)
+        outruns = self.outruns(judging, step, overrun, speed)
         return _infrared() if outruns is None and misled_by_infrared else outruns
 
-    def outruns(self, judging: Settings, step: float, overrun: float = 0.0) -> HoldRefusal | None:
+    def outruns(
+        self, judging: Settings, step: float, overrun: float = 0.0, speed: float | None = None
+    ) -> HoldRefusal | None:
         """Return why the vehicle does not stop in time, None where it does.
 
         What cannot be calculated is refused, unless [stopping] unchecked is set.
         """
-        stopping = self.stopping(judging, step, overrun)
+        stopping = self.stopping(judging, step, overrun, speed)
         if isinstance(stopping, str):
             return None if self._config.stopping.unchecked else _unchecked(stopping)
         return None if stopping.enough else _outruns(stopping)

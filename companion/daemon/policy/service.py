@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -13,6 +14,7 @@ from companion.calls.decisions import Decision
 from companion.calls.faults import Fault
 from companion.calls.machine import OperatorCalls
 from companion.calls.policy import PolicyState
+from companion.daemon.policy.excess_speed import ExcessSpeed
 from companion.daemon.policy.hold_gate import HoldGate, HoldRefusal
 from companion.daemon.settings.echo import BUSY, ParameterEcho
 from companion.daemon.settings.runtime import tuned
@@ -27,6 +29,16 @@ from companion.wire.parameters import POLICY
 log = logging.getLogger(__name__)
 
 _ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
+
+
+class _Known(NamedTuple):
+    """What it depends on whether the vehicle may be held, see `HoldGate.refuses`."""
+
+    judging: Settings
+    step: float
+    overrun: float
+    speed: float | None
+    misled_by_infrared: bool
 
 
 class PolicyService:
@@ -49,7 +61,7 @@ class PolicyService:
         self._calls = calls
         self.state = state
         self._gate = gate
-        self._judged_for: tuple[Settings, float, float, bool] | None = None
+        self._judged_for: _Known | None = None
         self._refusal: HoldRefusal | None = None
         self._fault: HoldRefusal | None = None
         """The refusal that was reported as a fault, None where none stands."""
@@ -57,6 +69,10 @@ class PolicyService:
         self._wanted = False
         """Whether an operator asked for hold last, and was refused."""
         self._echo = echo
+        self._speed = ExcessSpeed(gate.configured_speed)
+        self._reach_needed: float | None = None
+        self.reach: float | None = None
+        """`Frame.reach`. It does not get less while something is asked, held or accepted."""
         if state.switch is not None:
             link.request_rc_channels()
 
@@ -76,8 +92,8 @@ class PolicyService:
 
         A request is judged by the newest frames, too: they need not have been slow for long.
         """
-        judging, _, overrun, misled = self._known()
-        refusal = self._refusal or self._gate.refuses(judging, self._vision.pace.newest, overrun, misled)
+        known = self._known()._replace(step=self._vision.pace.newest)
+        refusal = self._refusal or self._gate.refuses(*known)
         return refusal.short if refusal is not None else ""
 
     @property
@@ -145,10 +161,10 @@ class PolicyService:
         """
         if self.state.requested is not Policy.HOLD:
             return None
-        known, _, overrun, _ = self._known()
-        for step in (self._vision.pace.step, 0.0):
-            refusal = self._gate.outruns(judging, step, overrun)
-            if refusal is not None and self._gate.outruns(known, step, overrun) is None:
+        known = self._known()
+        for step in (known.step, 0.0):
+            refusal = self._gate.outruns(judging, step, known.overrun, known.speed)
+            if refusal is not None and self._gate.outruns(known.judging, step, *known[2:4]) is None:
                 return refusal
         return None
 
@@ -166,6 +182,7 @@ class PolicyService:
 
     def tick(self, now: float) -> list[Decision]:
         """Check again whether hold can be given, and report when that or the off switch has changed."""
+        self._follow_speed(now)
         decisions = self._check_hold(now)
         switch = self.state.switch
         if switch is not None and switch.check(now):
@@ -175,10 +192,20 @@ class PolicyService:
             self._link.texts.send(told, ERROR if switch.lost else WARNING, now)
         return decisions
 
-    def _known(self) -> tuple[Settings, float, float, bool]:
+    def _known(self) -> _Known:
         autopilot = self._calls.monitor.newest.autopilot
         overrun = autopilot.overrun if autopilot is not None else 0.0
-        return self.judging, self._vision.pace.step, overrun, self._vision.misled_by_infrared
+        step, misled = self._vision.pace.step, self._vision.misled_by_infrared
+        return _Known(self.judging, step, overrun, self._speed.speed, misled)
+
+    def _follow_speed(self, now: float) -> None:
+        vehicle, before = self._link.vehicle, self._speed.speed
+        self._speed.follow(vehicle.speed if vehicle is not None else None, now)
+        if self._speed.speed != before:
+            self._reach_needed = self._gate.reach(self._speed.speed)
+        needed, answered = self._reach_needed, self._calls.reason_filter.things
+        if not (self._calls.current_id or answered) or (needed or 0.0) > (self.reach or 0.0):
+            self.reach = needed
 
     def _check_hold(self, now: float) -> list[Decision]:
         known = self._known()

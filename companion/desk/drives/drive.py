@@ -20,7 +20,7 @@ class DriveFrame:
     """A frame. name: of its file, or its time in a video. at: seconds of the drive.
 
     decode: returns the picture. place, travelled: where the vehicle was, and the metres that it had driven,
-    as far as known. lean, pose: as in `Frame`.
+    as far as known. lean, pose, reach: as in `Frame`.
     """
 
     name: str
@@ -30,11 +30,12 @@ class DriveFrame:
     travelled: float | None = None
     lean: tuple[float, float] | None = None
     pose: Pose | None = None
+    reach: float | None = None
 
     def numbered(self, number: int) -> Frame:
         """Return it as a camera's frame of this id. Only for one that is not torn."""
         assert self.image is not None
-        return Frame(number, self.at, self.image, lean=self.lean, pose=self.pose)
+        return Frame(number, self.at, self.image, lean=self.lean, pose=self.pose, reach=self.reach)
 
     @cached_property
     def image(self) -> Image | None:

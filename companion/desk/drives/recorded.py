@@ -17,7 +17,7 @@ from msgspec import ValidationError, convert
 from anytraverse.decoding import decode
 from anytraverse.errors import AnyTraverseError
 from anytraverse.frame import Image, Pose
-from anytraverse.ground import GroundRegion
+from anytraverse.ground import RELIABLE, GroundRegion
 from anytraverse.judging import Settings
 from anytraverse.operations import ForgetWord, SetWord, Tap
 from anytraverse.regions import Box
@@ -252,8 +252,14 @@ def _of_file(path: Path, clock: _DriveClock, named: Counter[int]) -> Iterator[Re
         words = standing[Topic.WORDS].then(judged)
         settings = standing[Topic.SETTINGS].then(judged)
         told = read_json(content)
-        lean, pose = _lean(told.get("lean")), _pose(told.get("pose"))
-        frame = DriveFrame(name, clock.at_next(captured), partial(_picture, data), lean=lean, pose=pose)
+        frame = DriveFrame(
+            name,
+            clock.at_next(captured),
+            partial(_picture, data),
+            lean=_lean(told.get("lean")),
+            pose=_pose(told.get("pose")),
+            reach=number_of(told.get("reach"), 0.0, RELIABLE),
+        )
         weights = _mapping(words.get("words"))
         tapped = bool(_mapping(words.get("taps")).keys() & weights.keys())
         yield RecordedFrame(frame, told, weights, tapped, _mapping(settings.get("judging")))

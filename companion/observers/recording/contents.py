@@ -93,6 +93,7 @@ def assessment(
         "age": seen.age,
         "lean": seen.frame.lean,
         "pose": seen.frame.pose and tuple(seen.frame.pose),
+        "reach": seen.frame.reach,
         "ok": seen.ok,
         "reasons": seen.reasons,
         **figures,

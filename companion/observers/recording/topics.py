@@ -72,7 +72,7 @@ class _Row(NamedTuple):
 _FRAME = {"frame": "integer", "captured_at": "number"}
 _JUDGED = {
     **_FRAME,
-    **dict.fromkeys(("judged_at", "duration", "age", "similarity", "scene_age"), "number"),
+    **dict.fromkeys(("judged_at", "duration", "age", "similarity", "scene_age", "reach"), "number"),
     **dict.fromkeys(("traversability", "uncertainty", "strangeness", "drivable_share"), "number"),
     **dict.fromkeys(("ok", "undecided"), "boolean"),
     **dict.fromkeys(("reasons", "findings", "sectors", "dropped", "lean", "pose"), "array"),

@@ -90,6 +90,31 @@ def test_a_recording_is_a_drive_with_its_own_times() -> None:
     assert 35.0 < times[-1] < 60.0
 
 
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [
+        ({"lean": [1.5, -0.5], "pose": [3.0, -1.0, 90.0]}, ((1.5, -0.5), (3.0, -1.0, 90.0))),
+        ({"lean": [80.0, 0.0], "pose": [1e300, 0.0, 0.0]}, (None, None)),
+        ({"lean": "up", "pose": [1.0, None, 0.0]}, (None, None)),
+        ({}, (None, None)),
+    ],
+)
+def test_how_the_vehicle_stood_is_read_where_it_was_recorded(
+    told: dict[str, Any], expected: tuple[object, object], tmp_path: Path
+) -> None:
+    changed = tmp_path / "moved.mcap"
+    with changed.open("wb") as file:
+        copy = Copy(file)
+        for one in messages(DRIVE):
+            if one.channel.topic == "/assessment":
+                one.message.data = json.dumps({**json.loads(one.message.data), **told}).encode()
+            copy.add(one)
+        copy.finish()
+    frames = list(open_drive(str(changed), 10.0).frames())
+    assert {(frame.lean, frame.pose) for frame in frames} == {expected}
+    assert frames[0].numbered(7).pose == expected[1]
+
+
 def again_at(copy: Copy, since: int) -> None:
     """Add all messages of the drive, `since` seconds later than they were."""
     for one in messages(DRIVE):

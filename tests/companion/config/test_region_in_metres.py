@@ -89,9 +89,11 @@ def test_a_vehicle_that_needs_more_than_the_ground_is_known_to_does_not_stop_in_
     assert judged(replace(fast, stopping=replace(fast.stopping, speed=found.fits * 0.99))).needs <= found.sees
 
 
-def test_a_speed_that_the_autopilot_is_set_to_does_not_move_the_region_in_force() -> None:
-    assert judged(CONFIG, speed=3.0).sees == judged(CONFIG).sees
+def test_the_region_follows_a_speed_that_the_autopilot_is_set_to_as_far_as_the_ground_is_known() -> None:
+    assert judged(CONFIG).sees < judged(CONFIG, speed=1.2).sees < judged(CONFIG, speed=3.0).sees
+    assert judged(CONFIG, speed=1.2).enough
     assert not judged(CONFIG, speed=3.0).enough
+    assert judged(CONFIG, speed=0.5).sees == judged(CONFIG).sees, "the configured speed is the greater one"
 
 
 def test_the_settings_in_force_have_it_and_its_box_in_the_picture() -> None:

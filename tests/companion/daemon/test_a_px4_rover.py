@@ -41,7 +41,7 @@ class Px4Rig(Rig):
     ) -> None:
         self.px4_hold = px4_hold
         self.config = config
-        self.rover = Rover(TRAIL)
+        self.rover = Rover(TRAIL, cruise_speed=config.stopping.speed or 2.5)
         self.px4 = kind(self.rover, self._from_px4)
         self.px4.tour.length = mission
         self.to_ground: list[Any] = []
@@ -115,7 +115,7 @@ def make(tmp_path: Path, clock: Clock) -> Iterator[MakePx4]:
         rig = Px4Rig(tmp_path, clock, px4_hold, config)
         made.append(rig)
         rig.see(4.0)
-        assert rig.rover.speed > 2.0 or rig.state[0] == "FAULT"
+        assert rig.rover.speed > 0.8 * rig.rover.cruise_speed or rig.state[0] == "FAULT"
         return rig
 
     yield build

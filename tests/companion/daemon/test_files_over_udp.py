@@ -87,7 +87,7 @@ def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path
     assert read_incidents(fetched("/incidents.json")) == Incidents()
     asked = Answer(0, Motion.NONE, (PackIncident(number),), 4711).pack()
     ground.mav.tunnel_send(1, COMPONENT_ID, TUNNEL_ANSWER, len(asked), asked.ljust(128, b"\0"))
-    (incident,) = wait_for(lambda: read_incidents(fetched("/incidents.json")).packed, 20.0)
+    (incident,) = wait_for(lambda: read_incidents(fetched("/incidents.json")).packed, 60.0)
     assert (incident.call, incident.note) == (
         number,
         "without a recording: switched off by [recording] size",

@@ -75,7 +75,8 @@ class _Beside(NamedTuple):
         if self.page.wanted():
             live.want()
         if (picture := live.take()) is not None:
-            self.page.show(picture.frame, picture.captured_at, picture.jpeg)
+            from_above = supervisor.ground_view.png()
+            self.page.show(picture.frame, picture.captured_at, picture.jpeg, from_above)
         still.watched = self.video.watched
         if (picture := still.take(now)) is not None:
             self.video.show(picture.number, picture.jpeg)

@@ -18,6 +18,7 @@ from companion.daemon.call_frames import CallFrames
 from companion.daemon.call_texts import CallTexts
 from companion.daemon.daemon import Daemon, Deciders
 from companion.daemon.executor import DecisionExecutor
+from companion.daemon.ground_view import GroundView
 from companion.daemon.health import HealthMonitor
 from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
@@ -151,6 +152,7 @@ def compose(
     status = Status(link, vision, calls, settings, records, computer, view=view)
     call_texts, pointing = CallTexts(link.texts, link.alerts, calls, records), Pointing(calls, link)
     shadow, live_picture = ShadowReporter(statistics, link.texts), LivePicture(vision)
+    ground_view = GroundView(config, calls)
     video_pictures = VideoPictures(vision, pointing, call_texts, config.video.rate)
     recording = Recording(
         vision, calls, settings, position.clock, rate=config.recording.rate, config=format_config(config)
@@ -167,11 +169,12 @@ def compose(
             pointing,
             video_pictures,
             live_picture,
+            ground_view,
             recording,
         ),
         guard,
     )
-    served.started(status.state_file, lambda: calls.reason_filter.newest)
+    served.started(status.state_file, lambda: calls.reason_filter.newest, ground_view.png)
     return Supervisor(
         daemon=Daemon(link, vision, calls, executor, deciders, observers),
         calls=calls,
@@ -191,6 +194,7 @@ def compose(
         shadow=shadow,
         pointing=pointing,
         live_picture=live_picture,
+        ground_view=ground_view,
         video_pictures=video_pictures,
         recording=recording,
     )

@@ -11,6 +11,7 @@ from companion.daemon.answers.handler import AnswerHandler
 from companion.daemon.call_frames import CallFrames
 from companion.daemon.call_texts import CallTexts
 from companion.daemon.daemon import Daemon
+from companion.daemon.ground_view import GroundView
 from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
 from companion.daemon.pointing import Pointing
@@ -48,6 +49,7 @@ class Supervisor:
     shadow: ShadowReporter
     pointing: Pointing
     live_picture: LivePicture
+    ground_view: GroundView
     video_pictures: VideoPictures
     recording: Recording
 

@@ -79,6 +79,8 @@ class LoopbackVision:
         if self._worker is not None and self._tuned and not self.hung and not self.death:
             judged = self._worker.judge(frame)
             self.report(replace(judged, duration=max(judged.duration, self.frame_s)))
+            if (ground := self._worker.ground_map()) is not None:
+                self.report(ground)
 
     def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
         """Reports that the process is alive, with the camera's status."""

@@ -91,10 +91,14 @@ LEVELS = 16
 
 
 class NewestMaps:
-    """Makes traversability.png and uncertainty.png, at most once a frame, and only on request."""
+    """Makes traversability.png and uncertainty.png, at most once a frame, and only on request.
 
-    def __init__(self, newest: Callable[[], Assessment | None]) -> None:
+    from_above.png is there where the ground is known in metres.
+    """
+
+    def __init__(self, newest: Callable[[], Assessment | None], from_above: Callable[[], bytes]) -> None:
         self._newest = newest
+        self._from_above = from_above
         self._seen: Assessment | None = None
         self._made: dict[str, bytes] = {}
 
@@ -110,12 +114,13 @@ class NewestMaps:
             if maps is not None:
                 self._made["traversability.png"] = grey_png(maps.traversability, unknown=0.0)
                 self._made["uncertainty.png"] = grey_png(maps.uncertainty, unknown=1.0)
-        return {name: len(content) for name, content in self._made.items()}
+        self._made["from_above.png"] = self._from_above()
+        return {name: len(content) for name, content in self._made.items() if content}
 
     def _make(self, name: str) -> bytes:
-        if name not in self._made:
+        if not (content := self._made.get(name)):
             raise MissingError(name)
-        return self._made[name]
+        return content
 
 
 def grey_png(values: Map, unknown: float) -> bytes:
@@ -128,7 +133,7 @@ def grey_png(values: Map, unknown: float) -> bytes:
     if width > WIDTH:
         known = _averaged(known, max(1, round(height * WIDTH / width)), WIDTH)
     steps = np.round(known.clip(0, 1) * (LEVELS - 1)) * (255 / (LEVELS - 1))
-    return _png(steps.astype(np.uint8))
+    return png(steps.astype(np.uint8))
 
 
 def _averaged(values: Map, height: int, width: int) -> Map:
@@ -143,12 +148,15 @@ def _averaged(values: Map, height: int, width: int) -> Map:
     return means
 
 
-def _png(grey: NDArray[np.uint8]) -> bytes:
-    """Encode (height, width) grey pixels as PNG (ISO/IEC 15948): the supervisor does not load OpenCV."""
-    height, width = grey.shape
-    rows = np.zeros((height, width + 1), np.uint8)  # the first byte of a row names its filter; 0: none
-    rows[:, 1:] = grey
-    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+def png(pixels: NDArray[np.uint8]) -> bytes:
+    """Encode grey pixels (height, width), or RGB (height, width, 3), as PNG (ISO/IEC 15948).
+
+    The supervisor does not load OpenCV.
+    """
+    height, width = pixels.shape[:2]
+    filters = np.zeros((height, 1), np.uint8)  # the first byte of a row names its filter; 0: none
+    rows = np.hstack([filters, pixels.reshape(height, -1)])
+    header = struct.pack(">IIBBBBB", width, height, 8, 2 if pixels.ndim == 3 else 0, 0, 0, 0)
     chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
@@ -166,6 +174,7 @@ class ServedFiles:
             self.calls.mkdir(parents=True, exist_ok=True)
         self._figures: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
         self._newest: Callable[[], Assessment | None] = lambda: None
+        self._from_above: Callable[[], bytes] = bytes
         self._checks: Callable[[], Mapping[str, Any]] = lambda: {"state": "starting"}
         self._incidents: Callable[[], Mapping[str, Any]] = incidents.Incidents().document
         self.tree = Tree(
@@ -174,7 +183,7 @@ class ServedFiles:
                 "check.json": Document(lambda: _as_json(self._checks())),
                 incidents.DOCUMENT: Document(lambda: _as_json(self._incidents())),
                 "calls": MatchingFiles(self.calls, PATTERN, reader),
-                "maps": NewestMaps(self._newest_frame).documents(),
+                "maps": NewestMaps(self._newest_frame, self._map_from_above).documents(),
                 SCENES: MatchingFiles(folder / SCENES, SCENE_PATTERN, reader),
                 "logs": MatchingFiles(folder / FOLDER, f"{NAME}*", reader),
                 incidents.FOLDER: MatchingFiles(folder / incidents.FOLDER, "*.zip", reader),
@@ -182,13 +191,17 @@ class ServedFiles:
         )
 
     def started(
-        self, figures: Callable[[], Mapping[str, Any]], newest: Callable[[], Assessment | None]
+        self,
+        figures: Callable[[], Mapping[str, Any]],
+        newest: Callable[[], Assessment | None],
+        from_above: Callable[[], bytes],
     ) -> None:
         """Serve a daemon's state from now on. The link serves files before the perceiver is loaded.
 
-        figures: makes the content of /state.json. newest: the newest frame.
+        figures: makes the content of /state.json. newest: the newest frame. from_above: makes
+        /maps/from_above.png, b"" where there is none.
         """
-        self._figures, self._newest = figures, newest
+        self._figures, self._newest, self._from_above = figures, newest, from_above
 
     def show_checks(self, checks: Callable[[], Mapping[str, Any]]) -> None:
         """Serve these as /check.json from now on. checks: makes its content."""
@@ -197,6 +210,9 @@ class ServedFiles:
     def show_incidents(self, told: Callable[[], Mapping[str, Any]]) -> None:
         """Serve this as /incidents.json from now on. told: makes its content."""
         self._incidents = told
+
+    def _map_from_above(self) -> bytes:
+        return self._from_above()
 
     def _newest_frame(self) -> Assessment | None:
         return self._newest()

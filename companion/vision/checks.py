@@ -12,6 +12,7 @@ import numpy as np
 from anytraverse.answers import LARGEST_EXAMPLES, MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Assessment, Maps
 from anytraverse.frame import is_intrinsics
+from anytraverse.grid import SIDE
 from anytraverse.ground import RELIABLE
 from anytraverse.history import MAX_REFUSED, Embedding, Entry
 from anytraverse.judging import Settings
@@ -28,6 +29,7 @@ from companion.vision.messages import (
     Alive,
     Done,
     FrameJudged,
+    GroundMap,
     MemoryUpdate,
     Ready,
     Report,
@@ -97,6 +99,11 @@ def _check(message: Report, expected: Expected, now: float) -> None:
             lens = camera.intrinsics
             _need(lens is None or is_intrinsics(lens), "the intrinsics of a camera")
             _need(delivered_at is None or _past(delivered_at, now), "when a frame came")
+        case GroundMap(content):
+            _need(_past(content.at, now) and _finite(*content.pose), "when and where ground was seen")
+            _need(all(abs(one) <= LARGEST_WHOLE for one in content.corner), "where a grid lies")
+            sizes = {len(content.share), len(content.uncertainty)}
+            _need(sizes == {SIDE * SIDE}, "the cells of a grid")
         case Scenes(entries):
             _check_entries(entries)
 

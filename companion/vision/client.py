@@ -45,6 +45,7 @@ from companion.vision.messages import (
     Encoded,
     Failed,
     FrameJudged,
+    GroundMap,
     Logged,
     MemoryUpdate,
     Ready,
@@ -85,7 +86,7 @@ class VisionResult(NamedTuple):
     frame was given to a new process. turned: the words whose sign it turned -> weight before and after.
     """
 
-    report: FrameJudged | Done | Drawn | Encoded
+    report: FrameJudged | Done | Drawn | Encoded | GroundMap
     memory: Memory
     token: object = None
     turned: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -410,6 +411,8 @@ class VisionClient:
                 if self._encoding != Encode(report.number, report.frame_id):
                     raise BadReportError(f"encoded frame {report.number}, which nobody asked for")
                 self._encoding = None
+                return [VisionResult(report, self.memory)]
+            case GroundMap():
                 return [VisionResult(report, self.memory)]
         return []
 

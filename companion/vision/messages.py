@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 
 from anytraverse.answers import AnswerOutcome
 from anytraverse.assessment import Assessment
+from anytraverse.grid_map import GridMap
 from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
 from anytraverse.memory import Memory
@@ -322,6 +323,12 @@ class Encoded(_Report, frozen=True):
     uncertainty: Encoding = b""
 
 
+class GroundMap(_Report, frozen=True):
+    """Carries what the local grid knows, once a second while the vehicle's pose is known."""
+
+    content: GridMap
+
+
 class Logged(_Report, frozen=True):
     """Carries a line for the supervisor's log, or several. level: as in `logging`."""
 
@@ -330,7 +337,7 @@ class Logged(_Report, frozen=True):
     text: Text
 
 
-Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | Logged | Scenes
+Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | GroundMap | Logged | Scenes
 
 
 def error_text(error: BaseException) -> str:

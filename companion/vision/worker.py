@@ -14,6 +14,8 @@ from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.findings import check_age
 from anytraverse.frame import Frame
+from anytraverse.grid import LocalGrid
+from anytraverse.grid_map import GridMap
 from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
@@ -31,6 +33,7 @@ from companion.vision.messages import (
     Drawn,
     Encode,
     FrameJudged,
+    GroundMap,
     MemoryUpdate,
     Report,
     Request,
@@ -47,6 +50,8 @@ RECENT = 3
 STORED_FRAMES = 3
 """Stored frames of calls and holds, to which answers and taps may refer."""
 _LOGGED_AGAIN = 10.0
+MAPPED_EVERY = 1.0
+"""Seconds between two reports of the ground."""
 _MOTIONS, _MOTIONS_EVERY = 32, 0.1
 """Reports of the vehicle's motion that are kept, and s from one to the next: there may be 50 a second."""
 
@@ -71,6 +76,7 @@ class Worker:
         self._earlier: dict[int, Assessment] = {}
         """What frames were judged as before they were judged again."""
         self._logged_at = float("-inf")
+        self._grid, self._mapped_at = LocalGrid(), float("-inf")
 
     def handle(self, request: Request) -> list[Report]:
         """Handle a request, and return the reports that answer it."""
@@ -109,6 +115,7 @@ class Worker:
             seen = self._engine.fault(frame, time.monotonic(), "the perceiver failed")
         now, levels = time.monotonic(), luma(frame.image)
         seen = self._with_age(seen, now, self._camera_faults(levels, started))
+        self._remember_ground(seen)
         self._recent[frame.id] = seen
         while len(self._recent) > RECENT:
             self._recent.popitem(last=False)
@@ -117,6 +124,30 @@ class Worker:
         update, infrared = self._update(), self._infrared_detector.check(frame.image, started)
         duration = now - started
         return FrameJudged(seen, self.revision, now, duration, shares, levels, update, infrared, self._tuning)
+
+    def ground_map(self) -> GroundMap | None:
+        """Return what is known of the ground round the vehicle, once a second; None where it is not known."""
+        frame = next(reversed(self._recent.values())).frame if self._recent else None
+        if frame is None or frame.captured_at < self._mapped_at + MAPPED_EVERY:
+            return None
+        found = GridMap.of(self._grid, frame.captured_at)
+        if found is None:
+            return None
+        self._mapped_at = frame.captured_at
+        return GroundMap(found)
+
+    def _remember_ground(self, seen: Assessment) -> None:
+        """Mark in the grid what a frame shows; a frame with a fault shows nothing."""
+        ground, frame = self._engine.settings.metres, seen.frame
+        try:
+            if ground is None or seen.maps is None or Reason.FAULT in seen.reasons:
+                self._grid.move(frame.pose, frame.captured_at)
+            else:
+                camera = ground.camera.leaning(*(frame.lean or (0.0, 0.0)))
+                self._grid.update(seen.maps, camera, frame.pose, frame.captured_at)
+        except Exception:  # it judges nothing, so that its failure is no fault
+            self._log_failure(frame)
+            self._grid.forget()
 
     def _camera_faults(self, levels: Luma, now: float) -> list[Finding]:
         """Return what has been wrong with the pictures for longer than T: badly exposed."""

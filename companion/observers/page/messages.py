@@ -26,6 +26,9 @@ class PageMessageKind(bytes, Enum):
     """frame: its id. at: when it was captured. data: JPEG. Each `at` is in seconds of the monotonic clock,
     which both processes share: a message may have waited for a process that was stopped."""
 
+    MAP = b"m"
+    """What is known of the ground, from above, of the same moment as the picture. data: PNG, b"" for none."""
+
 
 ALIVE, WANTED, ANSWER = b"a", b"w", b"r"
 """From the web process: it lives; somebody watches, so that a picture should be drawn; an answer.

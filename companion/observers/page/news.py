@@ -47,12 +47,14 @@ class News:
         self.told: Mapping[str, Any] = {}
         self.told_at = float("-inf")
         self.picture: _Picture | None = None
+        self.from_above = b""
+        """The map of the ground that is shown with the picture, PNG; b"" for none."""
         self.points: deque[tuple[float, Any, Any]] = deque(maxlen=POINTS)
         """When the region of interest was how drivable and how uncertain: what is plotted."""
 
     def take(self, message: Datagram) -> None:
         """Take what the supervisor tells. Raises ValueError for what it never tells."""
-        if message.kind not in (PageMessageKind.NEWS, PageMessageKind.PICTURE):
+        if message.kind not in (PageMessageKind.NEWS, PageMessageKind.PICTURE, PageMessageKind.MAP):
             raise ValueError("a second setup, or an acknowledgement of nothing")
         content = dict(message.content)
         at = content.pop("at", None)
@@ -67,6 +69,8 @@ class News:
                 self.points.append((round(at, 2), ahead.get("traversability"), ahead.get("uncertainty")))
             if self.state != before:
                 self._since, self._began_here = at, before != ""
+        elif message.kind == PageMessageKind.MAP:
+            self.from_above = message.data
         else:
             frame = content.get("frame")
             if not isinstance(frame, int):

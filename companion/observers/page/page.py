@@ -108,8 +108,9 @@ class Page(SideService[WebChild]):
         wanted, self._wanted = self._wanted, False
         return wanted
 
-    def show(self, frame: int, captured_at: float, picture: bytes) -> None:
-        """Show a drawn frame. captured_at: monotonic seconds. picture: JPEG."""
+    def show(self, frame: int, captured_at: float, picture: bytes, from_above: bytes = b"") -> None:
+        """Show a drawn frame. captured_at: monotonic seconds. picture: JPEG. from_above: PNG, b"": none."""
+        self.send(Datagram(PageMessageKind.MAP, {"at": captured_at}, from_above).encoded())
         try:
             self.send(
                 Datagram(PageMessageKind.PICTURE, {"frame": frame, "at": captured_at}, picture).encoded()

@@ -83,6 +83,7 @@ class PageSite:
         routes = [
             Route("/events", self._events),
             Route("/live.jpg", self._live),
+            Route("/from_above.png", self._from_above),
             Route("/healthz", self._health),
             Route("/metrics", self._show_metrics),
             Route("/calls.json", self._calls),
@@ -121,7 +122,8 @@ class PageSite:
             picture = news.shown_picture()
             if picture is not None and picture.frame != frame:
                 frame = picture.frame
-                yield event("picture", {"frame": frame, "age": round(news.picture_age(), 3)})
+                age, above = round(news.picture_age(), 3), bool(news.from_above)
+                yield event("picture", {"frame": frame, "age": age, "from_above": above})
             await news.more(_BEAT)
             if news.told_at == told_at:
                 yield b": still here\n\n"
@@ -131,6 +133,11 @@ class PageSite:
         if picture is None:
             return PlainTextResponse("no picture of the last seconds\n", 404)
         return Response(picture.jpeg, media_type="image/jpeg", headers={"x-frame": str(picture.frame)})
+
+    async def _from_above(self, _: Request) -> Response:
+        if self._news.shown_picture() is None or not self._news.from_above:
+            return PlainTextResponse("nothing is known of the ground in metres\n", 404)
+        return Response(self._news.from_above, media_type="image/png")
 
     async def _health(self, _: Request) -> Response:
         trouble, age = self._news.trouble(), self._news.event()["age"]

@@ -10,7 +10,11 @@ from dataclasses import fields, is_dataclass
 from enum import Enum, Flag
 from typing import Any
 
+import numpy as np
+
 from anytraverse.assessment import Assessment, Reason
+from anytraverse.grid import CELL
+from anytraverse.grid_map import UNKNOWN, GridMap
 from anytraverse.memory import Memory
 from anytraverse.regions import Region
 from companion.calls.decisions import (
@@ -169,6 +173,34 @@ def image(data: bytes, kind: str, at: int) -> bytes:
     """Make a foxglove.CompressedImage. kind: "jpeg" or "png". at: ns since 1970, here and below."""
     content = {"timestamp": at, "data": data, "format": kind, "frame_id": "camera"}
     return encode("foxglove.CompressedImage", content)
+
+
+def grid(told: GridMap, at: int) -> bytes:
+    """Make a foxglove.Grid of the rows and columns with known cells. Its x and y are those of odometry."""
+    share, uncertainty = told.layers
+    known = share != UNKNOWN
+    rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        rows = columns = np.zeros(1, np.intp)
+    (top, bottom), (left, right) = ((int(one[0]), int(one[-1]) + 1) for one in (rows, columns))
+    cells = np.stack([share, uncertainty], axis=-1)[top:bottom, left:right]
+    column, row = told.corner
+    place = {"x": (column + left) * CELL, "y": (row + top) * CELL, "z": 0.0}
+    fields = [
+        {"name": name, "offset": offset, "type": 1} for offset, name in enumerate(("drivable", "uncertainty"))
+    ]
+    content = {
+        "timestamp": at,
+        "frame_id": "odometry",
+        "pose": {"position": place, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
+        "column_count": right - left,
+        "cell_size": {"x": CELL, "y": CELL},
+        "row_stride": 2 * (right - left),
+        "cell_stride": 2,
+        "fields": fields,
+        "data": cells.tobytes(),
+    }
+    return encode("foxglove.Grid", content)
 
 
 _WHITE = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}

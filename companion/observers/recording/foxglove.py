@@ -45,6 +45,26 @@ MESSAGES: Mapping[str, tuple[Field, ...]] = {
         ("texts", 3, "*foxglove.TextAnnotation"),
         ("timestamp", 5, "google.protobuf.Timestamp"),
     ),
+    "foxglove.Vector2": (("x", 1, "double"), ("y", 2, "double")),
+    "foxglove.Vector3": (("x", 1, "double"), ("y", 2, "double"), ("z", 3, "double")),
+    "foxglove.Quaternion": (("x", 1, "double"), ("y", 2, "double"), ("z", 3, "double"), ("w", 4, "double")),
+    "foxglove.Pose": (("position", 1, "foxglove.Vector3"), ("orientation", 2, "foxglove.Quaternion")),
+    "foxglove.PackedElementField": (
+        ("name", 1, "string"),
+        ("offset", 2, "fixed32"),
+        ("type", 3, "foxglove.PackedElementField.NumericType"),
+    ),
+    "foxglove.Grid": (
+        ("timestamp", 1, "google.protobuf.Timestamp"),
+        ("frame_id", 2, "string"),
+        ("pose", 3, "foxglove.Pose"),
+        ("column_count", 4, "fixed32"),
+        ("cell_size", 5, "foxglove.Vector2"),
+        ("row_stride", 6, "fixed32"),
+        ("cell_stride", 7, "fixed32"),
+        ("fields", 8, "*foxglove.PackedElementField"),
+        ("data", 9, "bytes"),
+    ),
     "foxglove.LocationFix": (
         ("latitude", 1, "double"),
         ("longitude", 2, "double"),
@@ -86,9 +106,12 @@ MESSAGES: Mapping[str, tuple[Field, ...]] = {
 }
 ENUMS: Mapping[str, tuple[str, ...]] = {
     "foxglove.PointsAnnotation.Type": ("UNKNOWN", "POINTS", "LINE_LOOP", "LINE_STRIP", "LINE_LIST"),
+    "foxglove.PackedElementField.NumericType": (
+        *("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"),
+    ),
     "foxglove.Log.Level": ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"),
 }
-_SCALARS = {"double": 1, "int64": 3, "int32": 5, "string": 9, "bytes": 12}
+_SCALARS = {"double": 1, "int64": 3, "int32": 5, "fixed32": 7, "string": 9, "bytes": 12}
 """Type -> its number in a descriptor."""
 _MESSAGE, _ENUM = 11, 14
 _ONE, _LIST = 1, 3
@@ -133,6 +156,8 @@ def descriptors(name: str) -> bytes:
 def _field(number: int, kind: str, value: Any) -> bytes:
     if kind == "double":
         return _varint(number << 3 | 1) + struct.pack("<d", value)
+    if kind == "fixed32":
+        return _varint(number << 3 | 5) + struct.pack("<I", value)
     if kind in ("int32", "int64") or kind in ENUMS:
         return _varint(number << 3) + _varint(value)
     if kind == "google.protobuf.Timestamp" and isinstance(value, int):

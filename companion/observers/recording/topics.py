@@ -33,6 +33,7 @@ class Topic(IntEnum):
     LOCATION = 13
     STATUS = 14
     LOG = 15
+    GROUND = 16
 
 
 class _Row(NamedTuple):
@@ -155,5 +156,10 @@ TOPICS: Mapping[Topic, _Row] = MappingProxyType(
             "/status", "anytraverse.Status", "status.json, once a second", {"state": "string"}
         ),
         Topic.LOG: _Row("/log", "foxglove.Log", "the lines of the log"),
+        Topic.GROUND: _Row(
+            "/ground",
+            "foxglove.Grid",
+            "what is known of the ground, by odometry, 1 a second; 0 to 254 for 0 to 1, 255 is not known",
+        ),
     }
 )

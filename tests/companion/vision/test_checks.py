@@ -14,7 +14,8 @@ from msgspec.msgpack import Ext
 
 from anytraverse.answers import MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Finding, Maps
-from anytraverse.frame import Frame
+from anytraverse.frame import Frame, Pose
+from anytraverse.grid_map import GridMap
 from anytraverse.history import Entry, History, Likeness, Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import Adoption
@@ -35,6 +36,7 @@ from companion.vision.messages import (
     Encoded,
     Failed,
     FrameJudged,
+    GroundMap,
     Logged,
     Model,
     Ready,
@@ -127,6 +129,18 @@ def unmade(kind: type, **given: Any) -> Any:
     value: Any = object.__new__(kind)
     vars(value).update(given)
     return value
+
+
+def moved(**changes: Any) -> FrameJudged:
+    """With another place or lean of the vehicle."""
+    return seen(frame=replace(SEEN.frame, **changes))
+
+
+def ground(**changes: Any) -> GroundMap:
+    """A map of the ground."""
+    cells = b"\xff" * 40_000
+    right = {"at": 1.0, "pose": Pose(1.0, 2.0, 30.0), "corner": (-90, -80)}
+    return GroundMap(unmade(GridMap, **{**right, "share": cells, "uncertainty": cells, **changes}))
 
 
 CORRIDOR = vars(Settings().corridor)
@@ -374,6 +388,18 @@ WRONG: dict[str, Any] = {
     "a weak word that controls a terminal": updating(weak=(CONTROL,)),
     "a given word that controls a terminal": memory_of(given={CONTROL: 1.0}),
     "a tapped word that controls a terminal": entry_of(examples={CONTROL: (TAP,)}),
+    "a pose that is nowhere": moved(pose=Pose(NAN, 0.0, 0.0)),
+    "a pose of two numbers": moved(pose=(1.0, 2.0)),
+    "a lean upside down": moved(lean=(170.0, 0.0)),
+    "a reach behind the vehicle": moved(reach=-1.0),
+    "a reach beyond what is known": moved(reach=7.0),
+    "a map of the ground of the future": ground(at=AHEAD),
+    "a map of the ground at no time": ground(at=NAN),
+    "a map of the ground nowhere": ground(pose=Pose(0.0, NAN, 0.0)),
+    "a map of the ground too far away": ground(corner=(1 << 60, 0)),
+    "a map of the ground with too few cells": ground(share=b"1"),
+    "a map of the ground with too many cells": ground(uncertainty=b"1" * 40_001),
+    "a map of the ground of a text": ground(share="text"),
     "a failure of bytes": Failed(b"text"),  # type: ignore[arg-type]
 }
 
@@ -397,6 +423,8 @@ def test_what_cannot_be_true_is_refused(wrong: Any) -> None:
         Done(1, AnswerOutcome(SEEN, None), "", UPDATE),
         Drawn(1, 2, "t"),
         Logged(40, "name", "text"),
+        moved(lean=(3.0, -2.0), pose=Pose(5.0, -6.0, 90.0), reach=5.5),
+        ground(),
         Failed("text"),
     ],
 )

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import time
 from dataclasses import astuple, replace
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from anytraverse.assessment import Reason
+from anytraverse.assessment import Finding, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import PerceiverError
-from anytraverse.frame import Frame, Image
+from anytraverse.frame import Frame, Image, Pose
+from anytraverse.grid import LocalGrid
+from anytraverse.grid_map import UNKNOWN
+from anytraverse.ground import GroundCamera, GroundRegion
 from anytraverse.history import Place
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
@@ -28,13 +32,14 @@ from companion.vision.messages import (
     Draw,
     Drawn,
     FrameJudged,
+    GroundMap,
     Restore,
     Situation,
     Tune,
 )
 from companion.vision.worker import RECENT, STORED_FRAMES, Worker
 from companion.wire.ids import State
-from tests.anytraverse.conftest import AHEAD, Painted
+from tests.anytraverse.conftest import AHEAD, HEIGHT, WIDTH, Painted
 from tests.companion.daemon.rig import picture
 from tests.companion.vision.played import WORDS, heard
 
@@ -255,6 +260,49 @@ def test_reports_of_the_lean_that_come_very_often_push_out_no_older_ones_that_a_
     lean_then = stage.look().assessment.frame.lean
     assert lean_then is not None
     assert lean_then[0] < 0.1
+
+
+def in_metres(stage: Stage, *, speed: float = 1.0) -> list[GroundMap]:
+    """What is told of the ground in three seconds of a drive, as a region in metres is in force."""
+    camera = GroundCamera.pinhole(1.0, 20.0, 75.0, WIDTH / HEIGHT)
+    ground = GroundRegion(camera, near=1.5, far=4.5, width=1.4, vehicle=0.6)
+    region = ground.in_picture(None).region.bounds
+    stage.engine.settings = Settings(ground=ground, region=region, freshness=10.0)
+    told, now = [], time.monotonic() - 3.0
+    for number in range(12):
+        at = now + 0.25 * number
+        motion = MotionReport(at, 0.0, 0.0, 0.0, 0.0, Pose(0.25 * speed * number, 0.0, 0.0), speed)
+        stage.worker.handle(Situation(Place(), motion=motion))
+        stage.look(age=time.monotonic() - at)
+        told.append(stage.worker.ground_map())
+    return [one for one in told if one is not None]
+
+
+def test_the_ground_is_told_once_a_second_where_it_is_known_in_metres(stage: Stage) -> None:
+    stage.look()
+    assert stage.worker.ground_map() is None
+    told = [one.content for one in in_metres(stage)]
+    assert len(told) == 3
+    assert all(0.9 < later.at - sooner.at < 1.3 for sooner, later in pairwise(told))
+    known = [int((one.layers[0] != UNKNOWN).sum()) for one in told]
+    assert known[0] < known[1] < known[2], "what it has passed is remembered"
+
+
+def test_a_frame_with_a_fault_marks_no_ground(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stage.worker, "_camera_faults", lambda *_: [Finding.fault("too dark")])
+    assert all((one.content.layers[0] == UNKNOWN).all() for one in in_metres(stage))
+
+
+def test_a_grid_that_fails_costs_no_frame(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fails(*_: object) -> None:
+        raise ValueError("no grid")
+
+    monkeypatch.setattr(LocalGrid, "update", fails)
+    assert in_metres(stage) == []
+    assert "no grid" in caplog.text
+    assert stage.look().assessment.maps is not None
 
 
 @pytest.mark.parametrize("frame_id", [2, 77])

@@ -31,6 +31,7 @@ function loaded(shown) {
   if (shown) {
     seen = coming;
     picture.hidden = false;
+    views.showFromAbove(seen);
   }
   coming = null;
   if (next) load(next);

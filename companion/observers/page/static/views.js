@@ -28,6 +28,13 @@ export function showPictureNote({ text, fresh }) {
   changed("view", fresh, (part) => part.classList.toggle("stale", !fresh));
 }
 
+// picture: the one that is shown; with it the ground from above where that is known.
+export function showFromAbove({ frame, from_above }) {
+  const part = document.getElementById("above");
+  part.hidden = !from_above;
+  if (from_above) part.querySelector("img").src = `/from_above.png?frame=${frame}`;
+}
+
 // lines: where the mount puts the ground in the picture.
 export function showGround(lines) {
   metres.show(lines);

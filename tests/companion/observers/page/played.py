@@ -110,7 +110,7 @@ class Stage(Supervisor, Browser):
                 "checks": [{"check": "disk", "verdict": "warn", "text": "make room"}],
             },
         }
-        self.frames = 0
+        self.frames, self.from_above = 0, b""
 
     @property
     def url(self) -> str:
@@ -120,7 +120,7 @@ class Stage(Supervisor, Browser):
         self.page.tell(now, lambda: self.news)
         if self.page.wanted():
             self.frames += 1
-            self.page.show(self.frames, now - 0.05, JPEG)
+            self.page.show(self.frames, now - 0.05, JPEG, self.from_above)
 
     def ready(self) -> Stage:
         """Turn until the page answers with news."""

@@ -82,6 +82,14 @@ def test_a_picture_is_shown_while_it_is_fresh_and_never_again() -> None:
     assert news.shown_picture() is None
 
 
+def test_the_ground_from_above_is_that_of_the_newest_picture_or_none() -> None:
+    clock = Clock()
+    news = News(clock)
+    for content in (b"png", b""):
+        news.take(Datagram(PageMessageKind.MAP, {"at": clock.now}, content))
+        assert news.from_above == content
+
+
 @pytest.mark.parametrize(
     "message",
     [
@@ -90,6 +98,7 @@ def test_a_picture_is_shown_while_it_is_fresh_and_never_again() -> None:
         Datagram(PageMessageKind.PICTURE, {"frame": "1", "at": 0.0}, b"x"),
         Datagram(PageMessageKind.PICTURE, {"frame": 1, "at": "now"}, b"x"),
         Datagram(PageMessageKind.NEWS, {"status": {"state": "ok"}}),
+        Datagram(PageMessageKind.MAP, {}, b"x"),
     ],
 )
 def test_what_the_supervisor_never_says_is_refused(message: Datagram) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +14,10 @@ pytest.importorskip("google.protobuf")
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from companion.observers.recording.contents import image, image_annotations, location, log_line
+from anytraverse.frame import Pose
+from anytraverse.grid import CELL, SIDE
+from anytraverse.grid_map import GridMap
+from companion.observers.recording.contents import grid, image, image_annotations, location, log_line
 from companion.observers.recording.foxglove import ENUMS, MESSAGES, NS, descriptors, encode
 from tests.companion.observers.recording.made import SEEN
 
@@ -67,6 +71,38 @@ def test_numbers_and_texts_survive(latitude: float, longitude: float, level: int
     line = read("foxglove.Log", log_line(level, "a.name", text, NS))
     assert (line.name, line.message, line.timestamp.seconds) == ("a.name", text, 1)
     assert line.level == {5: 5, 4: 4, 3: 3, 2: 2}.get(level // 10, 5 if level >= 50 else 1)
+
+
+@given(
+    left=st.integers(0, 199),
+    top=st.integers(0, 199),
+    wide=st.integers(1, 200),
+    corner=st.tuples(st.integers(-(10**6), 10**6), st.integers(-(10**6), 10**6)),
+)
+def test_a_grid_is_the_known_cells_where_they_are_by_odometry(
+    left: int, top: int, wide: int, corner: tuple[int, int]
+) -> None:
+    share = np.full((SIDE, SIDE), 255, np.uint8)
+    share[top : top + wide, left : left + wide] = 7
+    uncertainty = np.where(share == 7, 9, 255).astype(np.uint8)
+    told = GridMap(1.0, Pose(0.0, 0.0, 0.0), corner, share.tobytes(), uncertainty.tobytes())
+    found = read("foxglove.Grid", grid(told, 3 * NS))
+    columns, rows = min(wide, SIDE - left), min(wide, SIDE - top)
+    assert (found.column_count, found.row_stride, found.cell_stride) == (columns, 2 * columns, 2)
+    assert found.data == bytes([7, 9]) * (columns * rows)
+    assert [(one.name, one.offset, one.type) for one in found.fields] == [
+        ("drivable", 0, 1),
+        ("uncertainty", 1, 1),
+    ]
+    place = found.pose.position
+    assert (place.x, place.y) == pytest.approx(((corner[0] + left) * CELL, (corner[1] + top) * CELL))
+    assert found.pose.orientation.w == found.timestamp.seconds / 3 == 1.0
+
+
+def test_a_grid_that_knows_nothing_is_one_unknown_cell() -> None:
+    cells = bytes([255]) * (SIDE * SIDE)
+    found = read("foxglove.Grid", grid(GridMap(1.0, Pose(0.0, 0.0, 0.0), (0, 0), cells, cells), 0))
+    assert (found.column_count, found.data) == (1, bytes([255, 255]))
 
 
 def test_boxes_are_closed_lines_in_pixels() -> None:

@@ -36,6 +36,7 @@ HELP = """\
   at forget bush               take a word out of use; `at forget call 7`: what it taught; `at new episode`
   at other place               the place that "matches" is another one; `at other place 7`: that of call 7
   at picture                   fetch what the call saw, to tap in it; `at picture 7`, `7 large`, `7 raw`
+  at picture ground            fetch what is known of the ground round the rover, from above
   at incident 7                have a file of call 7 packed on the rover; `at cancel incident 7`: no more
   at policy hold               what the companion may do: report, shadow, hold, or off: nobody watches
   at rover 2 go                for one of several rovers; `at rover 2` alone stays with it
@@ -48,6 +49,7 @@ _COMPLETIONS = [
     "other place (AT_CALL)",
     "answer (AT_CALL) <go|stay|look>",
     "picture (AT_CALL) <large|raw>",
+    "picture ground",
     "incident (AT_CALL)",
     "cancel incident (AT_CALL)",
     "<set|forget|tap> (AT_WORD) <1|-1>",

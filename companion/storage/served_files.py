@@ -32,6 +32,7 @@ from companion.storage.served_tree import (
     read_regular_file,
 )
 from companion.wire import incidents
+from companion.wire.documents import FROM_ABOVE
 
 MAX_FILES = 500
 _MAX_SCANNED = 5000
@@ -114,7 +115,7 @@ class NewestMaps:
             if maps is not None:
                 self._made["traversability.png"] = grey_png(maps.traversability, unknown=0.0)
                 self._made["uncertainty.png"] = grey_png(maps.uncertainty, unknown=1.0)
-        self._made["from_above.png"] = self._from_above()
+        self._made[Path(FROM_ABOVE).name] = self._from_above()
         return {name: len(content) for name, content in self._made.items() if content}
 
     def _make(self, name: str) -> bytes:

@@ -31,6 +31,9 @@ MOST_CHECKS = 64
 MOST_GIVEN = 32
 """Words that are out of use and were given before."""
 
+FROM_ABOVE = "/maps/from_above.png"
+"""Where the ground from above is served."""
+
 
 @dataclass(frozen=True)
 class KnownPlace:

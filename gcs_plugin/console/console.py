@@ -96,6 +96,11 @@ class Console:
         story = desk.stories.by_id.get(call) if desk is not None else None
         return None if story is None else story.pictures.get(size)
 
+    def ground(self, system: int) -> bytes | None:
+        """Return what was known of the ground round a rover, from above, as PNG, if it has come."""
+        desk = self.desks.get(system)
+        return desk.fetched.ground or None if desk is not None else None
+
     def incident(self, system: int, name: str) -> Path | None:
         """Return where an incident file of a rover is stored; None for one that was not fetched."""
         desk = self.desks.get(system)

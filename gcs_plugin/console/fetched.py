@@ -6,10 +6,11 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from anytraverse.picture_size import jpeg_size
+from anytraverse.picture_size import jpeg_size, picture_size
 from companion.pages.wording import named
 from companion.wire.call_report import picture_path
 from companion.wire.documents import (
+    FROM_ABOVE,
     CheckRow,
     KnownPlace,
     StateFile,
@@ -57,6 +58,10 @@ class Fetched:
         """Whether the calls before this console began are "unknown", "coming" or "known"."""
         self.place_picture = b""
         """The picture of the known place, JPEG, b"" without one."""
+        self.ground = b""
+        """What was known of the ground when it was asked for, from above: PNG, b"" without one."""
+        self.grounds = 0
+        """How many of them came."""
         self._stories = stories
         self._state_at = float("-inf")
         self._state_pause = STATE_AGAIN_S
@@ -65,6 +70,9 @@ class Fetched:
         """Fetch a file on request; returns why that cannot be, or ""."""
         if what == "check":
             self.files.want(CHECK_PATH, Rank.CHECK, self._take_checks)
+            return ""
+        if what == "ground":
+            self.files.want(FROM_ABOVE, Rank.LARGE_PICTURE, self._take_ground)
             return ""
         if what == "calls":
             self._want_earlier()
@@ -190,6 +198,10 @@ class Fetched:
 
         if known is not None and known.picture:
             self.files.want(known.picture, Rank.RECORD, take)
+
+    def _take_ground(self, png: bytes) -> None:
+        if picture_size(png) is not None:
+            self.ground, self.grounds = png, self.grounds + 1
 
     def _want_earlier(self) -> None:
         """List the rover's calls, then fetch the records and small pictures of the newest."""

@@ -16,7 +16,7 @@ from companion.wire.answers import Answer
 from companion.wire.ids import Policy
 from companion.wire.incidents import read_name
 
-FILES = ("large", "check", "calls")
+FILES = ("large", "check", "calls", "ground")
 
 
 @dataclass(frozen=True)

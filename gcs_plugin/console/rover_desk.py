@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.wire.delivery import STATUS_TEXTS
+from companion.wire.documents import FROM_ABOVE
 from companion.wire.ids import Policy, State
 from companion.wire.packing import clean
 from companion.wire.parameters import ROI, THR_ROI, THR_SCENE, THR_TILE, THR_TRAV
@@ -121,6 +122,11 @@ class RoverDesk:
             "given": dict(state.given) if state is not None else None,
             "names": [[word, weight] for word, weight in reversed(fetched.named.items())],
             "known_place": self._known_place(),
+            "ground": {
+                "picture": f"/pictures/{self.system}/ground.png?{fetched.grounds}" if fetched.ground else "",
+                "coming": fetched.files.waits(FROM_ABOVE),
+                "problem": clean(fetched.files.problems.get(FROM_ABOVE, "")),
+            },
             "hold_refused": clean(state.hold_refused) if state is not None else "",
             "held_by": clean(state.held_by) if state is not None else "",
             "model": clean(state.model) if state is not None else "",

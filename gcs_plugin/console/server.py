@@ -51,10 +51,11 @@ class ConsoleSite:
             for kind in ("answer", "policy", "undo", "fetch", "incident", "stop")
         ]
         pictures = Route("/pictures/{system:int}/{call:int}/{name}", self._picture)
+        ground = Route("/pictures/{system:int}/ground.png", self._ground)
         export = Route("/export/{system:int}/{name}", self._export)
         incident = Route("/incidents/{system:int}/{name}", self._incident)
         background = Route("/background", self._show_background)
-        gets = [Route("/events", self._events), background, pictures, export, incident]
+        gets = [Route("/events", self._events), background, pictures, ground, export, incident]
         return Starlette(routes=[*gets, *posts, *static_routes(_STATIC)])
 
     def _carry_out(self, kind: str, body: bytes) -> str:
@@ -67,6 +68,12 @@ class ConsoleSite:
         if jpeg is None:
             return PlainTextResponse("there is no such picture\n", 404)
         return Response(jpeg, media_type="image/jpeg")
+
+    async def _ground(self, request: Request) -> Response:
+        png = self._console.ground(request.path_params["system"])
+        if png is None:
+            return PlainTextResponse("there is no such picture\n", 404)
+        return Response(png, media_type="image/png")
 
     async def _export(self, request: Request) -> Response:
         """Answer with a zip: of all calls, or of those whose numbers stand in the path."""

@@ -3,6 +3,7 @@
     [rover N] [call id] [changes] [go | stay | look]
     [rover N] policy report | shadow | hold | off
     [rover N] picture [call id] [large | raw]
+    [rover N] picture ground
     [rover N] [cancel] incident [call id]
 
 Changes are those of `companion.wire.typed_answers`.
@@ -21,7 +22,7 @@ MAX_LINE = 1000
 _ROVER = re.compile(r"rover\s+(\d{1,3})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
 _CALL = re.compile(r"[ch]?(\d{1,5})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
 _POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
-_PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(?:\s+(large|raw))?\Z", re.ASCII | re.IGNORECASE)
+_PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(?:\s+(large|raw|ground))?\Z", re.ASCII | re.IGNORECASE)
 _INCIDENT = re.compile(r"(cancel\s+)?incident(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII | re.IGNORECASE)
 
 
@@ -39,9 +40,9 @@ class SetPolicy:
 
 @dataclass(frozen=True)
 class FetchPicture:
-    """Fetches a picture: `picture`, `picture 7`, `picture 7 large`, `picture 7 raw`.
+    """Fetches a picture: `picture`, `picture 7`, `picture 7 large`, `picture 7 raw`, `picture ground`.
 
-    call_id None: of the open call. size: "", "large" or "raw".
+    call_id None: of the open call. size: "", "large" or "raw"; "ground": what is known of the ground now.
     """
 
     call_id: int | None = None

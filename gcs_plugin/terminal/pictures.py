@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from anytraverse.picture_size import jpeg_size
+from anytraverse.picture_size import picture_size
 
 _VIEWERS = ("xdg-open", "open")
 
@@ -23,8 +23,8 @@ class Pictures:
         self._folder.mkdir(parents=True, exist_ok=True)
         path = self._folder / name
         path.write_bytes(content)
-        size = jpeg_size(content)
-        measured = "not a JPEG" if size is None else f"{size[0]} x {size[1]} pixels"
+        size = picture_size(content)
+        measured = "not a picture" if size is None else f"{size[0]} x {size[1]} pixels"
         shown = "" if not self._show or _open(path) else "; no viewer is found here: open it by hand"
         return f"{path} ({measured}, {len(content)} bytes{shown})"
 

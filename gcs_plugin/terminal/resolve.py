@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from anytraverse.operations import taps_of
 from companion.wire.answers import Answer
+from companion.wire.documents import FROM_ABOVE
 from companion.wire.ids import Motion
 from companion.wire.typed_answers import CommandError, placed
 from gcs_plugin.client.rovers import TrackedRover
@@ -45,6 +46,8 @@ def current_call(rover: TrackedRover) -> int:
 
 def picture_of(picture: FetchPicture, rover: TrackedRover) -> tuple[str, str]:
     """Return a picture's path on the rover and its file name here. Raises CommandError without a picture."""
+    if picture.size == "ground":
+        return FROM_ABOVE, f"rover{rover.system}-ground.png"
     number = picture.call_id or current_call(rover)
     if not number:
         raise CommandError("no call is open: name one, `picture 7`")

@@ -85,6 +85,7 @@ HELP = """\
   bush: -1, go             any change, and drive on; also `tap drum -1 go`
   policy hold              what the companion may do: `report`, `shadow`, `hold`, or `off`: nobody watches
   picture                  fetch what the call saw, to tap in it; `picture 7`, `7 large`, `7 raw`
+  picture ground           fetch what is known of the ground round the rover, from above
   incident 7               have what is known of call 7 packed into a file; `incident`: of the last minute
   cancel incident 7        pack it no more
   7 go                     for call 7 instead of the current one; `rover 2 go`, or `rover 2` to stay there

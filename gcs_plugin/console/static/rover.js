@@ -5,6 +5,7 @@ import * as model from "./model.js";
 import { Cards } from "./cards.js";
 import { ConsoleCard } from "./console_card.js";
 import { Incident } from "./incident.js";
+import { Ground } from "./ground.js";
 import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
 import { Track } from "./track.js";
@@ -27,6 +28,7 @@ export class RoverView {
     this.fan = new Fan();
     this.words = new Words(system, send, () => this.refreshCards());
     this.place = new KnownPlace("h4", (call) => send("answer", { rover: system, motion: "none", changes: [{ other_place: call }] }), say);
+    this.ground = new Ground(() => send("fetch", { rover: system, what: "ground" }));
     this.track = new Track((key) => this.cards.byKey.get(key)?.look());
     this.policy = element("div", { className: "policies", role: "group", "aria-label": "Policy" });
     this.policyText = element("p", { className: "faint" });
@@ -42,7 +44,7 @@ export class RoverView {
     const box = (title, ...parts) => element("section", {}, element("h3", {}, title), ...parts);
     this.part = element("article", { className: "rover", "aria-labelledby": `rover${system}` }, this.strip, this.open,
       element("div", { className: "panels" },
-        box("Ahead", this.fan.part, this.traversability.part, this.uncertainty.part, this.place.part),
+        box("Ahead", this.fan.part, this.traversability.part, this.uncertainty.part, this.ground.part, this.place.part),
         this.tracked = box("Track", this.track.part),
         box("Words", this.words.part),
         box("Policy", this.policy, this.policyText),
@@ -69,6 +71,7 @@ export class RoverView {
     this.tracked.hidden = !this.track.show(track, rover.position, rover.calls, corners);
     this.words.show(rover);
     this.place.show(rover.known_place);
+    this.ground.show(rover.ground);
     for (const button of this.policy.children) button.setAttribute("aria-pressed", String(button.value === rover.policy));
     showText(this.policyText, rover.policy ? model.policyText(rover.policy) : "Its policy is not known yet.");
     showFacts(this.facts, model.facts(rover, time));

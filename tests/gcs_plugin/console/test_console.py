@@ -25,6 +25,7 @@ from gcs_plugin.console.requests import read_request
 from gcs_plugin.console.rover_page import RoverPage
 
 JPEG = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffc0001108006000800301220002110103110100")
+PNG = bytes.fromhex("89504e470d0a1a0a0000000d4948445200000001000000010800000000") + bytes(200)
 WORDS = {"grass": 1.0}
 TEXT = "C7 unknown thing ahead 38%: go/stay/word"
 WALL = 1_790_000_000.0
@@ -376,6 +377,38 @@ def test_calls_before_the_console_began_are_fetched_when_asked_for(desk: Desk) -
     assert newest["given"] == ["rock3: -1"]
     assert ["rock3", -1.0] in desk.rover()["names"]
     assert desk.rover()["earlier"] == "known"
+
+
+def test_the_ground_from_above_is_fetched_when_asked_for_and_again(
+    thing_call: CallReport, quiet_summary: Summary
+) -> None:
+    served = {"from_above.png": PNG}
+    maps = Documents(lambda: {name: len(told) for name, told in served.items()}, served.__getitem__)
+    desk = Desk(thing_call, quiet_summary, {"maps": maps})
+    desk.until(lambda: bool(desk.console.desks))
+    assert desk.rover()["ground"] == {"picture": "", "coming": False, "problem": ""}
+    assert desk.console.ground(1) is None
+    desk.post("fetch", what="ground")
+    assert desk.rover()["ground"]["coming"]
+    desk.until(lambda: not desk.rover()["ground"]["coming"])
+    first = desk.rover()["ground"]["picture"]
+    assert (desk.console.ground(1), first) == (PNG, "/pictures/1/ground.png?1")
+    for rubbish in (b"<html>", b"", PNG[:9]):
+        served["from_above.png"] = rubbish
+        desk.post("fetch", what="ground")
+        desk.until(lambda: not desk.rover()["ground"]["coming"])
+        assert desk.console.ground(1) == PNG, "rubbish replaces nothing"
+    served["from_above.png"] = PNG + b"1"
+    desk.post("fetch", what="ground")
+    desk.until(lambda: desk.console.ground(1) == PNG + b"1")
+    assert desk.rover()["ground"]["picture"] != first
+
+
+def test_where_the_ground_is_not_known_the_console_says_so(desk: Desk) -> None:
+    desk.until(lambda: bool(desk.console.desks))
+    desk.post("fetch", what="ground")
+    desk.until(lambda: bool(desk.rover()["ground"]["problem"]), 60.0)
+    assert not desk.rover()["ground"]["picture"]
 
 
 def test_what_the_state_does_not_tell_is_asked_for_ever_more_rarely(desk: Desk) -> None:

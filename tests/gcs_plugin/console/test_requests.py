@@ -31,7 +31,7 @@ ALIKE = st.fixed_dictionaries(
         "motion": st.sampled_from(["go", "stay", "look", "none"]) | JSON,
         "changes": st.lists(CHANGE, max_size=3) | JSON,
         "policy": st.sampled_from(["hold", "off"]) | JSON,
-        "what": st.sampled_from(["large", "check"]) | JSON,
+        "what": st.sampled_from(["large", "check", "ground"]) | JSON,
     },
 )
 KINDS = st.sampled_from(["answer", "policy", "undo", "fetch", "other"])
@@ -55,6 +55,7 @@ def test_policies_undoing_and_files_are_requests() -> None:
     assert read("policy", policy="hold") == SetPolicyRequest(Policy.HOLD)
     assert read("undo", call=7) == UndoRequest(7)
     assert read("fetch", what="large", call=7) == FileRequest("large", 7)
+    assert read("fetch", what="ground") == FileRequest("ground", 0)
     forgotten = read("answer", motion="none", changes=[{"forget": "bush"}])
     assert forgotten == Answer(0, Motion.NONE, (ForgetWord("bush"),))
 

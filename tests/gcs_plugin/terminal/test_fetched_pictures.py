@@ -206,6 +206,7 @@ def test_picture_is_a_command_with_an_id_and_a_size() -> None:
     assert parse("picture") == (None, FetchPicture())
     assert parse("rover 2 picture C7 large") == (2, FetchPicture(7, "large"))
     assert parse("picture 7 RAW") == (None, FetchPicture(7, "raw"))
+    assert parse("picture ground") == (None, FetchPicture(None, "ground"))
     assert parse("Picture 12") == (None, FetchPicture(12))
     with pytest.raises(CommandError):
         parse("picture 70000")
@@ -218,6 +219,7 @@ def test_the_name_here_never_comes_from_the_air(thing_call: CallReport) -> None:
     assert picture_of(FetchPicture(7), rover) == ("/calls/7.jpg", "rover3-call7.jpg")
     assert picture_of(FetchPicture(7, "large"), rover)[0] == "/calls/7-large.jpg"
     assert picture_of(FetchPicture(7, "raw"), rover) == ("/calls/7-raw.jpg", "rover3-call7-raw.jpg")
+    assert picture_of(FetchPicture(None, "ground"), rover) == ("/maps/from_above.png", "rover3-ground.png")
     with pytest.raises(CommandError, match="no call is open"):
         picture_of(FetchPicture(), rover)
     rover.handle_call(replace(thing_call, picture="/calls/7.jpg"), 0.0)

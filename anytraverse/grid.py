@@ -5,9 +5,10 @@ turns nothing in the grid, and driving on shifts it by whole cells, so that no c
 vehicle is in the middle: what it has passed stays as long as what it comes to, whichever way it turns.
 
 Only ground that a frame shows marks cells: within `RELIABLE` m of the lens, and on each bearing up to the
-foot of the first thing. What a thing hides stays as it was where it was drivable, and becomes unknown where
-it was not: a foot that was seen from afar was seen too far away or too near. Of a thing whose foot is below
-the picture nobody knows where it stands: drivable ground before it becomes unknown, and what blocks stays.
+foot of the first thing. `_BODY` m behind it all becomes unknown, the thing's own ground: from afar it may
+have looked drivable. Farther behind, what is drivable stays, and what blocks becomes unknown: a foot that
+was seen from afar was seen too far away or too near. Of a thing whose foot is below the picture nobody knows
+where it stands: drivable ground before it becomes unknown, and what blocks stays.
 What was not seen for `REMEMBERED` s is unknown, and unknown is not free. Odometry that jumps, ends, or is no
 number makes everything unknown: so does time that goes back. Odometry is taken for that of the lens. Where it
 is that of a point d m behind it, a turn by an angle (rad) moves what is remembered by d times this angle.
@@ -40,14 +41,16 @@ FREE = 0.5
 """A known cell is drivable when it has at least this share of frames, of late, that showed it so."""
 _NEWEST = 0.4
 """The weight of a new frame in a cell that is known already."""
-_SHALLOWEST, _DEEPEST = 0.15, 0.6
-"""m from the last ground before a thing, between which its foot's mark ends: at least more than a cell."""
+_SHALLOWEST, _DEEPEST = 0.15, 0.3
+"""m from the last ground before a thing, between which its foot's mark ends: more than a cell."""
 _FASTEST, _STEP = 5.0, 0.2
 """m/s and m: odometry that goes farther between two frames has jumped."""
 _QUICKEST, _TURN = 120.0, 5.0
 """degrees/s and degrees: the same of its heading."""
 _FARTHEST = 1e6
 """m from its start within which odometry is believed."""
+_BODY = 1.0
+"""m behind the last ground before a thing that are the thing's own, or hidden: nothing is known there."""
 _BINS_A_PIXEL = 2
 """Bins of bearings, for each of the picture's columns in its middle."""
 _MIDDLE = SIDE // 2
@@ -203,6 +206,8 @@ class LocalGrid:
         seen = ways <= feet.far[bins]
         hidden = ~seen & (feet.far[bins] > 0.0)
         self._forget(rows[hidden] + begin, columns[hidden] + begin, drivable=False)
+        behind = hidden & (ways <= feet.near[bins] + _BODY)
+        self._forget(rows[behind] + begin, columns[behind] + begin, drivable=True)
         rows, columns, ground = rows[seen], columns[seen], (ways <= feet.near[bins])[seen]
         pixels = tuple(
             (line[rows, columns] / depth[rows, columns]).astype(np.intp) for line in (down, across)

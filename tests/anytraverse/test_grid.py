@@ -231,15 +231,21 @@ def test_a_heading_that_passes_180_degrees_is_no_turn() -> None:
     assert grid.known.any()
 
 
-def test_a_frame_more_or_less_does_not_unmake_what_was_seen() -> None:
+def test_a_thing_that_one_frame_shows_blocks_nothing_but_hides_what_is_behind_it() -> None:
     grid = LocalGrid()
     for number in range(5):
         grid.update(FREE, CAMERA, START, 0.1 * number)
-    drivable = grid.patch(REGION, REGION.near).drivable
+    before = grid.blocked, grid.drivable
     grid.update(maps(standing(3.0, 0.0, 0.6)), CAMERA, START, 0.5)
-    assert (grid.patch(REGION, REGION.near).drivable == drivable).all()
+    assert not (grid.blocked & ~before[0]).any()
+    hidden = where(grid, before[1] & ~grid.drivable)
+    assert (np.abs(hidden[:, 1]) < 0.6).all()
+    assert ((hidden[:, 0] > 2.9) & (hidden[:, 0] < 4.1)).all()
+    assert (where(grid, grid.drivable)[:, 0] > 5.0).any()
     grid.update(maps(standing(3.0, 0.0, 0.6)), CAMERA, START, 0.6)
-    assert not (grid.patch(REGION, REGION.near).drivable == drivable).all()
+    assert (grid.blocked & ~before[0]).any()
+    grid.update(FREE, CAMERA, START, 0.7)
+    assert (grid.drivable == before[1]).all()
 
 
 def drive_to(grid: LocalGrid, thing_at: float, last: float) -> None:

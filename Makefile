@@ -67,7 +67,7 @@ bench-cameras: ready-dev ## lose a camera 100 times and see when it is back; ARG
 bench-perception: ready-dev ## how far the perceiver may be trusted, at home and abroad; ARGS="--perceiver builtin:FILE.onnx --sweep"
 	@$(PYTHON_IN_VENV) -m bench.perception $(ARGS)
 
-bench-ground: ready-dev ## how well a frame's ground is known in metres while the rover swings (a minute); ARGS=--quick
+bench-ground: ready-dev ## how well the ground is known in metres, by a frame and by the grid (a quarter of an hour); ARGS=--quick
 	@$(PYTHON_IN_VENV) -m bench.ground $(ARGS)
 
 bench-power: ready-dev ## kill the companion at 500 points of its writes, and cut its power at 200; ARGS="--kills 20 --cuts 20"

@@ -187,10 +187,13 @@ BENCHES = {
     ),
     "ground": Bench(
         "bench.ground",
-        "how well a frame's ground is known in metres while the rover swings, jolts and climbs; its cost",
-        (1.2, 0.2),
+        "how well the ground is known in metres, by a frame while the rover swings and by the grid; cost",
+        (16, 0.5),
         quick=("--quick",),
         figures=(
+            Quoted("obstacle_recall", "cells of obstacles that the grid does not take for free", "", MORE),
+            Quoted("false_blocks", "free cells that the grid takes for blocked", "", LESS),
+            Quoted("ms_p50", "an update of the grid, median", "ms of CPU", LESS),
             Quoted("range_error_90/4", "error at 4 m, a swing of 2 degrees, 90 %", "m", LESS),
             Quoted("range_error_90/5", "error at 5 m, a swing of 2 degrees, 90 %", "m", LESS),
             Quoted("ms_metres_50", "the figures of a region in metres, median", "ms of CPU", LESS),

@@ -2,18 +2,17 @@
 
 A point of the ground ahead appears in a row of the built-in perceiver's map, 64 x 48. From the middle of
 that row its distance is calculated back: without ATTITUDE, with ATTITUDE four times a second as the companion
-uses it, and with the true lean. The error is that of the distance. Last, what the region in metres costs.
-Run: python -m bench.ground [--seeds 0 1 2 3 4] [--quick]. The last line is one JSON object.
+uses it, and with the true lean. The error is that of the distance.
+Last, what the region in metres costs.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,14 +89,14 @@ def errors_of(ride: Ride, seed: int, seconds: float) -> dict[str, dict[float, li
     found: dict[str, dict[float, list[float]]] = {
         name: {distance: [] for distance in RANGES} for name in ("none", "reported", "true")
     }
-    reports = list(_reports(motion, seconds, rng))
+    leant = list(reports(motion, seconds, rng))
     points = np.array([(distance, aside) for distance in RANGES for aside in ASIDE])
     for number in range(round((seconds - 10.0) * FPS)):
         at = 10.0 + number / FPS + rng.uniform(0.0, 1.0 / FPS)
         tilt = motion.at(at, SPEED * at, SPEED).tilt
         places, camera = _seen(View(WIDTH, PIXELS, tilt, ride.distortion), points, calibration, ride)
         rows = (np.floor(places[:, 1] * MAP) + 0.5) / MAP
-        known = [one for one in reports if one.at <= at + JUDGED]
+        known = [one for one in leant if one.at <= at + JUDGED]
         leans = {
             "none": (0.0, 0.0),
             "reported": lean_at(known[-8:], at) or (0.0, 0.0),
@@ -111,7 +110,7 @@ def errors_of(ride: Ride, seed: int, seconds: float) -> dict[str, dict[float, li
     return found
 
 
-def _reports(motion: Motion, seconds: float, rng: np.random.Generator) -> Iterator[MotionReport]:
+def reports(motion: Motion, seconds: float, rng: np.random.Generator) -> Iterator[MotionReport]:
     """Yield what the companion makes of ATTITUDE; the receipt is up to `WIRE` late."""
     filtered = LeanFilter()
     for number in range(round((seconds + 1.0) * ATTITUDES)):
@@ -191,19 +190,15 @@ def cost(frames: int) -> dict[str, float]:
     return told
 
 
-def main() -> None:
-    """Print a line for each ride, then all of it as one JSON object."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
-    parser.add_argument("--seconds", type=float, default=120.0, help="of each ride, by default %(default)s")
-    parser.add_argument("--quick", action="store_true", help="one seed, forty seconds")
-    options = parser.parse_args()
-    seeds, seconds = (options.seeds[:1], 40.0) if options.quick else (options.seeds, options.seconds)
+def errors_by_ride(
+    rides: Sequence[Ride], seeds: Sequence[int], seconds: float
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Return 90 % of the errors in m of the worst seed, by ride, lean and range, and print them."""
     told: dict[str, dict[str, dict[str, float]]] = {}
     print(
         "90 % of the errors in m, without ATTITUDE / as reported / with the true lean, and all seeds' worst"
     )
-    for ride in RIDES:
+    for ride in rides:
         by_seed = [errors_of(ride, seed, seconds) for seed in seeds]
         told[ride.name] = {
             name: {
@@ -220,19 +215,4 @@ def main() -> None:
             for distance in RANGES
         ]
         print(f"{ride.name:38} {'   '.join(row)}", flush=True)
-    reached = {key: told["swing 2"]["reported"][key] for key in GOALS}
-    print(
-        json.dumps(
-            {
-                "range_error_90": reached,
-                "goals_met": all(reached[key] <= goal for key, goal in GOALS.items()),
-                "rides": told,
-                "seeds": len(seeds),
-                **cost(100 if options.quick else 500),
-            }
-        )
-    )
-
-
-if __name__ == "__main__":
-    main()
+    return told

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 
 def add_drives(commands: Commands) -> None:
-    """Add look-ground, rehearse, replay, tune, record and incident."""
+    """Add look-ground, costmap, rehearse, replay, tune, record and incident."""
     _add_look_ground(commands)
+    _add_costmap(commands)
     _add_rehearse(commands)
     _add_replay(commands)
     _add_tune(commands)
@@ -44,6 +45,24 @@ def _speed(text: str) -> float:
     if not 0.05 <= speed <= 30.0:
         raise argparse.ArgumentTypeError(f"{text} is no speed: give 0.05 to 30")
     return speed
+
+
+def _add_costmap(commands: Commands) -> None:
+    costmap = commands.add_parser("costmap", help="write what a recorded drive knew of the ground around it")
+    costmap.add_argument("recording", metavar="RECORDING", help="a file *.mcap, or a folder with some")
+    costmap.add_argument("--config", metavar="FILE", help="by default the recording's")
+    costmap.add_argument("--out", default="costmap", metavar="FOLDER", help="by default ./%(default)s")
+    costmap.add_argument(
+        "--at", type=_seconds, metavar="SECONDS", help="after the first frame, by default at the end"
+    )
+    costmap.set_defaults(run=_costmap)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 <= seconds <= 1e9:
+        raise argparse.ArgumentTypeError(f"{text} are no seconds of a drive: give 0 or more")
+    return seconds
 
 
 def _add_rehearse(commands: Commands) -> None:
@@ -125,6 +144,16 @@ def _look_ground(options: argparse.Namespace) -> int:
 
     with told(MountError):
         return _of_drives(lambda: run(options.picture, file=options.config, out=options.out))
+
+
+def _costmap(options: argparse.Namespace) -> int:
+    from companion.desk.costmap import command
+    from companion.desk.ground.look_ground import MountError
+
+    with told(MountError):
+        return _of_drives(
+            lambda: command.run(options.recording, file=options.config, out=options.out, at=options.at)
+        )
 
 
 def _rehearse(options: argparse.Namespace) -> int:

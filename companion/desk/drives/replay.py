@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from anytraverse.assessment import Reason
+from anytraverse.assessment import Assessment, Reason
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
@@ -124,7 +124,7 @@ def recorded_row(recorded: RecordedFrame) -> JudgementRow:
     return JudgementRow(recorded.frame.name, figures, tuple(sorted(reasons)))
 
 
-def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -> JudgementRow | str:
+def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -> Assessment | str:
     """Judge a recorded frame with the words and settings of then; why it cannot be, for one that cannot.
 
     The memory of then is not recorded, so that whether the scene was known is not judged.
@@ -146,8 +146,7 @@ def judged_again(engine: AnyTraverse, recorded: RecordedFrame, base: Settings) -
         return f"the recorded words cannot be used: {error}"
     engine.memory = engine.memory.using(words, {})
     engine.settings = settings_of(recorded.judging, base)
-    seen = engine.judge(engine.observe(frame.numbered(1)), frame.at)
-    return row(frame.name, seen, OF_THE_FRAME)
+    return engine.judge(engine.observe(frame.numbered(1)), frame.at)
 
 
 def replay_recording(
@@ -169,9 +168,9 @@ def replay_recording(
         if isinstance(again, str):
             found.leave_out(name, again)
             continue
-        rows.append(again)
+        rows.append(row(name, again, OF_THE_FRAME))
         if expected is None:
-            found.add(again, recorded_row(recorded))
+            found.add(rows[-1], recorded_row(recorded))
     return rows, found if expected is None else compared(rows, expected, found.left_out)
 
 

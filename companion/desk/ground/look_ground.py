@@ -58,7 +58,7 @@ def run(where: str, *, file: str, out: str) -> int:
     config = load_config(file)
     camera = config.ground_camera
     if camera is None:
-        raise MountError(f"{file}: {_missing(config)}")
+        raise MountError(f"{file}: {missing(config)}")
     picture = first_picture(where, config.camera.rate)
     region = region_of(config)
     write_png(out, draw(picture, lines_of(config), region))
@@ -126,7 +126,8 @@ def wrong_aspect(config: Config, picture: Image) -> str:
     )
 
 
-def _missing(config: Config) -> str:
+def missing(config: Config) -> str:
+    """Say what to set, so that it is known where the camera is."""
     if config.mount.height is None:
         return (
             "it is not known where the camera is: measure, and set [mount] height (m of the lens above the "

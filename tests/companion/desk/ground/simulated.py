@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -46,28 +48,50 @@ def pairs(seed: int, step: float, most: int) -> Iterator[FramePair]:
         yield FramePair(grey(one), grey(other), math.hypot(second.x - first.x, second.y - first.y), turned)
 
 
-def record(path: Path, seed: int, *, frames: int, speed: float | None, rate: float = 2.0) -> None:
-    """Write a recording of a drive at 0.8 m/s, as a companion does. speed: as the autopilot reports it."""
-    world = World(seed)
-    camera = PinholeCamera(world, seed=seed)
+@lru_cache(1)
+def _camera(seed: int) -> PinholeCamera:
+    return PinholeCamera(World(seed), seed=seed)
+
+
+def record(
+    path: Path,
+    seed: int,
+    *,
+    frames: int,
+    speed: float | None,
+    rate: float = 2.0,
+    words: Mapping[str, float] | None = None,
+    posed: bool = False,
+) -> None:
+    """Write a recording of a drive at 0.8 m/s, as a companion does. speed: as the autopilot reports it.
+
+    words: by which it was judged. posed: whether frames have their pose.
+    """
+    camera = _camera(seed)
+    world = camera.world
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
         channels = {
             topic: writer.register_channel(TOPICS[topic].name, TOPICS[topic].encoding, 0)
-            for topic in (Topic.CAMERA, Topic.ASSESSMENT, Topic.VEHICLE)
+            for topic in (Topic.CAMERA, Topic.ASSESSMENT, Topic.VEHICLE, Topic.WORDS)
         }
 
         def add(topic: Topic, at: float, data: bytes, number: int = 0) -> None:
             logged = round((BEGAN + at) * NS)
             writer.add_message(channels[topic], logged, data, logged, number)
 
+        if words is not None:
+            add(Topic.WORDS, 0.0, json.dumps({"words": words}).encode())
         for number in range(frames):
             at = number / rate
-            picture, _ = camera.render(world.trail.pose(START + 0.8 * at), at)
+            pose = world.trail.pose(START + 0.8 * at)
+            picture, _ = camera.render(pose, at)
             jpeg = cv2.imencode(".jpg", picture[..., ::-1])[1].tobytes()
             add(Topic.CAMERA, at, image(jpeg, "jpeg", round((BEGAN + at) * NS)), number + 1)
-            judged = {"frame": number + 1, "captured_at": 300.0 + at}
+            judged: dict[str, Any] = {"frame": number + 1, "captured_at": 300.0 + at}
+            if posed:
+                judged["pose"] = [pose.x, pose.y, math.degrees(pose.heading)]
             add(Topic.ASSESSMENT, at + 0.1, json.dumps(judged).encode(), number + 1)
         for number in range(round(4 * frames / rate)):
             at = number / 4

@@ -1,0 +1,123 @@
+"""Implements `companion costmap`: what the grid of the ground knows at a moment of a recorded drive."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from anytraverse.errors import AnyTraverseError
+from anytraverse.frame import Pose
+from anytraverse.grid import LocalGrid
+from anytraverse.ground import GroundCamera
+from companion.config import load_config
+from companion.desk.costmap.driven_poses import driven_poses, recorded_pose
+from companion.desk.costmap.files import write_costmap
+from companion.desk.drives.drive import DriveError
+from companion.desk.drives.frames import is_recording, located
+from companion.desk.drives.recorded import RecordedDrive
+from companion.desk.drives.replay import judged_again
+from companion.desk.drives.replaying import config_of
+from companion.desk.ground.driven_pairs import DrivenMotion
+from companion.desk.ground.look_ground import MountError, missing
+from companion.vision.warm_up import load_engine
+
+
+@dataclass
+class _Replay:
+    """What became of the frames. left_out: why -> how many.
+
+    placed, derived: how many have a pose, and how many of them a derived one.
+    """
+
+    grid: LocalGrid = field(default_factory=LocalGrid)
+    frames: int = 0
+    derived: int = 0
+    placed: int = 0
+    at: float = 0.0
+    left_out: Counter[str] = field(default_factory=Counter)
+
+
+class _Placed(NamedTuple):
+    """Where the vehicle was at a frame. derived: from its speed. anew: from another start than before."""
+
+    pose: Pose | None
+    derived: bool
+    anew: bool
+
+
+def run(where: str, *, file: str | None, out: str, at: float | None) -> int:
+    """Replay a recording up to its end, or `at` seconds after its first frame, and write its grid to `out`.
+
+    file: the configuration; None: that of the recording. Returns 0, and 1 where the grid knows nothing: it
+    is not known how the vehicle drove, or no frame can be judged.
+    Raises MountError, DriveError, ConfigError, AnyTraverseError and OSError.
+    """
+    path = located(where)[1]
+    if not is_recording(path):
+        raise DriveError(f"{where} is no recording: only these tell how the vehicle drove")
+    recording = RecordedDrive(path)
+    config = load_config(file) if file else config_of(recording)
+    camera = config.ground_camera
+    if camera is None:
+        raise MountError(f"{file or recording.title}: {missing(config)}")
+    engine, _ = load_engine(config, None, misfit_allowed=True)
+    found, base = _Replay(), engine.settings
+    begun = math.nan
+    for recorded, placed in zip(recording.recorded(), _poses(recording), strict=True):
+        frame = recorded.frame
+        begun = begun if math.isfinite(begun) else frame.at
+        if at is not None and frame.at - begun > at:
+            break
+        found.frames, found.at = found.frames + 1, frame.at - begun
+        found.placed, found.derived = found.placed + (placed.pose is not None), found.derived + placed.derived
+        if placed.anew:
+            found.grid.forget()
+        try:
+            again = judged_again(engine, recorded, base)
+        except AnyTraverseError as error:
+            again = str(error)
+        if isinstance(again, str) or again.maps is None:
+            found.left_out[again if isinstance(again, str) else "it could not be judged"] += 1
+            found.grid.move(placed.pose, frame.at)
+        else:
+            leaning = camera.leaning(*(frame.lean or (0.0, 0.0)))
+            found.grid.update(again.maps, leaning, placed.pose, frame.at)
+    return _report(found, camera, Path(out))
+
+
+def _poses(recording: RecordedDrive) -> Iterator[_Placed]:
+    """Yield where the vehicle was at each frame. Files whose poses are derived are not connected."""
+    for part in recording.parts():
+        motion, seen = DrivenMotion(part.reports()), [one.seen for one in part.recorded()]
+        told = [recorded_pose(one) for one in seen]
+        derived = list(driven_poses(seen, motion)) if motion.known and motion.turns else [None] * len(seen)
+        if any(told):  # those of one kind do not begin where those of the other do
+            derived = [None] * len(seen)
+        for number, (pose, other) in enumerate(zip(told, derived, strict=True)):
+            yield _Placed(pose or other, derived=other is not None, anew=number == 0 and not any(told))
+
+
+def _report(found: _Replay, camera: GroundCamera, out: Path) -> int:
+    for why, count in found.left_out.items():
+        print(f"not in it, {why}: {count} frames")
+    pose = found.grid.pose
+    if not found.placed:
+        print(
+            "it is not known how the vehicle drove: no frame has a pose, and the autopilot's speed (with its "
+            "position) and ATTITUDE were not both recorded"
+        )
+        return 1
+    if pose is None or not found.grid.known.any():
+        print(f"nothing is known {found.at:.1f} s after the first frame: give another --at")
+        return 1
+    if found.derived:
+        print(f"{found.derived} of {found.frames} poses are derived from the reported speed and heading")
+    known, drivable = int(found.grid.known.sum()), int(found.grid.drivable.sum())
+    print(f"{found.frames} frames, {found.at:.1f} s: {known} cells are known, {drivable} of them drivable")
+    for path in write_costmap(out, found.grid, pose, camera):
+        print(f"  {path}")
+    return 0

@@ -52,6 +52,8 @@ REGION = GroundRegion.in_view(CAMERA, 0.0, 4.0, 1.2, 0.6)
 SETTINGS = Settings(ground=REGION, region=REGION.in_picture(None).region.bounds)
 ODOMETRIES = {"": (0.0, 0.0), ", odometry errs": (0.02, 0.2)}
 """Share of the speed and degrees/s by which odometry is wrong."""
+WAYS = ("single", "cells", "grid", "front")
+"""Of a frame alone in the picture and in cells, of the grid, and of the grid from the vehicle's front on."""
 HEADLINE = "truth, swing 2, odometry errs"
 
 
@@ -99,13 +101,11 @@ class Way:
 class Figures:
     """What came of drives. hidden, held: frames of things, by their id. eligible: a drum's first frame.
 
-    ways: of a frame alone, of the grid in the same region, and of the grid from the vehicle's front on.
+    ways: by name, see `WAYS`.
     """
 
     cells: dict[str, Cells] = field(default_factory=lambda: {name: Cells() for name in ("single", "grid")})
-    ways: dict[str, Way] = field(
-        default_factory=lambda: {name: Way() for name in ("single", "grid", "front")}
-    )
+    ways: dict[str, Way] = field(default_factory=lambda: {name: Way() for name in WAYS})
     hidden: dict[str, int] = field(default_factory=dict)
     held: dict[str, int] = field(default_factory=dict)
     eligible: dict[str, int] = field(default_factory=dict)
@@ -160,7 +160,7 @@ class Watch:
             drivable, known = grid.drivable[rows, columns], grid.known[rows, columns]
             self._figures.cells[name].add(free, obstacle, drivable, known)
         self._count_held(frame, camera)
-        self._count_ways(number, frame, maps)
+        self._count_ways(number, frame, maps, single)
 
     def _count_held(self, frame: SeenFrame, camera: GroundCamera) -> None:
         blocked = self._grid.to_vehicle(self._grid.places(*np.nonzero(self._grid.blocked)))
@@ -174,9 +174,10 @@ class Watch:
                 self._figures.hidden[name] = self._figures.hidden.get(name, 0) + 1
                 self._figures.held[name] = self._figures.held.get(name, 0) + held
 
-    def _count_ways(self, number: int, frame: SeenFrame, maps: Maps) -> None:
+    def _count_ways(self, number: int, frame: SeenFrame, maps: Maps, single: LocalGrid) -> None:
         ways = {
             "single": is_open(maps.drivable, CAMERA.lens.aspect, SETTINGS.at(frame.lean)),
+            "cells": leads_through(single.patch(REGION, REGION.near)),
             "grid": leads_through(self._grid.patch(REGION, REGION.near)),
             "front": leads_through(self._grid.patch(REGION)),
         }

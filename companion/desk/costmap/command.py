@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from anytraverse.errors import AnyTraverseError
-from anytraverse.frame import Pose
+from anytraverse.frame import Image, Pose
 from anytraverse.grid import LocalGrid
-from anytraverse.ground import GroundCamera
-from companion.config import load_config
-from companion.desk.costmap.driven_poses import driven_poses, recorded_pose
+from anytraverse.grid_map import GridMap, draw_from_above
+from anytraverse.judging import Settings
+from companion.config import Config, load_config
+from companion.config.stopping import Stopping, judge_stopping
+from companion.desk.costmap.driven_poses import driven_poses
 from companion.desk.costmap.files import write_costmap
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import is_recording, located
@@ -86,14 +89,16 @@ def run(where: str, *, file: str | None, out: str, at: float | None) -> int:
         else:
             leaning = camera.leaning(*(frame.lean or (0.0, 0.0)))
             found.grid.update(again.maps, leaning, placed.pose, frame.at)
-    return _report(found, camera, Path(out))
+    return _report(found, Path(out), partial(_drawn, config, engine.settings))
 
 
 def _poses(recording: RecordedDrive) -> Iterator[_Placed]:
     """Yield where the vehicle was at each frame. Files whose poses are derived are not connected."""
     for part in recording.parts():
-        motion, seen = DrivenMotion(part.reports()), [one.seen for one in part.recorded()]
-        told = [recorded_pose(one) for one in seen]
+        motion, seen, told = DrivenMotion(part.reports()), [], []
+        for one in part.recorded():
+            seen.append(one.seen)
+            told.append(one.frame.pose)
         derived = list(driven_poses(seen, motion)) if motion.known and motion.turns else [None] * len(seen)
         if any(told):  # those of one kind do not begin where those of the other do
             derived = [None] * len(seen)
@@ -101,23 +106,29 @@ def _poses(recording: RecordedDrive) -> Iterator[_Placed]:
             yield _Placed(pose or other, derived=other is not None, anew=number == 0 and not any(told))
 
 
-def _report(found: _Replay, camera: GroundCamera, out: Path) -> int:
+def _drawn(config: Config, settings: Settings, told: GridMap) -> Image:
+    judged = judge_stopping(config)
+    stops = judged.needs if isinstance(judged, Stopping) else None
+    return draw_from_above(told, settings.metres, stops)
+
+
+def _report(found: _Replay, out: Path, draw: Callable[[GridMap], Image]) -> int:
     for why, count in found.left_out.items():
         print(f"not in it, {why}: {count} frames")
-    pose = found.grid.pose
+    pose, told = found.grid.pose, GridMap.of(found.grid, found.at)
     if not found.placed:
         print(
             "it is not known how the vehicle drove: no frame has a pose, and the autopilot's speed (with its "
             "position) and ATTITUDE were not both recorded"
         )
         return 1
-    if pose is None or not found.grid.known.any():
+    if pose is None or told is None or not found.grid.known.any():
         print(f"nothing is known {found.at:.1f} s after the first frame: give another --at")
         return 1
     if found.derived:
         print(f"{found.derived} of {found.frames} poses are derived from the reported speed and heading")
     known, drivable = int(found.grid.known.sum()), int(found.grid.drivable.sum())
     print(f"{found.frames} frames, {found.at:.1f} s: {known} cells are known, {drivable} of them drivable")
-    for path in write_costmap(out, found.grid, pose, camera):
+    for path in write_costmap(out, found.grid, pose, draw(told)):
         print(f"  {path}")
     return 0

@@ -12,18 +12,8 @@ from anytraverse.frame import Pose
 from companion.desk.ground.driven_pairs import DrivenMotion
 from companion.wire.json_values import number_of
 
-_FARTHEST = 1e6
 _LONGEST = 1000.0
 """m between two frames that nobody drives: a gap in what the autopilot reported."""
-
-
-def recorded_pose(seen: Mapping[str, Any]) -> Pose | None:
-    """Read the pose of a frame, content of /assessment; None where it was not recorded, or cannot be."""
-    told = seen.get("pose")
-    if not isinstance(told, list) or len(told) != 3:
-        return None
-    x, y, heading = (number_of(one, -_FARTHEST, _FARTHEST) for one in told)
-    return None if x is None or y is None or heading is None else Pose(x, y, heading)
 
 
 def driven_poses(seen: Iterable[Mapping[str, Any]], motion: DrivenMotion) -> Iterator[Pose | None]:

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from anytraverse.frame import Pose
 from anytraverse.grid import CELL, SIDE
 from companion.cli import main
-from companion.desk.costmap.driven_poses import driven_poses, recorded_pose
+from companion.desk.costmap.driven_poses import driven_poses
 from companion.desk.ground.driven_pairs import DrivenMotion
 from tests.companion.desk.ground.simulated import CONFIG, record
 
@@ -56,7 +55,8 @@ def test_a_recorded_drive_becomes_a_map_of_the_ground_around_it(
     assert np.allclose(layers["origin"] + SIDE * CELL / 2, (x, y), atol=CELL)
     picture = cv2.imread(str(config.parent / "out" / "costmap.png"))
     assert picture is not None
-    assert picture.shape == (4 * SIDE, 4 * SIDE, 3)
+    assert picture.shape == (300, 240, 3)
+    assert (102, 197, 171) in {tuple(map(int, one)) for one in picture[..., ::-1].reshape(-1, 3)}
 
 
 def test_nav2_reads_the_map_as_the_grid_knows_it(derived: Path, config: Path) -> None:
@@ -113,12 +113,6 @@ def test_pictures_and_videos_are_refused(tmp_path: Path, config: Path, capsys: O
     (tmp_path / "drive.mp4").write_bytes(b"")
     assert costmap(tmp_path / "drive.mp4", config) == 2
     assert "is no recording" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("told", [None, [1.0, 2.0], [1.0, 2.0, "3"], [1.0, 2.0, None], [1e9, 0.0, 0.0], {}])
-def test_a_pose_that_cannot_be_is_none(told: object) -> None:
-    assert recorded_pose({"pose": told}) is None
-    assert recorded_pose({"pose": [1.0, -2.0, 90.0]}) == Pose(1.0, -2.0, 90.0)
 
 
 def moving(times: Sequence[float], yaw: float) -> DrivenMotion:

@@ -8,7 +8,7 @@ export class Ground {
     this.button = element("button", { type: "button", className: "plain", onclick: ask }, "Show the ground from above");
     this.image = element("img", { className: "ground", hidden: true, alt: "The ground from above, the rover's nose up, a line each metre" });
     this.text = element("p", { className: "faint" });
-    this.part = element("div", {}, this.button, this.image, this.text);
+    this.part = element("div", { className: "from-above" }, this.button, this.image, this.text);
   }
 
   show({ picture, coming, problem }) {

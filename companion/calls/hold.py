@@ -234,7 +234,10 @@ class Hold:
 
     def _shows_brake(self, report: ModeReport) -> bool:
         """Whether the mode may be the script's brake. If it is a human's, the script's answer says so."""
-        if self.state is not HoldState.REQUESTED or report.reported_at is None or report.autopilot is None:
+        told = report.brake > 0.0 or self.held_at is not None
+        if self.state is not HoldState.REQUESTED or not told:
+            return False
+        if report.reported_at is None or report.autopilot is None:
             return False
         brakes_in = report.autopilot.brake_mode if report.mode != self.mode_before else None
         return report.mode == brakes_in and report.reported_at <= self.may_brake_until

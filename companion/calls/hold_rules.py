@@ -23,7 +23,7 @@ from companion.calls.hold import Hold, HoldEvent, HoldState, OffboardRelease
 from companion.calls.mode_monitor import HeldMission, ModeAnswer, ModeMonitor, ModeReport
 from companion.calls.numbers import Numbers
 from companion.calls.reason_filter import ReasonFilter
-from companion.vehicle.ardupilot import ScriptHold
+from companion.vehicle.ardupilot import LONGEST_BRAKE, ScriptHold
 from companion.vehicle.state import MissionState
 from companion.wire.ids import Motion
 
@@ -61,8 +61,8 @@ class HoldController:
     def restore(self, hold: Hold | None) -> None:
         """Take the hold from before a restart, during which the autopilot's script may brake for it."""
         self.hold = hold
-        if hold is not None and self._numbers.brake:
-            hold.may_brake(self._numbers.brake, 0.0, hold.started_at)
+        if hold is not None:
+            hold.may_brake(LONGEST_BRAKE, 0.0, hold.started_at)
 
     def vehicle_reported(self, report: ModeReport, now: float) -> HoldEvent | None:
         """Take in a report of the autopilot, and return what it means for the hold."""
@@ -256,7 +256,7 @@ class HoldController:
             expected = hold.mode if hold.state is HoldState.RESUMING else hold.mode_before
             hold.resumed_at = now if hold.state is HoldState.RESUMING else hold.resumed_at
             if hold.state is HoldState.REQUESTED and self._brakes(hold):
-                hold.may_brake(self._numbers.brake, self._monitor.newest.round_trip, now)
+                hold.may_brake(self._monitor.newest.brake, self._monitor.newest.round_trip, now)
             decisions.append(SetMode(mode, expected, hold.commanded_as))
         return decisions
 
@@ -275,7 +275,7 @@ class HoldController:
         """Whether the command to hold lets the script brake first."""
         report = self._monitor.newest
         drives = report.autopilot is not None and hold.mode_before in report.autopilot.mission_modes
-        return drives and report.compares and self._numbers.brake > 0.0
+        return drives and report.compares and report.brake > 0.0
 
     @property
     def interrupted_mission(self) -> HeldMission | None:

@@ -23,6 +23,7 @@ class ModeReport:
     takes_resume: a resume would be sent to it now.
     reboots: how often it rebooted, as far as its clock shows it.
     mission: its newest report, None before the first. stands: the vehicle is known to stand.
+    brake: seconds for which its script may brake before it holds, 0: it holds at once.
     """
 
     mode: int | None = None
@@ -36,6 +37,7 @@ class ModeReport:
     reboots: int = 0
     mission: Mission | None = None
     stands: bool = False
+    brake: float = 0.0
 
     @property
     def booting(self) -> bool:

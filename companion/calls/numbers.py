@@ -54,8 +54,6 @@ class Numbers:
     """That fault ends when heartbeats have come again for this long."""
     fault_ends_hold: bool = False
     """Whether a hold that only a fault caused may end without a go."""
-    brake: float = 0.0
-    """Seconds for which the autopilot's script may brake before it holds, 0: it holds at once."""
     px4_hold: str = "loiter"
     """How a PX4 rover is held: a name of `PX4_HOLDS`."""
 

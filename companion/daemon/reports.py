@@ -57,6 +57,7 @@ class VehicleReports:
             vehicle.reboots,
             vehicle.mission,
             stands(vehicle, now),
+            modes.brake,
         )
         return self._calls.vehicle_reported(report, now)
 

@@ -18,7 +18,7 @@ from anytraverse.regions import Box
 from companion.calls.numbers import Numbers
 from companion.calls.policy import OffSwitch, PolicyState, Side
 from companion.config import Config
-from companion.config.stopping import SMALLEST_ROI, longest_brake
+from companion.config.stopping import SMALLEST_ROI
 from companion.wire import parameters
 from companion.wire.ids import Policy
 from companion.wire.parameters import (
@@ -209,7 +209,6 @@ def call_numbers(config: Config, judging: Settings) -> Numbers:
         go_lasts=call.go_lasts,
         fault_ends_hold=call.fault_ends_hold,
         px4_hold=call.px4_hold,
-        brake=longest_brake(config),
     )
 
 

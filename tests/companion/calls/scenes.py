@@ -172,6 +172,7 @@ class Autopilot:
     reboots: int = 0
     mission: Mission | None = None
     stands: bool = False
+    brake: float = 0.0
     kind: KnownAutopilot | None = ardupilot.ROVER
     told: tuple[int, bool] | None = None
     beat_at: float = -1.0
@@ -289,6 +290,7 @@ class Scene:
             pilot.reboots,
             pilot.mission,
             pilot.stands,
+            pilot.brake,
         )
         self.keep(self.calls.vehicle_reported(report, self.now))
 

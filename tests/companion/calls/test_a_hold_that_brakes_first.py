@@ -21,7 +21,7 @@ BOUND = BRAKE + 2.0 + 0.1
 def braking(mode: int = AUTO, *, brake: float = BRAKE, compares: bool = True) -> Scene:
     """A rover in front of a drum, whose hold was just commanded. The test plays the script."""
     scene = Scene(Policy.HOLD, mode=mode)
-    scene.numbers.brake = brake
+    scene.autopilot.brake = brake
     scene.autopilot.compares = compares
     scene.autopilot.deaf = True
     scene.run(2.0, CLEAR)
@@ -181,6 +181,12 @@ def test_a_companion_that_restarts_in_the_brake_still_knows_it(seen: bool) -> No
     assert HoldEvent.TAKEN_OVER not in shows(scene, GUIDED, 1.5)
     assert 1 <= len(commanded(scene)) - before <= 3
     assert shows(scene, HOLD) == [HoldEvent.CONFIRMED]
+
+
+def test_one_that_restarts_where_nobody_brakes_takes_guided_for_a_human_s() -> None:
+    scene = braking(brake=0.0)
+    scene.restarted()
+    assert shows(scene, GUIDED) == [HoldEvent.TAKEN_OVER]
 
 
 def test_an_autopilot_that_reboots_in_the_brake_is_held_again() -> None:

@@ -7,11 +7,9 @@ from typing import Any
 
 import pytest
 
-from anytraverse.judging import Settings
 from companion.config import Config
 from companion.config.schema import MountSection, StoppingSection
 from companion.config.stopping import Stopping, judge_stopping, longest_brake
-from companion.daemon.settings.runtime import call_numbers
 from companion.vehicle.ardupilot import LONGEST_BRAKE
 from companion.vehicle.brakes import Brakes
 
@@ -33,7 +31,6 @@ def judged(config: Config) -> Stopping:
 def test_without_a_word_it_holds_at_once_as_before() -> None:
     config = configured(**FIGURES)
     assert longest_brake(config) == 0.0
-    assert call_numbers(config, Settings()).brake == 0.0
     assert "in HOLD)" in judged(config).describe()
     assert judged(config) == judged(configured(speed=1.5))
 
@@ -42,7 +39,6 @@ def test_it_may_brake_1_3_times_as_long_as_the_measured_brake_takes_from_the_fas
     config = configured(hold_by="brake", **FIGURES)
     takes = Brakes.of(1.0, 0.4).seconds(1.12 * 1.5, 0.1)
     assert longest_brake(config) == pytest.approx(1.3 * takes)
-    assert call_numbers(config, Settings()).brake == longest_brake(config)
     assert 2.0 < longest_brake(config) < LONGEST_BRAKE
 
 

@@ -202,8 +202,8 @@ class Wire:
 
 
 def _reported_by(frame: Any) -> tuple[State, Policy]:
-    state, _, policy, _ = read_heartbeat_mode(frame.custom_mode)
-    return state, policy
+    told = read_heartbeat_mode(frame.custom_mode)
+    return told.state, told.policy
 
 
 def _ordered(frame: Any) -> str:

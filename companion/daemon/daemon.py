@@ -172,7 +172,13 @@ class Daemon:
         link.dead_man.on = calls.policy is Policy.HOLD and calls.holding.in_charge(now)
         self._state = calls.state(now)
         open_id = calls.current_id or self._deciders.test_call.id
-        link.set_state(self._state, open_id, calls.policy, fault_accepted=calls.fault_accepted(now))
+        link.set_state(
+            self._state,
+            open_id,
+            calls.policy,
+            fault_accepted=calls.fault_accepted(now),
+            braking=calls.hold is not None and calls.hold.braking,
+        )
 
     def _made(self, now: float) -> Turn:
         """Make the record of this turn."""

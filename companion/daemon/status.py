@@ -238,6 +238,8 @@ def _held_by(calls: OperatorCalls) -> str | None:
     script = calls.holding.script_holds
     if script is not None:
         return f"script: {script.why}"
+    if calls.hold is not None and calls.hold.braking:
+        return "companion brakes"
     return "companion" if calls.hold is not None and calls.hold.standing else None
 
 

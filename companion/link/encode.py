@@ -17,7 +17,7 @@ from companion.wire.ids import (
     MODE_REQUEST_COMMAND,
     NO_TEMPERATURE,
     UNDER_VOLTAGE,
-    Policy,
+    HeartbeatMode,
     State,
     heartbeat_mode,
 )
@@ -109,14 +109,14 @@ _STATUS = {
 }
 
 
-def heartbeat(state: State, current_id: int, policy: Policy, fault_accepted: bool = False) -> Any:
+def heartbeat(content: HeartbeatMode) -> Any:
     """HEARTBEAT. base_mode stays 0: anything else changes the mode that ground stations display."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         mavlink.MAV_AUTOPILOT_INVALID,
         0,
-        heartbeat_mode(state, current_id, policy, fault_accepted),
-        _STATUS[state],
+        heartbeat_mode(*content),
+        _STATUS[content.state],
         3,
     )
 

@@ -35,7 +35,15 @@ from companion.storage.served_tree import Tree
 from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire import notices
-from companion.wire.ids import CAMERA_COMPONENT_ID, ERROR, TUNNEL_CALL, Policy, SenderId, State
+from companion.wire.ids import (
+    CAMERA_COMPONENT_ID,
+    ERROR,
+    TUNNEL_CALL,
+    HeartbeatMode,
+    Policy,
+    SenderId,
+    State,
+)
 from companion.wire.parameters import Parameter
 from companion.wire.payloads import Summary
 
@@ -219,11 +227,18 @@ class Link:
             self._files.tick(now)
 
     def set_state(
-        self, state: State, current_id: int, policy: Policy, *, fault_accepted: bool = False
+        self,
+        state: State,
+        current_id: int,
+        policy: Policy,
+        *,
+        fault_accepted: bool = False,
+        braking: bool = False,
     ) -> None:
         """Set what the heartbeat reports, see `HeartbeatMode`: current_id 0 for none, policy in force."""
+        content = HeartbeatMode(state, current_id, policy, fault_accepted, braking)
         for channel in self._channels:
-            channel.periodic.set_state(state, current_id, policy, fault_accepted)
+            channel.periodic.set_state(content)
 
     def summary(self, summary: Summary, now: float) -> None:
         """Set the newest summary, which is sent at the table's rate.

@@ -12,7 +12,7 @@ from typing import Any
 
 from companion.link import encode
 from companion.link.sender import Sender
-from companion.wire.ids import TUNNEL_SUMMARY, Policy, State
+from companion.wire.ids import TUNNEL_SUMMARY, HeartbeatMode, Policy, State
 from companion.wire.messages import MESSAGES, NUMBERS, SUMMARY_PERIOD_WHILE_CALLING
 from companion.wire.payloads import Summary
 
@@ -47,7 +47,7 @@ class PeriodicTelemetry:
     def __init__(self, sender: Sender, now: float) -> None:
         self._sender = sender
         self._started = now
-        self._content = (State.STARTING, 0, Policy.REPORT, False)
+        self._content = HeartbeatMode(State.STARTING, 0, Policy.REPORT)
         self._heartbeat_at = -math.inf
         self._heartbeat_now = False
         self._summary: tuple[Summary, float] | None = None
@@ -64,15 +64,15 @@ class PeriodicTelemetry:
         step = _period("number") / len(NUMBERS)
         self._number_at = {name: now + (place - len(NUMBERS)) * step for place, name in enumerate(NUMBERS)}
 
-    def set_state(self, state: State, current_id: int, policy: Policy, fault_accepted: bool = False) -> None:
+    def set_state(self, content: HeartbeatMode) -> None:
         """Set the heartbeat's content; a change is sent at once, at most four times a second."""
-        if (state, current_id, policy, fault_accepted) != self._content:
-            self._content = (state, current_id, policy, fault_accepted)
+        if content != self._content:
+            self._content = content
             self._heartbeat_now = True
 
     def newest_heartbeat(self) -> Any:
         """The heartbeat as it is now, for a client that requests it."""
-        return encode.heartbeat(*self._content)
+        return encode.heartbeat(self._content)
 
     def newest_summary(self, to: tuple[int, int], now: float) -> Any | None:
         """The newest summary for `to`, with the last broadcast one's sequence number; None before any."""
@@ -117,7 +117,7 @@ class PeriodicTelemetry:
         beat = _period("heartbeat") + (_BEFORE + _AFTER if awaited else 0.0)
         if (self._heartbeat_now and resuming) or silent >= (_STATE_GAP if self._heartbeat_now else beat):
             self._heartbeat_at, self._heartbeat_now = now, False
-            self._sender.push("heartbeat", encode.heartbeat(*self._content), now, key=0, lifetime=1.0)
+            self._sender.push("heartbeat", encode.heartbeat(self._content), now, key=0, lifetime=1.0)
         if calling or awaited:
             return
         if now - self._numbers_at < _NUMBER_LIFETIME:

@@ -159,21 +159,26 @@ class HeartbeatMode(NamedTuple):
     """The content of the companion's heartbeat. current_id: of the open call or hold, 0 for none.
 
     fault_accepted: a human drives on in spite of the fault that stands, or the vehicle stands after its
-    mission, so that it holds nobody for now.
+    mission, so that it holds nobody for now. braking: the script on the autopilot brakes for its hold.
     """
 
     state: State
     current_id: int
     policy: Policy
     fault_accepted: bool = False
+    braking: bool = False
 
 
-def heartbeat_mode(state: State, current_id: int, policy: Policy, fault_accepted: bool = False) -> int:
+def heartbeat_mode(
+    state: State, current_id: int, policy: Policy, fault_accepted: bool = False, braking: bool = False
+) -> int:
     """Pack custom_mode of the heartbeat.
 
     Bits 0-7: state. 8-23: id of the open call or hold. 24-25: policy. 26: the fault is accepted by hand.
+    27: it brakes for the hold.
     """
-    return int(state) | (current_id & 0xFFFF) << 8 | int(policy) << 24 | int(fault_accepted) << 26
+    flags = int(fault_accepted) << 26 | int(braking) << 27
+    return int(state) | (current_id & 0xFFFF) << 8 | int(policy) << 24 | flags
 
 
 def read_heartbeat_mode(custom_mode: int) -> HeartbeatMode:
@@ -183,6 +188,7 @@ def read_heartbeat_mode(custom_mode: int) -> HeartbeatMode:
         custom_mode >> 8 & 0xFFFF,
         Policy(custom_mode >> 24 & 3),
         bool(custom_mode >> 26 & 1),
+        bool(custom_mode >> 27 & 1),
     )
 
 

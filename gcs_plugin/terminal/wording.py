@@ -192,6 +192,8 @@ def status_lines(rover: TrackedRover, now: float) -> list[str]:
     lines = [f"rover {rover.system}: {heard}, {doing}, {drives}"]
     if rover.policy is not None:
         lines.append(f"  policy   {rover.policy.name.lower()}")
+    if rover.braking:
+        lines.append("  hold     under way: the autopilot's script brakes first, in GUIDED")
     if rover.fault_accepted:
         lines.append("  fault    holds nobody now: driven on by hand (20 s, 10 m at most) or mission over")
     summary, counters = rover.summary, rover.counters

@@ -60,3 +60,14 @@ def test_the_ground_reads_the_acceptance_in_the_heartbeat(rig: Rig) -> None:
     heard = TrackedRover(1)
     heard.handle_state(rig.stage.sent("HEARTBEAT")[-1].custom_mode, 0.0)
     assert heard.fault_accepted
+
+
+def test_the_ground_reads_that_the_script_brakes_for_the_hold(rig: Rig) -> None:
+    blind(rig)
+    assert rig.calls.hold is not None
+    for braking, held_by in ((True, "companion brakes"), (False, "companion")):
+        rig.calls.hold.braking = braking
+        rig.wait(0.5)
+        assert read_heartbeat_mode(rig.stage.sent("HEARTBEAT")[-1].custom_mode).braking is braking
+        assert rig.daemon.status.figures()["held_by"] == held_by
+        assert told(rig) == (State.FAULT, False)

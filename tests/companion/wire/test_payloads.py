@@ -215,13 +215,13 @@ def test_an_answer_with_transaction_0_is_refused() -> None:
         Answer.unpack(bytes(payload))
 
 
-@given(st.sampled_from(State), U16, st.sampled_from(Policy), st.booleans(), st.integers(0, 31))
-def test_the_heartbeat_carries_state_id_policy_and_acceptance_and_leaves_bits_for_later(
-    state: State, current: int, policy: Policy, accepted: bool, later: int
+@given(st.sampled_from(State), U16, st.sampled_from(Policy), st.booleans(), st.booleans(), st.integers(0, 15))
+def test_the_heartbeat_carries_state_id_policy_acceptance_and_brake_and_leaves_bits_for_later(
+    state: State, current: int, policy: Policy, accepted: bool, braking: bool, later: int
 ) -> None:
-    mode = heartbeat_mode(state, current, policy, accepted)
-    assert mode < 1 << 27
-    assert read_heartbeat_mode(mode | later << 27) == (state, current, policy, accepted)
+    mode = heartbeat_mode(state, current, policy, accepted, braking)
+    assert mode < 1 << 28
+    assert read_heartbeat_mode(mode | later << 28) == (state, current, policy, accepted, braking)
 
 
 def test_the_hash_of_the_words_knows_no_order_but_every_weight() -> None:

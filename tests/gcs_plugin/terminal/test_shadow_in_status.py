@@ -37,6 +37,14 @@ def test_the_policy_is_known_from_the_heartbeat_alone() -> None:
     assert "  policy   shadow" in status_lines(rover, 0.0)
 
 
+def test_the_status_says_that_the_script_brakes_for_the_hold() -> None:
+    rover = TrackedRover(1)
+    rover.handle_state(heartbeat_mode(State.FAULT, 7, Policy.HOLD, braking=True), 0.0)
+    assert any("brakes first" in line for line in status_lines(rover, 0.0))
+    rover.handle_state(heartbeat_mode(State.FAULT, 7, Policy.HOLD), 0.0)
+    assert not any("brakes first" in line for line in status_lines(rover, 0.0))
+
+
 def test_the_status_says_that_a_human_drives_on_in_spite_of_the_fault() -> None:
     rover = TrackedRover(1)
     rover.handle_state(heartbeat_mode(State.FAULT, 0, Policy.HOLD), 0.0)

@@ -34,7 +34,7 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end)
     settings = [
-        ModeSetting(script, delay / 1000, busy)
+        ModeSetting(script, delay / 1000, busy, given.brakes)
         for busy in BOTH[given.busy]
         for delay in given.delay
         for script in BOTH[given.script]
@@ -98,6 +98,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--script", choices=list(BOTH), default="both", help="there (default both)")
     parser.add_argument("--jobs", type=int, default=2, help="rovers side by side (default 2)")
     parser.add_argument("--seed", type=int, default=1, help="of everything that is random (default 1)")
+    parser.add_argument("--brakes", action="store_true", help="the script brakes before HOLD; holds alone")
     parser.add_argument(
         "--quick", action="store_true", help=f"{QUICK_TRIALS} trials, one delay, no busy loops"
     )
@@ -105,6 +106,7 @@ def _arguments() -> argparse.Namespace:
     given = parser.parse_args()
     given.trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS)
     given.delay = given.delay or list(QUICK_DELAYS if given.quick else DELAYS)
+    given.script = "yes" if given.brakes else given.script
     given.busy = given.busy or ("no" if given.quick else "both")
     return given
 

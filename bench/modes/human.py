@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 
-from bench.modes.judging import ModeTrial
+from bench.modes.judging import PRESSED, ModeTrial
 from bench.stopping.ground import SecondPort
 from bench.stopping.stage import Stage
 
@@ -78,9 +78,9 @@ class Human:
 
     def _act(self) -> None:
         try:
-            if self._trial.mode == "HOLD":
+            if self._trial.mode in PRESSED:
                 with closing(SecondPort(self._stage.gcs)) as ground:
-                    ground.press_hold()
+                    ground.press(self._trial.mode)
                 self.set_at = time.monotonic()
             else:
                 self.set_at = time.monotonic()

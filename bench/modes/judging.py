@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 HAND, STATION = "hand", "gcs"
-HOLD = "HOLD"
+PRESSED = ("HOLD", "GUIDED")
+"""Modes that are pressed at a ground station: inside our own they have no entry in the mode log."""
 DRIVING = ("AUTO", "GUIDED")
 SLACK = 0.5
 """s beside the round trip within which a human's mode that a resume replaced must be held again."""
@@ -15,21 +17,25 @@ SLACK = 0.5
 
 @dataclass(frozen=True)
 class ModeSetting:
-    """How a trial was set up. script: on the autopilot. delay: s, each way. busy: beside two busy loops."""
+    """How a trial was set up. script: on the autopilot. delay: s, each way. busy: beside two busy loops.
+
+    brakes: the script brakes before it sets HOLD, and only holds are tried.
+    """
 
     script: bool
     delay: float
     busy: bool
+    brakes: bool = False
 
 
 @dataclass(frozen=True)
 class ModeTrial:
     """A human's mode round one command of the companion.
 
-    command: hold or resume. mode: the human's; HOLD is pressed at a ground station, inside our HOLD. offset:
-    s by which the human's mode comes after the command, at `moment` (leaves: it leaves the companion;
-    arrives: it reaches the autopilot). kept: s for which the wire keeps the command, so that the human is
-    first.
+    command: hold or resume. mode: the human's; HOLD is pressed inside our HOLD, GUIDED round the brake, both
+    at a ground station. offset: s by which the human's mode comes after the command, at `moment` (leaves: it
+    leaves the companion; arrives: it reaches the autopilot). kept: s for which the wire keeps the command, so
+    that the human is first.
     """
 
     command: str
@@ -45,6 +51,8 @@ class ModeOutcome:
 
     changes: modes that the autopilot entered after the human's and by no hand. overridden: there was one.
     drove: longest s for which a driving mode stood then; None: none did. ended: no such mode stands now.
+    inside: our mode in which the human's came, where the script brakes. again: the companion took the human's
+    GUIDED for what it is, and has begun another hold for the fault that stands.
     """
 
     setting: ModeSetting
@@ -53,10 +61,12 @@ class ModeOutcome:
     changes: tuple[str, ...]
     drove: float | None
     ended: bool
+    inside: str = ""
+    again: bool = False
 
     @property
     def overridden(self) -> bool:
-        return bool(self.changes)
+        return bool(self.changes) and not self.again
 
     @property
     def over_round_trip(self) -> float | None:
@@ -78,10 +88,10 @@ def since_human(log: Sequence[Mapping[str, Any]], mode: str, since: float) -> li
     entry, so that all after our HOLD came after the press.
     """
     recent = [row for row in log if row["t"] >= since]
-    by = STATION if mode == HOLD else HAND
+    by = STATION if mode in PRESSED else HAND
     at = [n for n, row in enumerate(recent) if row["by"] == by and row["mode"] == mode]
-    if not at and mode == HOLD:
-        at = [n for n, row in enumerate(recent) if row["mode"] == HOLD][:1]
+    if not at and mode in PRESSED:
+        at = [n for n, row in enumerate(recent) if row["mode"] == mode][:1]
     return recent[at[-1] + 1 :] if at else None
 
 
@@ -111,6 +121,8 @@ def figures(outcomes: Sequence[ModeOutcome], disturbed: int = 0) -> dict[str, An
     }
     return {
         **found,
+        "held_again": sum(one.again for one in outcomes),
+        "inside": dict(Counter(one.inside for one in outcomes if one.inside)),
         "driven_over_without": sum(one.drove is not None for one in outcomes if not one.setting.script),
         "no_command_left": sum(one.measured is None for one in outcomes),
         "wrong": sum(not one.good for one in outcomes),
@@ -126,6 +138,7 @@ def _of(setting: ModeSetting, outcomes: Sequence[ModeOutcome]) -> dict[str, Any]
         "script": setting.script,
         "delay_ms": round(1000 * setting.delay),
         "busy": setting.busy,
+        "brakes": setting.brakes,
         "trials": len(own),
         "overridden": sum(one.overridden for one in own),
         "driven_over": len(driven),
@@ -147,5 +160,7 @@ def line(outcome: ModeOutcome) -> str:
         f"{trial.moment} {1000 * trial.offset:+4.0f} ms (from leaving: {measured})"
     )
     told += f"  then {', '.join(outcome.changes)}" if outcome.changes else ""
+    told += f"  inside {outcome.inside}" if outcome.inside else ""
+    told += "  held again" if outcome.again else ""
     told += f"  drove {outcome.drove:.2f} s" if outcome.drove is not None else ""
     return told + ("" if outcome.good else "  WRONG")

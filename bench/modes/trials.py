@@ -9,7 +9,15 @@ from pathlib import Path
 from random import Random
 
 from bench.modes.human import EXPECTED, Human
-from bench.modes.judging import DRIVING, ModeOutcome, ModeSetting, ModeTrial, drove, since_human
+from bench.modes.judging import (
+    DRIVING,
+    STATION,
+    ModeOutcome,
+    ModeSetting,
+    ModeTrial,
+    drove,
+    since_human,
+)
 from bench.stopping.stage import Disturbed, Plan, Stage
 from companion.sim.field.trail import Trail
 
@@ -20,13 +28,22 @@ WATCHED = 2.6
 """s beside the round trip in which modes are watched: a command is tried again after one."""
 ENDS_WITHIN = 6.0
 SETTLED = 0.3
+TAKEN_OVER = ": taken over"
 TRIES_HERE, TRIES = 4, 12
 """Void trials in a row after which a stage, and a setting, is given up."""
 HUMANS = "MANUAL", "LOITER", "STEERING", "RTL"
+IN_BRAKE, AT_ITS_END = (LATE, 0.9), (0.9, 1.4)
+"""s after the request arrives: at 0.6 m/s the brake takes 1.1 s, until HOLD."""
 
 
 def draw(random: Random, setting: ModeSetting) -> ModeTrial:
     """Draws a trial. HOLD inside our HOLD is pressed only where the script runs, which alone sees it."""
+    if setting.brakes:
+        early, late = random.choice([(EARLY, LATE), IN_BRAKE, AT_ITS_END])
+        offset = random.uniform(early, late)
+        kept = max(-setting.delay - offset, 0.0)
+        mode = random.choice([*HUMANS, "GUIDED"])
+        return ModeTrial("hold", mode, "arrives", round(offset, 3), round(kept, 3))
     command = random.choice(["hold", "resume"])
     modes = (*HUMANS, "HOLD") if command == "resume" and setting.script else HUMANS
     moment, offset = random.choice(["leaves", "arrives"]), random.uniform(EARLY, LATE)
@@ -48,7 +65,15 @@ def play_all(
     while trials and void < TRIES:
         stages, here = stages + 1, 0
         at = Random(f"{seed} {setting} {stages}").uniform(0.0, Trail(seed).length)
-        plan = Plan(seed, at, SPEED, script=setting.script, delay=setting.delay, breakable=True)
+        plan = Plan(
+            seed,
+            at,
+            SPEED,
+            script=setting.script,
+            delay=setting.delay,
+            breakable=True,
+            brakes=setting.brakes,
+        )
         with Stage(out / str(stages), plan, cancelled) as stage:
             stage.break_perceiver("same")  # the frames are not what is measured
             while trials and here < TRIES_HERE:
@@ -79,7 +104,7 @@ def play(stage: Stage, setting: ModeSetting, trial: ModeTrial, latencies: dict[s
     if stage.read_status().get("hold_refused"):
         raise Disturbed("it may not hold: the computer is too slow")
     stage.drive(SETTLED)
-    begun = stage.status()["t"]
+    begun, earlier = stage.status()["t"], stage.log.count(TAKEN_OVER)
     human = Human(stage, trial, latencies[trial.command])
     if trial.command == "resume":
         stage.freeze_camera(on=True)
@@ -97,7 +122,7 @@ def play(stage: Stage, setting: ModeSetting, trial: ModeTrial, latencies: dict[s
         _pass(stage, 2 * setting.delay + trial.kept + WATCHED)
         if stage.status()["mode"] in DRIVING:
             _wait_for_end(stage)
-        return _judged(stage, setting, trial, human, begun)
+        return _judged(stage, setting, trial, human, begun, earlier)
     finally:
         human.end()
         if human.left_at is not None:
@@ -105,17 +130,26 @@ def play(stage: Stage, setting: ModeSetting, trial: ModeTrial, latencies: dict[s
             latencies[trial.command] = 0.7 * latencies[trial.command] + 0.3 * taken
 
 
-def _judged(stage: Stage, setting: ModeSetting, trial: ModeTrial, human: Human, begun: float) -> ModeOutcome:
+def _judged(
+    stage: Stage, setting: ModeSetting, trial: ModeTrial, human: Human, begun: float, earlier: int
+) -> ModeOutcome:
+    """earlier: how often the companion had logged before the trial that a human took over."""
     status = stage.status()
     assert human.set_at is not None
     log = status["mode_log"]
     after = since_human(log, trial.mode, begun)
     if after is None:
         raise Disturbed(f"{trial.mode} was not set: {log[-3:]}")
+    ours = [row["mode"] for row in log[: len(log) - len(after)] if row["by"] != STATION]
+    inside = [mode for mode in ours if mode != trial.mode or trial.mode == "GUIDED"][-1]
+    # Out of GUIDED it is held anew, as out of AUTO, while a fault stands that was told for less than 1 s.
+    again = trial.mode == "GUIDED" and bool(after) and stage.log.count(TAKEN_OVER) > earlier
     longest, ended = drove(after, status["t"])
     measured = None if human.left_at is None else round(human.set_at - human.left_at, 3)
     changes = tuple(f"{row['mode']} by {row['by']}" for row in after)
-    return ModeOutcome(setting, trial, measured, changes, longest, ended)
+    return ModeOutcome(
+        setting, trial, measured, changes, longest, ended, inside if setting.brakes else "", again
+    )
 
 
 def _wait_for_end(stage: Stage) -> None:

@@ -34,7 +34,7 @@ def main() -> int:
         try:
             seeds = range(given.first, given.first + given.runs)
             todo = [
-                pool.submit(_all_of, GROUPS[group], Job(seed, out / group, cancelled), runs)
+                pool.submit(_all_of, GROUPS[group], Job(seed, out / group, cancelled, given.brakes), runs)
                 for seed in seeds
                 for group in given.only
             ]
@@ -42,7 +42,7 @@ def main() -> int:
         finally:
             cancelled.set()
             pool.shutdown(cancel_futures=True)
-            print(json.dumps(figures(runs)), flush=True)
+            print(json.dumps({"brakes": given.brakes, **figures(runs)}), flush=True)
     return 0 if good(runs) else 1
 
 
@@ -71,6 +71,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--first", type=int, default=1, metavar="SEED", help="the first seed (default 1)")
     parser.add_argument("--jobs", type=int, default=3, help="stages side by side (default 3)")
     parser.add_argument("--only", nargs="+", choices=list(GROUPS), default=list(GROUPS), metavar="GROUP")
+    parser.add_argument(
+        "--brakes", action="store_true", help="the script brakes before HOLD: hold_by = brake"
+    )
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where logs are kept; else thrown away")
     return parser.parse_args()
 

@@ -18,7 +18,7 @@ REAL32 = 9
 
 
 class SecondPort:
-    """Sends to the autopilot's second port; only `press_hold` reads what comes back."""
+    """Sends to the autopilot's second port; only `press` reads what comes back."""
 
     def __init__(self, url: str) -> None:
         """url: as the field prints it, udpout:HOST:PORT."""
@@ -65,13 +65,13 @@ class SecondPort:
             )
         )
 
-    def press_hold(self, within: float = 1.0) -> None:
-        """Commands HOLD, and waits until the autopilot has acknowledged that; for a new connection only.
+    def press(self, mode: str, within: float = 1.0) -> None:
+        """Commands a mode, and waits until the autopilot has acknowledged that; for a new connection only.
 
         Raises TimeoutError after `within` s.
         """
         base = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-        params = (base, float(Mode.HOLD), 0.0, 0.0, 0.0, 0.0, 0.0)
+        params = (base, float(Mode[mode]), 0.0, 0.0, 0.0, 0.0, 0.0)
         command = int(mavlink.MAV_CMD_DO_SET_MODE)
         self._send(mavlink.MAVLink_command_long_message(ROVER, AUTOPILOT, command, 0, *params))
         until = time.monotonic() + within
@@ -80,7 +80,7 @@ class SecondPort:
             for frame in DatagramParser().frames(self._socket.recv(65536)):
                 if frame.get_type() == "COMMAND_ACK" and frame.command == command:
                     return
-        raise TimeoutError("the autopilot does not acknowledge HOLD")
+        raise TimeoutError(f"the autopilot does not acknowledge {mode}")
 
     def _send(self, message: Any) -> None:
         self._socket.send(bytes(message.pack(self._mav)))

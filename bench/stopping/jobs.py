@@ -38,11 +38,12 @@ class Run:
 
 @dataclass
 class Job:
-    """A seed, the folder for its files, and how to cancel."""
+    """A seed, the folder for its files, and how to cancel. brakes: as of `Plan`."""
 
     seed: int
     out: Path
     cancelled: threading.Event
+    brakes: bool = False
 
     def __post_init__(self) -> None:
         self.trail = Trail(self.seed)
@@ -54,7 +55,7 @@ class Job:
 
     def plan(self, random: Random) -> Plan:
         """Makes a plan: a place on the trail, and a speed below the fastest."""
-        return Plan(self.seed, random.uniform(0.0, self.trail.length), FAST)
+        return Plan(self.seed, random.uniform(0.0, self.trail.length), FAST, brakes=self.brakes)
 
     def stage(self, plan: Plan, out: Path | None = None) -> Stage:
         """Makes a new stage, in a folder of its own."""

@@ -162,7 +162,7 @@ def alien(job: Job) -> Iterator[Run]:
         zones = list(job.trail.borders.values())
         random.shuffle(zones)
         here, there = (begin + random.uniform(0.35, 0.65) * (end - begin) for begin, end in zones[:2])
-        plan = Plan(job.seed, here, random.uniform(SLOW, FAST), quiet=False)
+        plan = Plan(job.seed, here, random.uniform(SLOW, FAST), quiet=False, brakes=job.brakes)
         out = job.out / f"{job.seed}-alien-{random.random()}"
         with job.stage(plan, out) as stage:
             stage.wait_until_well()

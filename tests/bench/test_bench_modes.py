@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -14,7 +15,7 @@ import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from bench.modes.judging import ModeOutcome, ModeSetting, ModeTrial, drove, figures, since_human
-from bench.modes.trials import EARLY, HUMANS, LATE, draw, play_all
+from bench.modes.trials import EARLY, HUMANS, IN_BRAKE, LATE, draw, play_all
 from bench.stopping.wire import Wire
 
 ROOT = Path(__file__).parents[2]
@@ -127,3 +128,24 @@ def test_a_human_is_not_overridden_where_the_script_runs(
     outcomes = [one for one in found if isinstance(one, ModeOutcome)]
     assert len(outcomes) == 2, found
     assert not any(one.overridden for one in outcomes), outcomes
+
+
+def test_where_the_script_brakes_modes_come_before_in_and_after_the_brake() -> None:
+    setting = ModeSetting(script=True, delay=0.1, busy=False, brakes=True)
+    drawn = [draw(Random(number), setting) for number in range(300)]
+    assert {one.mode for one in drawn} == {*HUMANS, "GUIDED"}
+    assert {(one.command, one.moment) for one in drawn} == {("hold", "arrives")}
+    assert min(one.offset for one in drawn) < 0.0
+    assert max(one.offset for one in drawn) > IN_BRAKE[1]
+
+
+def test_guided_pressed_in_the_brake_has_no_entry_and_a_hold_that_begins_anew_overrides_nobody() -> None:
+    rows = log("AUTO hand", "GUIDED script", "HOLD companion")
+    after = since_human(rows, "GUIDED", 0.0)
+    assert after == rows[2:]
+    setting = ModeSetting(script=True, delay=0.1, busy=False, brakes=True)
+    trial = ModeTrial("hold", "GUIDED", "arrives", 0.5)
+    held = ModeOutcome(setting, trial, 0.5, ("HOLD by companion",), None, ended=True, inside="GUIDED")
+    assert not held.good
+    assert replace(held, again=True).good
+    assert figures([held, replace(held, again=True)])["held_again"] == 1

@@ -22,6 +22,8 @@ from unittest.mock import MagicMock
 import pytest
 
 from bench.faults import by_hand
+from bench.stopping.appearing import Appeared
+from bench.stopping.appearing import figures as appearing_figures
 from bench.stopping.figures import figures, good
 from bench.stopping.jobs import FAST, LATE, Job, Run
 from bench.stopping.limits import SPARE, Limit, braking, script_timeout
@@ -338,3 +340,11 @@ def test_a_serial_device_that_keeps_what_it_took_passes_it_late_where_it_is_not_
 
 def non_blocking(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NOCTTY | os.O_NONBLOCK)
+
+
+def test_of_a_drum_that_appears_contacts_and_their_speeds_are_told_by_way_and_distance() -> None:
+    held = Appeared(brakes=False, share=0.5, speed=1.4, needs=4.0, touched=0.5, gap=0.0)
+    stood = replace(held, brakes=True, touched=0.0, gap=0.2)
+    found = appearing_figures([held, replace(held, touched=0.7), stood])
+    assert found["hold 0.5"] == {"runs": 2, "touched": 2, "median_m_s": 0.7, "most_m_s": 0.7}
+    assert found["brake 0.5"] == {"runs": 1, "touched": 0, "median_m_s": 0.0, "most_m_s": 0.0}

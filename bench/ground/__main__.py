@@ -2,7 +2,8 @@
 
 Run: python -m bench.ground [--seeds 0 1 2 3 4] [--seconds 120] [--metres 90] [--quick]. The last line is one
 JSON object: range_error_90 of a frame (see rides.py), obstacle_recall and false_blocks of the grid with true
-labels, a swing of 2 degrees and odometry that errs (see grid.py), ms of its update with the reads after it.
+labels, a swing of 2 degrees and odometry that errs (see grid.py), ms of its update with the reads after it,
+and stop_ratio (see stops.py).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import cv2
 from bench.ground import rides
 from bench.ground.drives import PERCEIVERS
 from bench.ground.grid import GOALS, HEADLINE, compare, grid_cost
+from bench.ground.stops import STOP_GOAL, stop_ratios
 
 
 def main() -> None:
@@ -31,6 +33,7 @@ def main() -> None:
         seeds, options.seconds, options.metres = seeds[:1], 40.0, 16.0
     told = rides.errors_by_ride(rides.RIDES, seeds, options.seconds)
     reached = {key: told["swing 2"]["reported"][key] for key in rides.GOALS}
+    ratios = stop_ratios()
     met = all(reached[key] <= goal for key, goal in rides.GOALS.items())
     grid = compare(
         seeds, options.metres, (2.0,) if quick else (0.0, 2.0), PERCEIVERS[:1] if quick else PERCEIVERS
@@ -40,7 +43,8 @@ def main() -> None:
         json.dumps(
             {
                 "range_error_90": reached,
-                "goals_met": met,
+                "goals_met": met and ratios["stop_ratio"] <= STOP_GOAL,
+                **ratios,
                 **best,
                 "false_blocks_single": grid[HEADLINE]["single"]["false_blocks"],
                 "obstacle_recall_single": grid[HEADLINE]["single"]["obstacle_recall"],

@@ -13,6 +13,7 @@ from bench.ground import rides
 from bench.ground.drives import FieldDrive, Odometry, SeenFrame, gaps
 from bench.ground.grid import WAYS, truth
 from bench.ground.rides import GOALS, Ride, cost, errors_of
+from bench.ground.stops import STOP_GOAL, STOPS
 from companion.sim.field.things import FieldThing, World
 from companion.sim.field.trail import Pose
 
@@ -55,6 +56,8 @@ def test_the_last_line_is_one_json_object(
     bench_ground.main()
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert told["goals_met"] is True
+    assert told["stop_ratio"] <= STOP_GOAL
+    assert set(told["stop_ratios"]) == {f"{speed:g}" for speed, _, _ in STOPS}
     assert (
         told["rides"]["swing 2"]["reported"] == told["range_error_90"] | told["rides"]["swing 2"]["reported"]
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -49,6 +49,8 @@ class Stopping:
     to standstill. react: time from when a thing can be seen until the brakes act. sees: distance at which it
     can be seen. top: the ROI's upper side that would be enough at this speed, None where none would.
     overrun: distance that the autopilot's hold mode drives on; it is added to the braking distance.
+    braked: distance in place of that in HOLD where the script brakes first, None: it does not, or it is not
+    known. Nothing is judged by it.
     """
 
     speed: float
@@ -57,6 +59,7 @@ class Stopping:
     sees: float
     top: float | None = None
     overrun: float = 0.0
+    braked: float | None = field(default=None, compare=False)
 
     @property
     def needs(self) -> float:
@@ -81,11 +84,12 @@ class Stopping:
     def describe(self) -> str:
         """Return the judgement as text and, where the vehicle does not stop in time, the remedies."""
         circling = f", then {self.overrun:g} m on in LOITER" if self.overrun else ""
-        braked = self.brakes.way(self.driven)
+        held = self.brakes.way(self.driven)
+        braking = "" if self.braked is None else f", {self.braked:.1f} m where the script brakes first"
         way = (
             f"at {self.speed:g} m/s it takes {self.needs:.1f} m to stop "
-            f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {braked:.1f} m "
-            f"in HOLD{circling}), and a thing is seen {self.sees:.1f} m ahead"
+            f"({100 * (OVERSHOOT - 1):.0f} % of overshoot, {self.react:.1f} s to react, then {held:.1f} m "
+            f"in HOLD{circling}{braking}), and a thing is seen {self.sees:.1f} m ahead"
         )
         if self.enough:
             return f"{way}: fits up to {_down(self.fits):.2f} m/s"
@@ -178,6 +182,20 @@ def longest_brake(config: Config) -> float:
     return min(LONGEST_BRAKE, _BRAKE_SPARE * Brakes.of(braking, time_constant).seconds(fastest, _BRAKED))
 
 
+def _braked(config: Config, judged: Stopping) -> float | None:
+    """Return the metres to standstill where the script brakes first; None where it does not, or not known.
+
+    HOLD follows from the speed that is left when the script ends its braking.
+    """
+    stopping = config.stopping
+    seconds, braking, linear = longest_brake(config), stopping.brake_braking, stopping.brake_time_constant
+    if not seconds or braking is None or linear is None or judged.overrun:
+        return None
+    brake = Brakes.of(braking, linear)
+    left = brake.left(judged.driven, seconds, _BRAKED)
+    return brake.way(judged.driven) - brake.way(left) + judged.brakes.way(left)
+
+
 def judge_stopping(
     config: Config,
     step: float = 0.0,
@@ -213,6 +231,7 @@ def judge_stopping(
     # Those of HOLD, also where the script brakes first: for several reasons it may set HOLD at once.
     brakes = Brakes.of(stopping.braking, stopping.time_constant)
     judged = Stopping(fastest, brakes, react, 0.0, overrun=overrun)
+    judged = replace(judged, braked=_braked(config, judged))
     needs = judged.needs if stopping.speed is not None else None
     if (ground := _region(config, camera, needs)) is not None:
         # A thing is noticed when its foot is in the first row of the map below the region's far side.

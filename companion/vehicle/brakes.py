@@ -62,6 +62,14 @@ class Brakes:
             for linear, quadratic in self.terms
         )
 
+    def left(self, speed: float, seconds: float, least: float) -> float:
+        """Return the speed in m/s after so many seconds of braking from `speed`, at least `least`."""
+        low, high = least, max(speed, least)
+        for _ in range(30):
+            middle = (low + high) / 2.0
+            low, high = (middle, high) if self.seconds(speed, middle) > seconds else (low, middle)
+        return high
+
     def fastest(self, metres: float, react: float) -> float:
         """Return the speed in m/s at which `react` seconds and the stop take `metres`."""
         return min(_root(quadratic, linear + react, max(0.0, metres)) for linear, quadratic in self.terms)

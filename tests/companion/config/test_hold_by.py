@@ -53,6 +53,27 @@ def test_the_stopping_distance_stays_that_of_hold_since_the_script_may_hold_at_o
     assert judged(configured(hold_by="brake", **FIGURES)) == judged(configured(speed=1.5))
 
 
+def test_it_tells_the_way_of_the_brake_too_and_that_of_hold_from_where_it_ends() -> None:
+    config = configured(hold_by="brake", **FIGURES)
+    held, brake = judged(config), Brakes.of(1.0, 0.4)
+    assert held.braked == pytest.approx(
+        brake.way(held.driven) - brake.way(0.1) + held.brakes.way(0.1), abs=1e-3
+    )
+    assert f"in HOLD, {held.braked:.1f} m where the script brakes first)" in held.describe()
+    assert judged(configured(hold_by="brake", speed=1.5)).braked is None
+    assert judged(configured(**FIGURES)).braked is None
+
+
+def test_a_brake_that_must_end_after_four_seconds_ends_in_hold_from_what_speed_is_left() -> None:
+    held = judged(configured(hold_by="brake", **{**FIGURES, "speed": 10.0}))
+    brake = Brakes.of(1.0, 0.4)
+    left = brake.left(held.driven, LONGEST_BRAKE, 0.1)
+    assert brake.seconds(held.driven, left) == pytest.approx(LONGEST_BRAKE)
+    assert left > 5.0
+    assert held.braked is not None
+    assert held.braked == pytest.approx(brake.way(held.driven) - brake.way(left) + held.brakes.way(left))
+
+
 def test_half_a_measurement_is_refused() -> None:
     assert list(StoppingSection(brake_braking=1.0).conflicts())
     assert list(StoppingSection(brake_time_constant=1.0).conflicts())

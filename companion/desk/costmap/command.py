@@ -4,52 +4,37 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from anytraverse.errors import AnyTraverseError
-from anytraverse.frame import Image, Pose
+from anytraverse.frame import Image
 from anytraverse.grid import LocalGrid
 from anytraverse.grid_map import GridMap, draw_from_above
 from anytraverse.judging import Settings
 from companion.config import Config, load_config
 from companion.config.stopping import Stopping, judge_stopping
-from companion.desk.costmap.driven_poses import driven_poses
 from companion.desk.costmap.files import write_costmap
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import is_recording, located
 from companion.desk.drives.recorded import RecordedDrive
 from companion.desk.drives.replay import judged_again
 from companion.desk.drives.replaying import config_of
-from companion.desk.ground.driven_pairs import DrivenMotion
 from companion.desk.ground.look_ground import MountError, missing
 from companion.vision.warm_up import load_engine
 
 
 @dataclass
 class _Replay:
-    """What became of the frames. left_out: why -> how many.
-
-    placed, derived: how many have a pose, and how many of them a derived one.
-    """
+    """What became of the frames. placed: how many have a pose. left_out: why -> how many."""
 
     grid: LocalGrid = field(default_factory=LocalGrid)
     frames: int = 0
-    derived: int = 0
     placed: int = 0
     at: float = 0.0
     left_out: Counter[str] = field(default_factory=Counter)
-
-
-class _Placed(NamedTuple):
-    """Where the vehicle was at a frame. derived: from its speed. anew: from another start than before."""
-
-    pose: Pose | None
-    derived: bool
-    anew: bool
 
 
 def run(where: str, *, file: str | None, out: str, at: float | None) -> int:
@@ -70,40 +55,24 @@ def run(where: str, *, file: str | None, out: str, at: float | None) -> int:
     engine, _ = load_engine(config, None, misfit_allowed=True)
     found, base = _Replay(), engine.settings
     begun = math.nan
-    for recorded, placed in zip(recording.recorded(), _poses(recording), strict=True):
+    for recorded in recording.recorded():
         frame = recorded.frame
         begun = begun if math.isfinite(begun) else frame.at
         if at is not None and frame.at - begun > at:
             break
         found.frames, found.at = found.frames + 1, frame.at - begun
-        found.placed, found.derived = found.placed + (placed.pose is not None), found.derived + placed.derived
-        if placed.anew:
-            found.grid.forget()
+        found.placed += frame.pose is not None
         try:
             again = judged_again(engine, recorded, base)
         except AnyTraverseError as error:
             again = str(error)
         if isinstance(again, str) or again.maps is None:
             found.left_out[again if isinstance(again, str) else "it could not be judged"] += 1
-            found.grid.move(placed.pose, frame.at)
+            found.grid.move(frame.pose, frame.at)
         else:
             leaning = camera.leaning(*(frame.lean or (0.0, 0.0)))
-            found.grid.update(again.maps, leaning, placed.pose, frame.at)
+            found.grid.update(again.maps, leaning, frame.pose, frame.at)
     return _report(found, Path(out), partial(_drawn, config, engine.settings))
-
-
-def _poses(recording: RecordedDrive) -> Iterator[_Placed]:
-    """Yield where the vehicle was at each frame. Files whose poses are derived are not connected."""
-    for part in recording.parts():
-        motion, seen, told = DrivenMotion(part.reports()), [], []
-        for one in part.recorded():
-            seen.append(one.seen)
-            told.append(one.frame.pose)
-        derived = list(driven_poses(seen, motion)) if motion.known and motion.turns else [None] * len(seen)
-        if any(told):  # those of one kind do not begin where those of the other do
-            derived = [None] * len(seen)
-        for number, (pose, other) in enumerate(zip(told, derived, strict=True)):
-            yield _Placed(pose or other, derived=other is not None, anew=number == 0 and not any(told))
 
 
 def _drawn(config: Config, settings: Settings, told: GridMap) -> Image:
@@ -118,15 +87,13 @@ def _report(found: _Replay, out: Path, draw: Callable[[GridMap], Image]) -> int:
     pose, told = found.grid.pose, GridMap.of(found.grid, found.at)
     if not found.placed:
         print(
-            "it is not known how the vehicle drove: no frame has a pose, and the autopilot's speed (with its "
-            "position) and ATTITUDE were not both recorded"
+            "it is not known how the vehicle drove: no frame has a pose. That needs the autopilot's position "
+            "and ATTITUDE, and a companion that records it"
         )
         return 1
     if pose is None or told is None or not found.grid.known.any():
         print(f"nothing is known {found.at:.1f} s after the first frame: give another --at")
         return 1
-    if found.derived:
-        print(f"{found.derived} of {found.frames} poses are derived from the reported speed and heading")
     known, drivable = int(found.grid.known.sum()), int(found.grid.drivable.sum())
     print(f"{found.frames} frames, {found.at:.1f} s: {known} cells are known, {drivable} of them drivable")
     for path in write_costmap(out, found.grid, pose, draw(told)):

@@ -49,11 +49,6 @@ class DrivenMotion:
         """Whether the speed is known at any time."""
         return self._constant is not None or len(self._way) > 1
 
-    @property
-    def turns(self) -> bool:
-        """Whether it is known how it turned."""
-        return len(self._attitude_at) > 1
-
     def way(self, at: Floats) -> Floats:
         """Return the metres driven until each time."""
         if self._constant is not None:

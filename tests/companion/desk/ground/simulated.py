@@ -58,7 +58,7 @@ def record(
     seed: int,
     *,
     frames: int,
-    speed: float | None,
+    speed: float | None = 0.8,
     rate: float = 2.0,
     words: Mapping[str, float] | None = None,
     posed: bool = False,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from anytraverse.errors import AnyTraverseError
+from anytraverse.errors import AnyTraverseError, SettingsError
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.config import Config
@@ -75,7 +75,10 @@ class HoldGate:
         """Return `Frame.reach` at this speed, None where the region does not follow the speed."""
         if speed is None or self._config.roi.far is not None:
             return None
-        ground = ground_region(self._config, speed)
+        try:
+            ground = ground_region(self._config, speed)
+        except SettingsError:  # a camera that looks aside sees too little of a longer region
+            return None
         return None if ground is None else ground.far
 
     def refuses(

@@ -14,6 +14,7 @@ from companion.calls.decisions import Decision
 from companion.calls.faults import Fault
 from companion.calls.machine import OperatorCalls
 from companion.calls.policy import PolicyState
+from companion.config.stopping import Stopping
 from companion.daemon.policy.excess_speed import ExcessSpeed
 from companion.daemon.policy.hold_gate import HoldGate, HoldRefusal
 from companion.daemon.settings.echo import BUSY, ParameterEcho
@@ -71,8 +72,7 @@ class PolicyService:
         self._echo = echo
         self._speed = ExcessSpeed(gate.configured_speed)
         self._reach_needed: float | None = None
-        self.reach: float | None = None
-        """`Frame.reach`. It does not get less while something is asked, held or accepted."""
+        self._reach: float | None = None
         if state.switch is not None:
             link.request_rc_channels()
 
@@ -100,6 +100,17 @@ class PolicyService:
     def judging(self) -> Settings:
         """The settings that frames are judged by."""
         return self._calls.numbers.judging
+
+    @property
+    def reach(self) -> float | None:
+        """`Frame.reach`. It does not get less while something is asked, held or accepted."""
+        return self._reach if self.judging.metres is not None else None
+
+    @property
+    def stopping(self) -> Stopping | str:
+        """Whether the vehicle stops in time at the speed that counts; a text where that is not known."""
+        known = self._known()
+        return self._gate.stopping(known.judging, known.step, known.overrun, known.speed)
 
     def figures(self) -> dict[str, object]:
         """Return the policy's part of the status file."""
@@ -163,8 +174,9 @@ class PolicyService:
             return None
         known = self._known()
         for step in (known.step, 0.0):
-            refusal = self._gate.outruns(judging, step, known.overrun, known.speed)
-            if refusal is not None and self._gate.outruns(known.judging, step, *known[2:4]) is None:
+            more = known.overrun, known.speed
+            refusal = self._gate.outruns(judging, step, *more)
+            if refusal is not None and self._gate.outruns(known.judging, step, *more) is None:
                 return refusal
         return None
 
@@ -199,13 +211,17 @@ class PolicyService:
         return _Known(self.judging, step, overrun, self._speed.speed, misled)
 
     def _follow_speed(self, now: float) -> None:
-        vehicle, before = self._link.vehicle, self._speed.speed
-        self._speed.follow(vehicle.speed if vehicle is not None else None, now)
-        if self._speed.speed != before:
-            self._reach_needed = self._gate.reach(self._speed.speed)
+        vehicle, speed, monitor = self._link.vehicle, self._speed, self._calls.monitor
+        before = speed.speed
+        if not monitor.drives_itself(now) and self._calls.hold is None:
+            speed.forget()
+        elif vehicle is not None and vehicle.speed is not None and vehicle.position_at is not None:
+            speed.reported(vehicle.speed, vehicle.position_at)
+        if speed.speed != before:
+            self._reach_needed = self._gate.reach(speed.speed)
         needed, answered = self._reach_needed, self._calls.reason_filter.things
-        if not (self._calls.current_id or answered) or (needed or 0.0) > (self.reach or 0.0):
-            self.reach = needed
+        if not (self._calls.current_id or answered) or (needed or 0.0) > (self._reach or 0.0):
+            self._reach = needed
 
     def _check_hold(self, now: float) -> list[Decision]:
         known = self._known()

@@ -6,7 +6,7 @@ Course and heading are needed to see that it drives backwards.
 from __future__ import annotations
 
 from companion.config.stopping import describe_tile, judge_stopping, with_settings
-from companion.daemon.policy.hold_gate import unchecked
+from companion.daemon.policy.hold_gate import HoldGate, unchecked
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 
@@ -31,7 +31,8 @@ def check_stopping(rover: CheckedRover) -> list[CheckFinding]:
     name, fastest = asked.speed if asked.speed is not None else ("", None)
     perceives, limit = rover.perceives, None
     if (judging := perceives.judging) is not None:
-        config, limit = with_settings(config, judging), judging.thresholds.tile
+        reach = HoldGate(config).reach(fastest)
+        config, limit = with_settings(config, judging, reach), judging.thresholds.tile
     judged = judge_stopping(config, perceives.step, limit, fastest, asked.overrun)
     if isinstance(judged, str):
         if rover.holds and not config.stopping.unchecked:

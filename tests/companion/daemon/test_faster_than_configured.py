@@ -7,12 +7,14 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.errors import SettingsError
 from companion.config import Config
 from companion.config.schema import MountSection, StoppingSection
-from companion.config.stopping import ground_region
+from companion.config.stopping import Stopping, ground_region, judge_stopping, with_settings
+from companion.daemon.policy import hold_gate
 from companion.wire.ids import Motion
 from tests.anytraverse.conftest import HEIGHT, WIDTH
-from tests.companion.daemon.rig import AUTO, HOLD, MakeRig, Rig
+from tests.companion.daemon.rig import AUTO, HOLD, MANUAL, MakeRig, Rig
 
 
 @pytest.fixture
@@ -94,10 +96,56 @@ def test_a_speed_at_which_it_cannot_stop_in_time_is_a_fault_until_it_stands(driv
     assert driving.stage.mode == AUTO
 
 
+@pytest.mark.parametrize("gap", [0.9, 1.1, 2.5])
+def test_one_wrong_report_of_the_speed_holds_nobody(driving: Rig, gap: float) -> None:
+    drive(driving, 0.5, 6.0)
+    driving.see(gap)
+    drive(driving, 3.0, 0.8)
+    assert driving.state == ("OK", 0)
+    assert driving.stage.mode == AUTO
+
+
+def test_where_the_speed_is_lost_the_region_stays_as_long_as_it_was(driving: Rig) -> None:
+    drive(driving, 3.0, 1.2)
+    further = reach(driving)
+    driving.see(10.0)
+    assert reach(driving) == further is not None
+
+
+def test_how_fast_a_human_drives_counts_for_nothing(driving: Rig) -> None:
+    driving.stage.mode = MANUAL
+    drive(driving, 5.0, 6.0)
+    assert driving.state == ("OK", 0)
+    driving.stage.mode = AUTO
+    drive(driving, 2.0, 0.8)
+    assert (driving.state, driving.stage.mode) == (("OK", 0), AUTO)
+
+
+def test_a_speed_that_only_the_longer_region_allows_is_allowed(driving: Rig) -> None:
+    driving.stage.mode = AUTO
+    drive(driving, 4.0, 1.6)
+    assert driving.state == ("OK", 0)
+    config, judging = driving._config(), driving.calls.numbers.judging
+    fixed = with_settings(config, judging)
+    alone = judge_stopping(fixed, driving.step_time, judging.thresholds.tile, 1.5)
+    assert isinstance(alone, Stopping)
+    assert not alone.enough, "the configured region is too short for it"
+
+
+def test_a_camera_that_looks_aside_keeps_its_region(driving: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    def too_little(*_: object) -> None:
+        raise SettingsError("the camera looks aside")
+
+    monkeypatch.setattr(hold_gate, "ground_region", too_little)
+    drive(driving, 3.0, 1.2)
+    assert reach(driving) is None
+
+
 def test_sides_that_the_ground_set_stay_where_they_are(driving: Rig) -> None:
     driving.set("AT_ROI_T", 0.4)
     drive(driving, 3.0, 1.2)
     assert driving.calls.numbers.judging.metres is None
+    assert reach(driving) is None
     region = driving.calls.numbers.judging.region
     newest = driving.calls.reason_filter.newest
     assert newest is not None

@@ -16,7 +16,8 @@ def after(configured: float | None, speeds: Sequence[float | None], every: float
     """What counts after each report of the speed, as commanded."""
     followed, told = ExcessSpeed(configured), list[float | None]()
     for number, speed in enumerate(speeds):
-        followed.follow(None if speed is None else OVERSHOOT * speed, number * every)
+        if speed is not None:
+            followed.reported(OVERSHOOT * speed, number * every)
         told.append(followed.speed)
     return told
 
@@ -42,13 +43,34 @@ def test_it_is_never_more_than_was_driven_nor_less_than_was_driven_for_a_second(
     for number, counted in enumerate(told):
         assert counted is None or counted <= max(speed or 0.0 for speed in speeds[: number + 1]) + 0.126
         if number >= 11:
-            least = min(speed or 0.0 for speed in speeds[number - 11 : number + 1])
-            assert least <= (counted or 1.0) + 0.126
+            lately = speeds[number - 11 : number + 1]
+            if None not in lately:
+                assert min(speed or 0.0 for speed in lately) <= (counted or 1.0) + 0.126
 
 
 @pytest.mark.parametrize("glitch", [3.0, 50.0])
 def test_a_glitch_does_not_count(glitch: float) -> None:
     assert set(after(1.0, [1.0] * 5 + [glitch] * 9 + [1.0] * 5)) == {None}
+
+
+@pytest.mark.parametrize("gap", [1.1, 1.5, 2.5, 8.0])
+def test_one_wrong_report_and_then_none_counts_for_nothing(gap: float) -> None:
+    followed = ExcessSpeed(1.0)
+    for at, speed in ((0.0, 1.0), (0.5, 1.0), (1.0, 6.0), (1.0 + gap, 1.0), (1.5 + gap, 1.0)):
+        for _ in range(3):  # each turn of the main loop sees the newest report
+            followed.reported(speed, at)
+        assert followed.speed is None
+
+
+def test_what_counts_stays_while_no_report_comes_and_a_human_ends_it() -> None:
+    followed = ExcessSpeed(1.0)
+    for number in range(6):
+        followed.reported(2.0 * OVERSHOOT, 0.5 * number)
+    assert followed.speed == 2.0
+    followed.reported(1.0, 60.0)
+    assert followed.speed == 2.0, "slow for the first time after a minute without a report"
+    followed.forget()
+    assert followed.speed is None
 
 
 def test_without_a_configured_speed_nothing_is_in_excess() -> None:

@@ -152,7 +152,7 @@ def compose(
     status = Status(link, vision, calls, settings, records, computer, view=view)
     call_texts, pointing = CallTexts(link.texts, link.alerts, calls, records), Pointing(calls, link)
     shadow, live_picture = ShadowReporter(statistics, link.texts), LivePicture(vision)
-    ground_view = GroundView(config, calls)
+    ground_view = GroundView(policy)
     video_pictures = VideoPictures(vision, pointing, call_texts, config.video.rate)
     recording = Recording(
         vision, calls, settings, position.clock, rate=config.recording.rate, config=format_config(config)

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 from anytraverse.grid_map import GridMap, draw_from_above
-from companion.calls.machine import OperatorCalls
-from companion.config import Config
-from companion.config.stopping import Stopping, judge_stopping
+from companion.config.stopping import Stopping
+from companion.daemon.policy.service import PolicyService
 from companion.daemon.turn import Event, Observer, Turn
 from companion.storage.served_files import png
 from companion.vision.client import VisionResult
 from companion.vision.messages import GroundMap
 
-FRESH = 5.0
+FRESH = 2.5
 """Seconds for which a map is shown: it comes once a second."""
 
 
 class GroundView(Observer):
     """Is shown on the page, and served as /maps/from_above.png."""
 
-    def __init__(self, config: Config, calls: OperatorCalls) -> None:
-        judged = judge_stopping(config)
-        self._stops = judged.needs if isinstance(judged, Stopping) else None
-        self._calls = calls
+    def __init__(self, policy: PolicyService) -> None:
+        """policy: tells by which region frames are judged, and what stopping needs."""
+        self._policy = policy
         self._newest: GridMap | None = None
         self._drawn: tuple[GridMap, bytes] | None = None
 
@@ -38,6 +37,9 @@ class GroundView(Observer):
         if newest is None or time.monotonic() - newest.at > FRESH:
             return b""
         if self._drawn is None or self._drawn[0] is not newest:
-            picture = draw_from_above(newest, self._calls.numbers.judging.metres, self._stops)
-            self._drawn = newest, png(picture)
+            ground, stopping = self._policy.judging.metres, self._policy.stopping
+            if ground is not None and self._policy.reach is not None:
+                ground = replace(ground, far=max(ground.far, self._policy.reach))
+            stops = stopping.needs if isinstance(stopping, Stopping) else None
+            self._drawn = newest, png(draw_from_above(newest, ground, stops))
         return self._drawn[1]

@@ -63,3 +63,16 @@ def test_without_a_pose_or_an_age_of_seconds_there_is_none(driving: Rig) -> None
     driving.see(0.1)
     with pytest.raises(MissingError):
         served(driving)
+
+
+def test_the_region_and_where_it_stands_are_those_of_the_speed_that_counts(driving: Rig) -> None:
+    drive(driving, 3.0)
+    shown = served(driving)
+    drive(driving, 6.0, speed=140)
+    faster = served(driving)
+
+    def top(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
+        return int(np.flatnonzero((picture == colour).all(axis=2).any(axis=1))[0])
+
+    for colour in ((255, 255, 255), (200, 30, 30)):
+        assert top(faster, colour) < top(shown, colour) - 10

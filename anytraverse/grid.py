@@ -47,10 +47,12 @@ _FASTEST, _STEP = 5.0, 0.2
 """m/s and m: odometry that goes farther between two frames has jumped."""
 _QUICKEST, _TURN = 120.0, 5.0
 """degrees/s and degrees: the same of its heading."""
-_FARTHEST = 1e6
+FARTHEST = 1e6
 """m from its start within which odometry is believed."""
 _BODY = 1.0
 """m behind the last ground before a thing that are the thing's own, or hidden: nothing is known there."""
+_FINEST = 96
+"""Pixels a side of the maps that are used; the built-in's have 64."""
 _BINS_A_PIXEL = 2
 """Bins of bearings, for each of the picture's columns in its middle."""
 _MIDDLE = SIDE // 2
@@ -105,10 +107,19 @@ class LocalGrid:
         self.pose, self._at = None, -math.inf
 
     def update(self, maps: Maps, camera: GroundCamera, pose: Pose | None, now: float) -> None:
-        """Take in a frame. camera: leaning as it did at `now`, the frame's capture in monotonic seconds."""
+        """Take in a frame. camera: leaning as it did at `now`, the frame's capture in monotonic seconds.
+
+        Maps of more than `_FINEST` pixels a side are made coarser, so that the work is bounded.
+        """
         self.move(pose, now)
         if self.pose is not None and max(abs(camera.pitch), abs(camera.bank)) <= STEEPEST:
-            self._see(maps, camera, self.pose)
+            drivable, uncertainty = maps.drivable, maps.uncertainty
+            for axis in (0, 1):
+                if (size := drivable.shape[axis]) > _FINEST:
+                    starts = np.arange(_FINEST) * size // _FINEST
+                    drivable = np.logical_and.reduceat(drivable, starts, axis=axis)
+                    uncertainty = np.maximum.reduceat(uncertainty, starts, axis=axis)
+            self._see(drivable, uncertainty, camera, self.pose)
 
     def move(self, pose: Pose | None, now: float) -> None:
         """Let time pass and the vehicle drive, without a frame."""
@@ -187,9 +198,9 @@ class LocalGrid:
             layer.fill(empty)
             layer[to_rows, to_columns] = kept
 
-    def _see(self, maps: Maps, camera: GroundCamera, pose: Pose) -> None:
+    def _see(self, drivable: Mask, uncertainty: Layer, camera: GroundCamera, pose: Pose) -> None:
         """Mark the cells that the frame shows."""
-        height, width = maps.drivable.shape
+        height, width = drivable.shape
         begin = _MIDDLE - _REACH
         numbers = np.arange(begin, _MIDDLE + _REACH + 1) + 0.5
         x, y = ((numbers + self.corner[axis]) * CELL - pose[axis] for axis in (0, 1))
@@ -200,7 +211,7 @@ class LocalGrid:
         away = x * x + y * y
         shown = (depth > 0.0) & (across >= 0.0) & (down >= 0.0) & (away <= RELIABLE * RELIABLE)
         rows, columns = np.nonzero(shown & (across < width * depth) & (down < height * depth))
-        feet = _Feet(~maps.drivable, camera)
+        feet = _Feet(~drivable, camera)
         bins = feet.bins(np.arctan2(y[rows, 0], x[columns]) - math.radians(pose.heading))
         ways = np.sqrt(away[rows, columns])
         seen = ways <= feet.far[bins]
@@ -214,8 +225,8 @@ class LocalGrid:
         )
         cells = rows + begin, columns + begin
         weight = np.where(self.age[cells] <= REMEMBERED, np.float32(_NEWEST), np.float32(1.0))
-        self.share[cells] += weight * ((maps.drivable[pixels] & ground) - self.share[cells])
-        self.uncertainty[cells] += weight * (maps.uncertainty[pixels] - self.uncertainty[cells])
+        self.share[cells] += weight * ((drivable[pixels] & ground) - self.share[cells])
+        self.uncertainty[cells] += weight * (uncertainty[pixels] - self.uncertainty[cells])
         self.age[cells] = 0.0
         if feet.below > 0.0:
             rows, columns = np.nonzero(away <= feet.below * feet.below)
@@ -255,11 +266,12 @@ class _Feet:
         near[last_row] = far[last_row] = 0.0
         bins = self.bins(np.arctan2(ground[1:, :, 1], ground[1:, :, 0]))
         first, last = bins[rows, columns + 1], bins[rows, columns]
-        more = np.arange(int((last - first).max(initial=0)) + 1)
         order = np.argsort(-near)  # of those in one bin the last assigned stays: the nearest
-        at = np.minimum(first[order, np.newaxis] + more, last[order, np.newaxis])
+        counts = np.maximum(last - first, 0)[order] + 1
+        ends = counts.cumsum()
+        at = np.repeat(first[order] + counts - ends, counts) + np.arange(ends[-1] if ends.size else 0)
         self.near, self.far = np.full((2, self._count), np.inf)
-        self.near[at], self.far[at] = near[order, np.newaxis], far[order, np.newaxis]
+        self.near[at], self.far[at] = np.repeat(near[order], counts), np.repeat(far[order], counts)
 
     def bins(self, bearings: Floats) -> Cells:
         """Return the bin of each bearing, in rad to the left of the vehicle's nose."""
@@ -274,7 +286,7 @@ def _overlap(by: int) -> tuple[slice, slice]:
 
 
 def _believable(pose: Pose, now: float) -> bool:
-    return all(map(math.isfinite, (*pose, now))) and max(abs(pose.x), abs(pose.y)) <= _FARTHEST
+    return all(map(math.isfinite, (*pose, now))) and max(abs(pose.x), abs(pose.y)) <= FARTHEST
 
 
 def _drives(one: Pose, other: Pose, passed: float) -> bool:

@@ -92,7 +92,8 @@ class Odometry:
 
     def __init__(self) -> None:
         self._last: MotionReport | None = None
-        self._starts = 0
+        self._x = -_APART
+        """Of the newest pose."""
 
     def take(
         self, report: MotionReport, heading: float, yaw_rate: float, speed: float | None
@@ -108,8 +109,9 @@ class Odometry:
         moved = report._replace(speed=speed, yaw_rate=-yaw_rate)
         pose = None if last is None else self._next(last, moved, -heading)
         if pose is None:
-            pose, self._starts = Pose(_APART * self._starts, 0.0, -heading), self._starts + 1
-        self._last = moved._replace(pose=pose)
+            # The other way than the last time, so that it stays near enough to be exact.
+            pose = Pose(self._x - math.copysign(_APART, self._x), 0.0, -heading)
+        self._x, self._last = pose.x, moved._replace(pose=pose)
         return self._last
 
     @staticmethod

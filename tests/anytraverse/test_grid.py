@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -288,3 +289,23 @@ def test_left_is_left_in_a_patch() -> None:
     blocked = np.argwhere(grid.patch(REGION).known & ~grid.patch(REGION).drivable)
     assert blocked[:, 1].max() < 5
     assert abs(4.8 - (blocked[:, 0].mean() + 0.5) * CELL - 3.0) < 0.2
+
+
+@pytest.mark.parametrize("side", [48, 96, 352])
+def test_its_memory_is_bounded_however_fine_the_maps_and_however_steep_the_camera(side: int) -> None:
+    steep = GroundCamera.pinhole(1.0, 45.0, 90.0, 4 / 3, front=0.3).leaning(-11.0, 0.0)
+    grid = LocalGrid()
+    tracemalloc.start()
+    grid.update(maps(np.ones((side, side), bool)), steep, START, 1.0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 60 << 20
+    assert not grid.drivable.any()
+
+
+def test_what_is_small_in_fine_maps_still_marks_its_foot() -> None:
+    thing = np.zeros((352, 352), bool)
+    thing[230:236, 170:173] = True
+    grid = LocalGrid()
+    grid.update(maps(thing), CAMERA, START, 1.0)
+    assert grid.blocked.any()

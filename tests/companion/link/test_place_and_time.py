@@ -66,6 +66,32 @@ def test_speed_and_heading_add_up_to_a_pose() -> None:
     assert backwards.speed == pytest.approx(-1.5, abs=0.01)
 
 
+def test_a_right_turn_towards_the_east_is_one_to_the_right() -> None:
+    stage, poses = LoopbackLink(), []
+    for number in range(10):
+        yaw = math.radians(45.0 + 9.0 * number)  # at 22.5 degrees a second, since two messages take 0.4 s
+        north, east = (round(150 * way(yaw)) for way in (math.cos, math.sin))
+        told(stage, mavlink.MAVLink_global_position_int_message(0, 1, 1, 0, 0, north, east, 0, 0))
+        turning = mavlink.MAVLink_attitude_message(0, 0.0, 0.0, yaw, 0.5, 0.0, math.radians(22.5))
+        motion = told(stage, turning).motion
+        assert motion is not None
+        assert motion.speed == pytest.approx(1.5, abs=0.01)
+        assert motion.yaw_rate == pytest.approx(-22.5, abs=0.01)
+        assert motion.pose is not None
+        poses.append(motion.pose)
+    first, pose = poses[0], poses[-1]
+    turn = math.radians(first.heading)
+    ahead, left = (pose.x - first.x), (pose.y - first.y)
+    ahead, left = (
+        ahead * math.cos(turn) + left * math.sin(turn),
+        left * math.cos(turn) - ahead * math.sin(turn),
+    )
+    chord = 2 * (1.5 / math.radians(22.5)) * math.sin(math.radians(81.0) / 2)
+    assert (ahead, left) == pytest.approx(
+        (chord * math.cos(math.radians(40.5)), -chord * math.sin(math.radians(40.5))), abs=0.1
+    )
+
+
 def test_an_old_attitude_is_forgotten() -> None:
     stage = LoopbackLink()
     told(stage, attitude(0.0, 0.0, 1.0))

@@ -143,6 +143,16 @@ def test_where_it_is_not_known_how_it_moved_it_starts_far_away(
     assert math.dist(before[:2], after[:2]) > 900.0
 
 
+def test_however_often_it_starts_anew_it_stays_near_enough_to_be_exact() -> None:
+    odometry, before = Odometry(), None
+    for number in range(2000):
+        pose = odometry.take(MotionReport(2.0 * number, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 1.0).pose
+        assert pose is not None
+        assert abs(pose.x) < 3000.0
+        assert before is None or math.dist(before[:2], pose[:2]) > 900.0
+        before = pose
+
+
 def test_after_a_while_without_a_speed_it_starts_far_away() -> None:
     reports = driven([(0.0, 0.0, speed) for speed in (1.0, None, 1.0)])
     before, _, after = (report.pose for report in reports)

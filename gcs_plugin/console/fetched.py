@@ -19,6 +19,7 @@ from companion.wire.documents import (
     read_state,
 )
 from companion.wire.ids import Kind, Stage, newest_first, words_hash
+from companion.wire.json_values import DocumentError
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.client.rovers import TrackedCall, TrackedRover
 from gcs_plugin.console.calls import CallStory, Stories
@@ -200,8 +201,9 @@ class Fetched:
             self.files.want(known.picture, Rank.RECORD, take)
 
     def _take_ground(self, png: bytes) -> None:
-        if picture_size(png) is not None:
-            self.ground, self.grounds = png, self.grounds + 1
+        if picture_size(png) is None:
+            raise DocumentError("it is no picture")
+        self.ground, self.grounds = png, self.grounds + 1
 
     def _want_earlier(self) -> None:
         """List the rover's calls, then fetch the records and small pictures of the newest."""

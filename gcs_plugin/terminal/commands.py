@@ -22,7 +22,9 @@ MAX_LINE = 1000
 _ROVER = re.compile(r"rover\s+(\d{1,3})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
 _CALL = re.compile(r"[ch]?(\d{1,5})(?:\s*:\s*|\s+|\Z)", re.ASCII | re.IGNORECASE)
 _POLICY = re.compile(r"policy(?:\s+([a-z]+))?\Z", re.ASCII | re.IGNORECASE)
-_PICTURE = re.compile(r"picture(?:\s+[ch]?(\d{1,5}))?(?:\s+(large|raw|ground))?\Z", re.ASCII | re.IGNORECASE)
+_PICTURE = re.compile(
+    r"picture(?:(?:\s+[ch]?(\d{1,5}))?(?:\s+(large|raw))?|\s+(ground))\Z", re.ASCII | re.IGNORECASE
+)
 _INCIDENT = re.compile(r"(cancel\s+)?incident(?:\s+[ch]?(\d{1,5}))?\Z", re.ASCII | re.IGNORECASE)
 
 
@@ -86,7 +88,7 @@ def _command(rest: str) -> Command:
     if found := _POLICY.match(rest):
         return SetPolicy(_policy(found[1]))
     if found := _PICTURE.match(rest):
-        return FetchPicture(_number(found[1]), (found[2] or "").lower())
+        return FetchPicture(_number(found[1]), (found[2] or found[3] or "").lower())
     if found := _INCIDENT.match(rest):
         kind = CancelIncident if found[1] else PackIncident
         return Answer(0, Motion.NONE, (kind(_number(found[2]) or 0),))

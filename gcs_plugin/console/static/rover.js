@@ -71,7 +71,7 @@ export class RoverView {
     this.tracked.hidden = !this.track.show(track, rover.position, rover.calls, corners);
     this.words.show(rover);
     this.place.show(rover.known_place);
-    this.ground.show(rover.ground);
+    this.ground.show(rover.ground, time);
     for (const button of this.policy.children) button.setAttribute("aria-pressed", String(button.value === rover.policy));
     showText(this.policyText, rover.policy ? model.policyText(rover.policy) : "Its policy is not known yet.");
     showFacts(this.facts, model.facts(rover, time));

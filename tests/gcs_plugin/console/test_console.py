@@ -398,6 +398,7 @@ def test_the_ground_from_above_is_fetched_when_asked_for_and_again(
         desk.post("fetch", what="ground")
         desk.until(lambda: not desk.rover()["ground"]["coming"])
         assert desk.console.ground(1) == PNG, "rubbish replaces nothing"
+        assert desk.rover()["ground"]["problem"]
     served["from_above.png"] = PNG + b"1"
     desk.post("fetch", what="ground")
     desk.until(lambda: desk.console.ground(1) == PNG + b"1")

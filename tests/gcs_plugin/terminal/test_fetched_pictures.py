@@ -210,8 +210,9 @@ def test_picture_is_a_command_with_an_id_and_a_size() -> None:
     assert parse("Picture 12") == (None, FetchPicture(12))
     with pytest.raises(CommandError):
         parse("picture 70000")
-    with pytest.raises(CommandError):
-        parse("picture of a drum")
+    for wrong in ("picture of a drum", "picture 7 ground", "picture ground 7"):
+        with pytest.raises(CommandError):
+            parse(wrong)
 
 
 def test_the_name_here_never_comes_from_the_air(thing_call: CallReport) -> None:

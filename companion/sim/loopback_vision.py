@@ -79,7 +79,7 @@ class LoopbackVision:
         if self._worker is not None and self._tuned and not self.hung and not self.death:
             judged = self._worker.judge(frame)
             self.report(replace(judged, duration=max(judged.duration, self.frame_s)))
-            if (ground := self._worker.ground_map()) is not None:
+            if (ground := self._worker.remember_ground(judged.assessment)) is not None:
                 self.report(ground)
 
     def live(self, camera: CameraStatus, delivered_at: float | None) -> None:

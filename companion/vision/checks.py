@@ -12,7 +12,7 @@ import numpy as np
 from anytraverse.answers import LARGEST_EXAMPLES, MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Assessment, Maps
 from anytraverse.frame import is_intrinsics
-from anytraverse.grid import SIDE
+from anytraverse.grid import FARTHEST, SIDE
 from anytraverse.ground import RELIABLE
 from anytraverse.history import MAX_REFUSED, Embedding, Entry
 from anytraverse.judging import Settings
@@ -100,8 +100,10 @@ def _check(message: Report, expected: Expected, now: float) -> None:
             _need(lens is None or is_intrinsics(lens), "the intrinsics of a camera")
             _need(delivered_at is None or _past(delivered_at, now), "when a frame came")
         case GroundMap(content):
-            _need(_past(content.at, now) and _finite(*content.pose), "when and where ground was seen")
-            _need(all(abs(one) <= LARGEST_WHOLE for one in content.corner), "where a grid lies")
+            _need(content.at >= 0.0 and _past(content.at, now), "when ground was seen")
+            _need(
+                all(abs(one) <= FARTHEST for one in (*content.pose, *content.corner)), "where ground was seen"
+            )
             sizes = {len(content.share), len(content.uncertainty)}
             _need(sizes == {SIDE * SIDE}, "the cells of a grid")
         case Scenes(entries):
@@ -152,7 +154,8 @@ def _check_assessment(seen: Assessment, settings: Settings, now: float) -> None:
     _need(seen.frame.depth is None and seen.frame.intrinsics is None, "a depth, which is left out")
     lean = seen.frame.lean
     _need(lean is None or (_finite(*lean) and max(map(abs, lean)) <= LARGEST_LEAN), "how the vehicle leans")
-    _need(seen.frame.pose is None or _finite(*seen.frame.pose), "the vehicle's pose")
+    pose = seen.frame.pose
+    _need(pose is None or all(abs(one) <= FARTHEST for one in pose), "the vehicle's pose")
     _need(seen.frame.reach is None or 0.0 < seen.frame.reach <= RELIABLE, "how far the ground is judged")
     if (observation := seen.observation) is not None:
         _need(observation.frame.id == seen.frame.id, "an observation of another frame")

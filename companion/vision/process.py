@@ -213,7 +213,8 @@ def _judge_frames(port: SupervisorChannel, worker: Worker, reader: CameraThread,
         answers.judged()
         if judged.update is not None or port.has_room():
             port.send(judged)
-        if port.has_room() and (ground := worker.ground_map()) is not None:
+        ground = worker.remember_ground(judged.assessment)
+        if ground is not None and port.has_room():
             port.send(ground)
 
 

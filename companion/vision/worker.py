@@ -115,7 +115,6 @@ class Worker:
             seen = self._engine.fault(frame, time.monotonic(), "the perceiver failed")
         now, levels = time.monotonic(), luma(frame.image)
         seen = self._with_age(seen, now, self._camera_faults(levels, started))
-        self._remember_ground(seen)
         self._recent[frame.id] = seen
         while len(self._recent) > RECENT:
             self._recent.popitem(last=False)
@@ -125,19 +124,20 @@ class Worker:
         duration = now - started
         return FrameJudged(seen, self.revision, now, duration, shares, levels, update, infrared, self._tuning)
 
-    def ground_map(self) -> GroundMap | None:
-        """Return what is known of the ground round the vehicle, once a second; None where it is not known."""
-        frame = next(reversed(self._recent.values())).frame if self._recent else None
-        if frame is None or frame.captured_at < self._mapped_at + MAPPED_EVERY:
-            return None
-        found = GridMap.of(self._grid, frame.captured_at)
+    def remember_ground(self, seen: Assessment) -> GroundMap | None:
+        """Mark in the grid what a judged frame shows; a frame with a fault shows nothing.
+
+        Return what is known of the ground, once a second, and None where it is not known.
+        """
+        at = seen.frame.captured_at
+        self._mark_ground(seen)
+        found = GridMap.of(self._grid, at) if at >= self._mapped_at + MAPPED_EVERY else None
         if found is None:
             return None
-        self._mapped_at = frame.captured_at
+        self._mapped_at = at
         return GroundMap(found)
 
-    def _remember_ground(self, seen: Assessment) -> None:
-        """Mark in the grid what a frame shows; a frame with a fault shows nothing."""
+    def _mark_ground(self, seen: Assessment) -> None:
         ground, frame = self._engine.settings.metres, seen.frame
         try:
             if ground is None or seen.maps is None or Reason.FAULT in seen.reasons:

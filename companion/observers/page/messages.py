@@ -27,7 +27,7 @@ class PageMessageKind(bytes, Enum):
     which both processes share: a message may have waited for a process that was stopped."""
 
     MAP = b"m"
-    """What is known of the ground, from above, of the same moment as the picture. data: PNG, b"" for none."""
+    """What is known of the ground, from above, as a picture is shown. data: PNG, b"" for none of late."""
 
 
 ALIVE, WANTED, ANSWER = b"a", b"w", b"r"

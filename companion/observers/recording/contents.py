@@ -96,7 +96,7 @@ def assessment(
         "duration": duration,
         "age": seen.age,
         "lean": seen.frame.lean,
-        "pose": seen.frame.pose and tuple(seen.frame.pose),
+        "pose": seen.frame.pose,
         "reach": seen.frame.reach,
         "ok": seen.ok,
         "reasons": seen.reasons,

@@ -250,6 +250,14 @@ def test_a_frame_has_the_lean_of_its_own_moment(stage: Stage) -> None:
     assert lean == pytest.approx((1.0, -2.0)), "the report that is nearest in time"
 
 
+def test_a_frame_has_the_pose_of_its_own_moment(stage: Stage) -> None:
+    at = time.monotonic() - 0.3
+    moving = MotionReport(at + 0.1, 0.0, 0.0, 0.0, 0.0, Pose(5.0, 0.0, 0.0), speed=2.0)
+    stage.worker.handle(Situation(Place(), motion=moving))
+    pose = stage.look(age=time.monotonic() - at).assessment.frame.pose
+    assert pose == pytest.approx((4.8, 0.0, 0.0), abs=0.02), "0.1 s before the report, at 2 m/s"
+
+
 def test_reports_of_the_lean_that_come_very_often_push_out_no_older_ones_that_a_late_frame_needs(
     stage: Stage,
 ) -> None:
@@ -262,7 +270,7 @@ def test_reports_of_the_lean_that_come_very_often_push_out_no_older_ones_that_a_
     assert lean_then[0] < 0.1
 
 
-def in_metres(stage: Stage, *, speed: float = 1.0) -> list[GroundMap]:
+def in_metres(stage: Stage, lean: tuple[float, float] = (0.0, 0.0)) -> list[GroundMap]:
     """What is told of the ground in three seconds of a drive, as a region in metres is in force."""
     camera = GroundCamera.pinhole(1.0, 20.0, 75.0, WIDTH / HEIGHT)
     ground = GroundRegion(camera, near=1.5, far=4.5, width=1.4, vehicle=0.6)
@@ -271,21 +279,26 @@ def in_metres(stage: Stage, *, speed: float = 1.0) -> list[GroundMap]:
     told, now = [], time.monotonic() - 3.0
     for number in range(12):
         at = now + 0.25 * number
-        motion = MotionReport(at, 0.0, 0.0, 0.0, 0.0, Pose(0.25 * speed * number, 0.0, 0.0), speed)
+        motion = MotionReport(at, *lean, 0.0, 0.0, Pose(0.25 * number, 0.0, 0.0), 1.0)
         stage.worker.handle(Situation(Place(), motion=motion))
-        stage.look(age=time.monotonic() - at)
-        told.append(stage.worker.ground_map())
+        told.append(stage.worker.remember_ground(stage.look(age=time.monotonic() - at).assessment))
     return [one for one in told if one is not None]
 
 
 def test_the_ground_is_told_once_a_second_where_it_is_known_in_metres(stage: Stage) -> None:
-    stage.look()
-    assert stage.worker.ground_map() is None
+    assert stage.worker.remember_ground(stage.look().assessment) is None
     told = [one.content for one in in_metres(stage)]
     assert len(told) == 3
     assert all(0.9 < later.at - sooner.at < 1.3 for sooner, later in pairwise(told))
     known = [int((one.layers[0] != UNKNOWN).sum()) for one in told]
     assert known[0] < known[1] < known[2], "what it has passed is remembered"
+
+
+def test_the_ground_is_marked_as_the_vehicle_leans(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[GroundCamera] = []
+    monkeypatch.setattr(LocalGrid, "update", lambda _grid, _maps, camera, *_: seen.append(camera))
+    in_metres(stage, lean=(3.0, -2.0))
+    assert {(camera.pitch, camera.bank) for camera in seen} == {(3.0, -2.0)}
 
 
 def test_a_frame_with_a_fault_marks_no_ground(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:

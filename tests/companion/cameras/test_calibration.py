@@ -257,6 +257,13 @@ _PIECES = st.sampled_from(
 )
 
 
+def own_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same for each example. Other tests name what they write beside it as they like."""
+    folder = tmp_path_factory.getbasetemp() / "calibrations"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
 def _read_or_refused(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     told = ""
@@ -274,7 +281,7 @@ def _read_or_refused(path: Path, content: bytes) -> None:
 def test_whatever_stands_in_a_file_it_is_read_or_refused_in_words(
     tmp_path_factory: pytest.TempPathFactory, content: bytes
 ) -> None:
-    _read_or_refused(tmp_path_factory.getbasetemp() / "rubbish.yml", content)
+    _read_or_refused(own_folder(tmp_path_factory) / "rubbish.yml", content)
 
 
 @settings(max_examples=300, deadline=None)
@@ -287,7 +294,7 @@ def test_whatever_stands_in_a_file_it_is_read_or_refused_in_words(
 def test_a_damaged_file_is_read_or_refused_in_words(
     tmp_path_factory: pytest.TempPathFactory, ending: str, damages: list[tuple[int, int, bytes]]
 ) -> None:
-    folder = tmp_path_factory.getbasetemp()
+    folder = own_folder(tmp_path_factory)
     whole = folder / f"whole.{ending}"
     if not whole.exists():
         whole.write_text(ROS) if ending == "ros" else written(whole)

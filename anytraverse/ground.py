@@ -200,6 +200,12 @@ class GroundRegion:
         near, far = max(near, camera.nearest(width)), min(far, RELIABLE - camera.front)
         return cls(camera, near, far, width, vehicle)
 
+    def reaching(self, reach: float | None) -> GroundRegion:
+        """Return one that ends at `reach` m, or where ground is known; itself where that is no farther."""
+        if reach is None or reach <= self.far:
+            return self
+        return replace(self, far=min(reach, RELIABLE - self.camera.front))
+
     def in_picture(self, lean: tuple[float, float] | None) -> RegionInPicture:
         """Return how it appears when the vehicle leans so: pitch and bank in degrees, None: not at all."""
         return _in_picture(self, lean or (0.0, 0.0))

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from anytraverse.errors import SettingsError
-from anytraverse.ground import NOWHERE, RELIABLE, GroundRegion
+from anytraverse.ground import NOWHERE, GroundRegion
 from anytraverse.perception import DefaultThresholds
 from anytraverse.pooling import POOLINGS, UNCERTAINTIES
 from anytraverse.regions import Box, Region, TileScale
@@ -137,11 +137,7 @@ class Settings:
         themselves where no region in metres is known.
         """
         ground = self.metres
-        if ground is None:
-            return self
-        if reach is not None and reach > ground.far:
-            ground = replace(ground, far=min(reach, RELIABLE - ground.camera.front))
-        return _seen(self, ground, lean)
+        return self if ground is None else _seen(self, ground.reaching(reach), lean)
 
     @property
     def metres(self) -> GroundRegion | None:

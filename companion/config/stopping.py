@@ -166,7 +166,7 @@ def with_settings(config: Config, judging: Settings, reach: float | None = None)
     if ground is None:
         mount = replace(config.mount, width=None)
         return replace(config, roi=replace(roi, tile_share=judging.tile_side), mount=mount)
-    far = max(ground.far, reach or 0.0)
+    far = ground.reaching(reach).far
     return replace(config, roi=replace(roi, near=ground.near, far=far, width=ground.width))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 from anytraverse.grid_map import GridMap, draw_from_above
 from companion.config.stopping import Stopping
@@ -38,8 +37,7 @@ class GroundView(Observer):
             return b""
         if self._drawn is None or self._drawn[0] is not newest:
             ground, stopping = self._policy.judging.metres, self._policy.stopping
-            if ground is not None and self._policy.reach is not None:
-                ground = replace(ground, far=max(ground.far, self._policy.reach))
+            ground = None if ground is None else ground.reaching(self._policy.reach)
             stops = stopping.needs if isinstance(stopping, Stopping) else None
             self._drawn = newest, png(draw_from_above(newest, ground, stops))
         return self._drawn[1]

@@ -5,7 +5,7 @@ Course and heading are needed to see that it drives backwards.
 
 from __future__ import annotations
 
-from companion.config.stopping import describe_tile, judge_stopping, with_settings
+from companion.config.stopping import describe_tile, judge_stopping
 from companion.daemon.policy.hold_gate import HoldGate, unchecked
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
@@ -29,11 +29,11 @@ def check_stopping(rover: CheckedRover) -> list[CheckFinding]:
         return [passed(CHECK, "the companion that runs allows policy hold")]
     config, asked = rover.config, rover.asked
     name, fastest = asked.speed if asked.speed is not None else ("", None)
-    perceives, limit = rover.perceives, None
-    if (judging := perceives.judging) is not None:
-        reach = HoldGate(config).reach(fastest)
-        config, limit = with_settings(config, judging, reach), judging.thresholds.tile
-    judged = judge_stopping(config, perceives.step, limit, fastest, asked.overrun)
+    perceives = rover.perceives
+    if perceives.judging is None:
+        judged = judge_stopping(config, perceives.step, None, fastest, asked.overrun)
+    else:
+        judged = HoldGate(config).stopping(perceives.judging, perceives.step, asked.overrun, fastest)
     if isinstance(judged, str):
         if rover.holds and not config.stopping.unchecked:
             return [failed(CHECK, unchecked(judged))]

@@ -325,4 +325,4 @@ def test_whatever_numbers_a_calibration_has_it_is_read_or_refused_in_words(
         "camera_matrix": {"rows": 3, "cols": 3, "data": [fx, 0, cx, 0, fy, cy, 0, 0, 1]},
         "distortion_coefficients": {"rows": 1, "cols": len(distortion), "data": distortion},
     }
-    _read_or_refused(tmp_path_factory.getbasetemp() / "numbers.json", json.dumps(content).encode())
+    _read_or_refused(own_folder(tmp_path_factory) / "numbers.json", json.dumps(content).encode())

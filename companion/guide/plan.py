@@ -1,0 +1,48 @@
+"""Defines what a plan is: two arcs over ground that is known to be drivable. Lengths in m, angles in degrees."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from anytraverse.frame import Pose
+
+
+class Route(NamedTuple):
+    """The way that the mission drives, as a polyline by odometry.
+
+    points: (x, y) in m, from a point behind the vehicle or beside it onwards; at least two. corridor: m to
+    each side of it that the vehicle may leave it by.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    corridor: float
+
+
+class Outline(NamedTuple):
+    """What of the vehicle's shape planning needs, in m.
+
+    width: its width. front: from the lens forward to its front. radius: of its tightest turn.
+    """
+
+    width: float
+    front: float
+    radius: float
+
+
+class Plan(NamedTuple):
+    """What was planned when a frame had been marked in the grid.
+
+    at: the frame's capture, monotonic s. pose: of the vehicle then, where the arcs begin.
+    route_clear: m from the vehicle's front along the mission's way to the first ground, over the vehicle's
+    width and margins, that is not known to be drivable; where all that can be seen is, how far that is.
+    arcs: curvature in 1/m (positive to the left) and length in m of each arc; empty where no way was found.
+    clear: m from the vehicle's front along the arcs over which all of it is known to be drivable; 0 without.
+    gap: m from the vehicle's side to the nearest ground along the arcs that is not known to be drivable.
+    """
+
+    at: float
+    pose: Pose
+    route_clear: float
+    arcs: tuple[tuple[float, float], ...] = ()
+    clear: float = 0.0
+    gap: float = 0.0

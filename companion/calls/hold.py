@@ -63,7 +63,8 @@ class Hold:
     rebooted: the autopilot rebooted and has not been armed since. No human chose the modes that it shows.
     seen: its first blocked frame, in which the operator may tap. None: not blocked yet, or it has a call.
     confirmed_at: when the autopilot first confirmed it, None before.
-    interrupted: the mission that it interrupted.
+    interrupted: the mission that it interrupted. guided_out_of: as of `ModeMonitor` when it began: once it
+    stands, that is the mode to return to.
     """
 
     id: int
@@ -87,6 +88,7 @@ class Hold:
     confirmed_at: float | None = None
     commanded_as: int = 0
     interrupted: HeldMission = field(default_factory=HeldMission)
+    guided_out_of: int | None = None
 
     def __post_init__(self) -> None:
         self.commanded_as = self.commanded_as or self.id
@@ -211,7 +213,13 @@ class Hold:
                 return None
             self.enter(HoldState.STANDING)
             self.resumed_at = None
+            if self.guided_out_of is not None:
+                self.mode_before = self.guided_out_of
             return HoldEvent.CONFIRMED
+        if self._entered_anew(report, now):
+            self.enter(HoldState.REQUESTED)
+            self.confirmed_at = None
+            self.may_brake(LONGEST_BRAKE, 0.0, now)
         if self._shows_brake(report):
             # It came after the mode before the hold: that one, shown again, is a human's.
             self.braking, self.held_at, self.resumed_at = True, report.reported_at, None
@@ -231,6 +239,13 @@ class Hold:
     def resume_under_way(self, now: float, round_trip: float) -> bool:
         """Whether a resume was commanded, and the autopilot may still carry it out."""
         return self.resumed_at is not None and (self.resume_taken or now - self.resumed_at <= round_trip)
+
+    def _entered_anew(self, report: ModeReport, now: float) -> bool:
+        """Whether the script has left GUIDED for this hold only to enter it anew, in which it brakes."""
+        if self.state is not HoldState.STANDING or self.guided_out_of is None or report.autopilot is None:
+            return False
+        since = math.inf if self.confirmed_at is None else now - self.confirmed_at
+        return report.mode == report.autopilot.brake_mode and since <= _REPORT_LAG
 
     def _shows_brake(self, report: ModeReport) -> bool:
         """Whether the mode may be the script's brake. If it is a human's, the script's answer says so."""

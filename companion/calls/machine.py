@@ -114,7 +114,7 @@ class OperatorCalls:
             self.reason_filter.things.forget()
         self.reason_filter.faults.revoke()
         self.monitor.forget_reboot()
-        if policy is not Policy.HOLD:
+        if not policy.holds:
             self.reason_filter.faults.report(Fault.POLICY, now, stands=False)
             self.holding.release(now)
             dropped = self.holding.end()
@@ -264,7 +264,7 @@ class OperatorCalls:
 
     def autopilot_silent(self, now: float) -> bool:
         """Whether the policy is hold and the autopilot's heartbeats, which came before, have stopped."""
-        return self.policy is Policy.HOLD and self.monitor.heartbeat_lost(now)
+        return self.policy.holds and self.monitor.heartbeat_lost(now)
 
     def state(self, now: float) -> State:
         """Return the state for the heartbeat: what a human should know first."""
@@ -299,7 +299,7 @@ class OperatorCalls:
             decisions += self._update_shadow(reasons, now)
         unasked = self._drives_unasked(now)
         wanted = bool(reasons) or unasked is not None
-        if self.policy is Policy.HOLD and wanted and self.hold is None and self.monitor.drives_itself(now):
+        if self.policy.holds and wanted and self.hold is None and self.monitor.drives_itself(now):
             number = self.call.id if self.call is not None else self.take_id()
             decisions.append(replace(self.holding.start(number, reasons, now), unasked=unasked))
             if unasked is not None:

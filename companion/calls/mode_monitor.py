@@ -101,12 +101,14 @@ class ModeMonitor:
     """Keeps the newest report, and decides how long it counts.
 
     newest: that report. shows_reboot: it shows that the autopilot rebooted since the report before.
+    guided_out_of: the mode out of which we have taken the vehicle to drive it round something, None: not.
     """
 
     def __init__(self, numbers: Numbers) -> None:
         self._numbers = numbers
         self.newest = ModeReport()
         self.shows_reboot = False
+        self.guided_out_of: int | None = None
         self._script_hold: ScriptHold | None = None
         self._unknown_until = self._back_at = -math.inf
         self._rebooted = False

@@ -52,6 +52,8 @@ class Debounce:
 
 
 CALLS_FOR_WORDS = frozenset({Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT})
+PASSABLE = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
+"""Reasons of something in the region of interest, which may have room beside it."""
 
 
 class ReasonFilter:
@@ -62,6 +64,8 @@ class ReasonFilter:
     and ends no reason.
 
     things: what was answered about, and is not gone. ok_run: OK frames in a row.
+    passes: what stands in the region is driven round, so that it is no reason. no_way: the vehicle cannot go
+    on round it, whatever the region shows.
     not_ok_at: when it was last not OK: because of a frame, because none came, or because of another fault.
     faults: the faults that stand, of the view and of the rest, and what a human accepted of them.
     """
@@ -72,6 +76,7 @@ class ReasonFilter:
         self.things = AnsweredThings(numbers)
         self.faults = Faults(numbers)
         self.ok_run = 0
+        self.passes = self.no_way = False
         self.was_ok = False
         """Whether any frame was OK yet. Before that the state is not OK, although no reason counts yet."""
         self.not_ok_at = now
@@ -113,7 +118,7 @@ class ReasonFilter:
         self.faults.report(Fault.VIEW, now, stands=Reason.FAULT in self._reasons_of_view(now))
         misfit = bool(self.numbers.judging.misfit)
         self.faults.report(Fault.REGION, now, stands=misfit, what="ROI does not fit" if misfit else "")
-        if not self.fresh(now) or self.faults.standing - {Fault.VIEW}:
+        if not self.fresh(now) or self.faults.standing - {Fault.VIEW} or self.no_way:
             self.not_ok_at, self.ok_run = now, 0
 
     def reasons(self, now: float) -> frozenset[Reason]:
@@ -133,7 +138,14 @@ class ReasonFilter:
         if not active and now - self._ok_at > self.numbers.freshness:
             # Frames come, but none is OK: what the newest one shows counts now, debounced or not.
             active |= self._not_accepted or {Reason.FAULT}
-        return frozenset(active)
+        if self.no_way:
+            active.add(Reason.BLOCKED)
+        return frozenset(active - PASSABLE if self.passes else active)
+
+    @property
+    def shows_passable(self) -> bool:
+        """Whether something stands in the region that stops the vehicle, unless it is driven round."""
+        return any(self._debounced[reason].active for reason in PASSABLE)
 
     def fresh(self, now: float) -> bool:
         """Whether a frame that was captured within T has been judged."""
@@ -167,7 +179,8 @@ class ReasonFilter:
         cover = self.things.cover(seen)
         self.newest = seen
         self._not_accepted = seen.reasons - cover.covered | self.things.block(seen)
-        self._ok = bool(seen.findings) and not self._not_accepted and not self._is_old(seen, now)
+        stops = self._not_accepted - PASSABLE if self.passes else self._not_accepted
+        self._ok = bool(seen.findings) and not stops and not self._is_old(seen, now)
         self.was_ok = self.was_ok or self._ok
         if self._ok:
             self._ok_at = max(self._ok_at, _captured(seen, now))

@@ -46,7 +46,7 @@ def snapshot(calls: OperatorCalls) -> dict[str, Any]:
         and {
             "id": hold.id,
             "mode": hold.mode,
-            "mode_before": hold.mode_before,
+            "mode_before": hold.mode_before if hold.guided_out_of is None else hold.guided_out_of,
             "stage": hold.state.value,
             "only_fault": hold.only_fault,
             "commanded_as": hold.commanded_as,
@@ -70,7 +70,7 @@ def restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float) -> None:
         raise ValueError(f"call {call.id} and hold {hold.id} cannot both be open")
     policy = calls.policy
     calls.restore(
-        last_id, call if policy is not Policy.OFF else None, hold if policy is Policy.HOLD else None, mode
+        last_id, call if policy is not Policy.OFF else None, hold if policy.holds else None, mode
     )
 
 

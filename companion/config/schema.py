@@ -294,7 +294,9 @@ class ThresholdsSection(Section):
 class CallSection(Section):
     """When the operator is called, and what the companion may do to the vehicle."""
 
-    policy: str = setting("report", choice("report", "shadow", "hold"), "report, shadow or hold")
+    policy: str = setting(
+        "report", choice("report", "shadow", "hold", "guide"), "report, shadow, hold or guide"
+    )
     off_channel: int = setting(0, whole(0, 18), "RC channel that switches calls and holds off, 0: none")
     off_side: str = setting(
         "high", choice("high", "low"), "the end of the channel that means off: high or low"
@@ -328,6 +330,11 @@ class CallSection(Section):
         "what stops a PX4 rover when this computer dies: off (nothing), or the end of a stream of sticks",
     )
 
+    @property
+    def holds(self) -> bool:
+        """Whether the configured policy may hold the vehicle."""
+        return self.policy in ("hold", "guide")
+
     def conflicts(self) -> Iterator[Conflict]:
         if self.off_channel and self.px4_deadman != "off":
             yield (
@@ -337,6 +344,18 @@ class CallSection(Section):
             )
         if self.votes > self.window:
             yield ("votes", "window"), f"votes {self.votes} must be at most window {self.window}"
+
+
+@dataclass(frozen=True)
+class GuideSection(Section):
+    """How the companion drives an ArduPilot rover round what leaves room, with policy guide."""
+
+    corridor: float = setting(
+        2.0, number(0.5, 10), "m to each side of the mission's way that it may be left by"
+    )
+    radius: float | None = setting(
+        None, number(0.2, 30), "radius of the vehicle's tightest turn, m; without it nothing is driven round"
+    )
 
 
 @dataclass(frozen=True)
@@ -432,6 +451,7 @@ class Config:
     corridor: CorridorSection = field(default_factory=CorridorSection)
     thresholds: ThresholdsSection = field(default_factory=ThresholdsSection)
     call: CallSection = field(default_factory=CallSection)
+    guide: GuideSection = field(default_factory=GuideSection)
     link: LinkSection = field(default_factory=LinkSection)
     journal: JournalSection = field(default_factory=JournalSection)
     pictures: PicturesSection = field(default_factory=PicturesSection)

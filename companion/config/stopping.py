@@ -14,6 +14,7 @@ from anytraverse.ground_lines import GroundLine, ground_lines
 from anytraverse.judging import LARGEST_TILE, Settings
 from anytraverse.regions import Box, Region
 from companion.config.schema import Config
+from companion.guide.rules import TAKEN_WITHIN
 from companion.vehicle.ardupilot import LONGEST_BRAKE
 from companion.vehicle.brakes import Brakes
 
@@ -226,7 +227,9 @@ def judge_stopping(
     if camera is None:
         return f"[camera] view is over {WIDEST:g} degrees, which is no pinhole's: measure on the ground"
     interval = max(step, 1.0 / config.camera.rate)
-    noticed = max(step + call.window * interval, config.freshness)
+    # Where the vehicle is to be driven round the thing, that may fail before it is held.
+    takes = TAKEN_WITHIN if call.policy == "guide" else 0.0
+    noticed = max(step + call.window * interval + takes, config.freshness)
     react = config.camera.latency + noticed + stopping.delay
     # Those of HOLD, also where the script brakes first: for several reasons it may set HOLD at once.
     brakes = Brakes.of(stopping.braking, stopping.time_constant)

@@ -87,7 +87,7 @@ class CallTexts(Observer):
             case CallOpened(call):
                 log.warning("call %d: %s", call.id, ", ".join(sorted(r.value for r in call.reasons)))
                 self._active_alert.call_opened(call)
-                if turn.policy is Policy.HOLD and report.mission_over:
+                if turn.policy.holds and report.mission_over:
                     self._send(texts.not_held(call.id), NOTICE, turn)
             case CallClosed(call):
                 log.info("call %d closed: %s", call.id, call.outcome.name.lower())

@@ -113,7 +113,7 @@ def compose(
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     echo = ParameterEcho(parameters, link, persistence.after_write)
     policy = PolicyService(link, vision, calls, policy_state, HoldGate(config), echo)
-    if policy_state.requested is Policy.HOLD:
+    if policy_state.requested.holds:
         _tell_of_stopping(config, judging, ready.step, startup_notices)
     settings = SettingsService(
         link,

@@ -169,7 +169,7 @@ class Daemon:
         """Set what the link sends to the autopilot and its script. No observer is needed for that."""
         calls, link = self._calls, self._link
         link.setpoints.on = calls.holding.streams
-        link.dead_man.on = calls.policy is Policy.HOLD and calls.holding.in_charge(now)
+        link.dead_man.on = calls.policy.holds and calls.holding.in_charge(now)
         self._state = calls.state(now)
         open_id = calls.current_id or self._deciders.test_call.id
         link.set_state(
@@ -211,6 +211,6 @@ class Daemon:
             return Reminder(notices.off(policy.state.off_by))
         if text := health.reminder():
             return Reminder(text)
-        if self._calls.policy is Policy.HOLD and (text := self._link.dead_man.reminder):
+        if self._calls.policy.holds and (text := self._link.dead_man.reminder):
             return Reminder(text, quiet=True)
         return Reminder(policy.reminder, WARNING, quiet=True)

@@ -174,7 +174,7 @@ class HealthMonitor:
         if self._vision.watchdog.unreliable is not self._unreliable:
             self._unreliable = self._vision.watchdog.unreliable
             if self._unreliable:
-                text = notices.vision_unreliable(hold=self._calls.policy is Policy.HOLD)
+                text = notices.vision_unreliable(hold=self._calls.policy.holds)
                 log.error("%s", text)
                 self._link.texts.send(text, ALERT, now)
 

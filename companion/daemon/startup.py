@@ -91,7 +91,7 @@ def report_death(link: Link, calls: OperatorCalls) -> None:
     current = vehicle is not None and (vehicle.custom_mode, vehicle.armed) == (report.mode, report.armed)
     hold, known = calls.hold, current and calls.monitor.known(now)
     drives = report.drives_itself or (hold is not None and hold.state is HoldState.RESUMING)
-    drives = drives and known and calls.policy is Policy.HOLD
+    drives = drives and known and calls.policy.holds
     if report.autopilot is not None and (drives or calls.holding.streams):
         link.modes.command(report.autopilot.rest_mode, now)
     link.set_state(State.FAULT, calls.current_id, calls.policy)

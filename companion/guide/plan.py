@@ -35,6 +35,7 @@ class Plan(NamedTuple):
     at: the frame's capture, monotonic s. pose: of the vehicle then, where the arcs begin.
     route_clear: m from the vehicle's front along the mission's way to the first ground, over the vehicle's
     width and margins, that is not known to be drivable; where all that can be seen is, how far that is.
+    route_blocked: that ground is known not to be drivable; otherwise it was not seen yet.
     arcs: curvature in 1/m (positive to the left) and length in m of each arc; empty where no way was found.
     clear: m from the vehicle's front along the arcs over which all of it is known to be drivable; 0 without.
     gap: m from the vehicle's side to the nearest ground along the arcs that is not known to be drivable.
@@ -43,6 +44,7 @@ class Plan(NamedTuple):
     at: float
     pose: Pose
     route_clear: float
+    route_blocked: bool = False
     arcs: tuple[tuple[float, float], ...] = ()
     clear: float = 0.0
     gap: float = 0.0

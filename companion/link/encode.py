@@ -88,6 +88,8 @@ def pack_1(message: Any, mav: Any) -> bytes:
 
 _VELOCITY_ONLY = 0b1101_1100_0111
 """POSITION_TARGET_TYPEMASK: ignore all but the three velocities."""
+_VELOCITY_AND_YAW_RATE = 0b0101_1100_0111
+"""The same, but the yaw rate counts, too."""
 
 CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
@@ -261,6 +263,21 @@ def stand_still(system_id: int, uptime_ms: int) -> Any:
         mavlink.MAV_FRAME_LOCAL_NED,
         _VELOCITY_ONLY,
         *[0.0] * 11,
+    )
+
+
+def drive(system_id: int, uptime_ms: int, speed: float, yaw_rate: float) -> Any:
+    """SET_POSITION_TARGET_LOCAL_NED with a speed along the nose, m/s, and a turn rate, rad/s clockwise."""
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        uptime_ms & 0xFFFFFFFF,
+        system_id,
+        AUTOPILOT_COMPONENT_ID,
+        mavlink.MAV_FRAME_BODY_NED,
+        _VELOCITY_AND_YAW_RATE,
+        *[0.0] * 3,
+        speed,
+        *[0.0] * 6,
+        yaw_rate,
     )
 
 

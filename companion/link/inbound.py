@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.calls.mode_monitor import ModeAnswer
+from companion.guide.rules import GuideAnswer
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vehicle.state import Vehicle
 from companion.wire.answers import Answer
@@ -68,5 +69,6 @@ InboundEvent = (
     | PolicyRequest
     | RcChannels
     | ModeAnswer
+    | GuideAnswer
     | ScriptHold
 )

@@ -234,9 +234,10 @@ class Link:
         *,
         fault_accepted: bool = False,
         braking: bool = False,
+        guiding: bool = False,
     ) -> None:
         """Set what the heartbeat reports, see `HeartbeatMode`: current_id 0 for none, policy in force."""
-        content = HeartbeatMode(state, current_id, policy, fault_accepted, braking)
+        content = HeartbeatMode(state, current_id, policy, fault_accepted, braking, guiding)
         for channel in self._channels:
             channel.periodic.set_state(content)
 
@@ -261,6 +262,10 @@ class Link:
     def share(self, sender: SenderId) -> SenderId:
         """Return the key of the share of the link that `sender` counts under: see `AccessControl.share`."""
         return self._access.share(sender)
+
+    def request_quick_motion(self, *, quick: bool) -> None:
+        """Request attitude and position ten times a second, as the vehicle is driven by them, or as usual."""
+        self._intervals.quick = quick
 
     def request_rc_channels(self) -> None:
         """Request RC_CHANNELS from the autopilot from now on, and again whenever they stop."""

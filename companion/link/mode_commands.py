@@ -15,11 +15,13 @@ from typing import Any
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.calls.mode_monitor import ModeAnswer
+from companion.guide.rules import TAKEN_WITHIN, GuideAnswer
 from companion.link import encode
 from companion.link.access_control import AccessControl
 from companion.link.outbox import Outbox
 from companion.link.vehicle import VehicleTracker
 from companion.vehicle import Autopilot, known_autopilot
+from companion.vehicle.ardupilot import GUIDED
 from companion.vehicle.state import Vehicle
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MODE_REQUEST_COMMAND
 from companion.wire.messages import MESSAGES
@@ -38,6 +40,8 @@ _SHORTEST, _LONGEST = 0.02, 3.0
 _ANSWERED_WITHIN = 5.0
 """s after which a command counts as lost, so that a later answer is not taken for its own."""
 _MAX_UNANSWERED = 8
+GUIDE_ID = 1 << 16
+"""By which the script knows requests to guide, in place of a hold's id, which has 16 bits."""
 _SERIALS = 1 << 24
 """Serial numbers of requests: a parameter of a command is a float, which holds whole numbers up to here."""
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
@@ -98,6 +102,8 @@ class ModeCommands:
         self._hold: _Sent | None = None
         """The hold that goes as DO_SET_MODE unless the script answers it. at: of its first request."""
         self._script_takes = 0.0
+        self._guiding: int | None = None
+        """Serial number of the request for GUIDED that the script has granted: its last answer ends that."""
         # The script answers each serial once, also one of before a restart of the companion.
         self._serial = random.randrange(1, _SERIALS)
         self.round_trip = FIRST_ROUND_TRIP
@@ -148,6 +154,13 @@ class ModeCommands:
         elif not (resumes and self.compares):
             self._set_mode(vehicle, autopilot, mode, hold, now)
 
+    def guide(self, mode: int, expected: int, now: float) -> None:
+        """Request a mode to drive the vehicle round something, or to end that. Only the script sets it."""
+        vehicle, _ = self._known()
+        if vehicle is not None and self.compares:
+            # One that left later than it may show would only be in the way of the hold that follows.
+            self._request(vehicle, "guide", mode, expected, GUIDE_ID, now, lifetime=TAKEN_WITHIN / 2)
+
     def send_hold_now(self, now: float) -> None:
         """Send a queued hold command at once, not with the next `Link.tick`."""
         self._outbox.send_now("hold", now)
@@ -184,13 +197,16 @@ class ModeCommands:
             self._asked_at = now
             self._request(vehicle, "script", None, 0, 0, now)
 
-    def answered(self, message: Any, now: float) -> ModeAnswer | None:
+    def answered(self, message: Any, now: float) -> ModeAnswer | GuideAnswer | None:
         """Take a COMMAND_ACK of our autopilot to us; return what it answers, None where that is no mode."""
         if message.command not in (mavlink.MAV_CMD_DO_SET_MODE, MODE_REQUEST_COMMAND):
             return None
         self._note_sent()
         by_script = message.command == MODE_REQUEST_COMMAND
         serial = message.result_param2 if by_script else 0
+        if by_script and serial and serial == self._guiding:
+            self._guiding = serial if message.result == _IN_PROGRESS else None
+            return GuideAnswer(GUIDED, None) if message.result in (_CHANGED, _DENIED) else None
         sent = self._take_sent(serial, now, by_script=by_script)
         if by_script and sent is not None:
             # Our script names the serial number, where MAVLink 1 does not cut it off.
@@ -198,6 +214,8 @@ class ModeCommands:
             self._script = _Script.HEARD if ours or self.compares else _Script.ABSENT
         if sent is None:
             return None
+        if sent.hold == GUIDE_ID:
+            return self._guide_answered(sent, int(message.result), now)
         before = self._hold
         if before is not None and by_script and (sent.hold, sent.mode) == (before.hold, before.mode):
             self._hold = None
@@ -218,6 +236,15 @@ class ModeCommands:
         # It brakes out of a mission alone, also where the hold was decided on the GUIDED of its brake.
         out_of = min(autopilot.mission_modes, default=None) if brakes and autopilot is not None else None
         return ModeAnswer(sent.mode, accepted, by_script and message.result in refusals, out_of)
+
+    def _guide_answered(self, sent: _Sent, result: int, now: float) -> GuideAnswer | None:
+        if sent.mode is None:
+            return None
+        self._measure(min(max(now - sent.at, _SHORTEST), _LONGEST), by_script=True)
+        if result == _IN_PROGRESS:
+            self._guiding = sent.serial
+        taken = result in (_CHANGED, _DENIED)
+        return GuideAnswer(sent.mode, None if taken else result in (_ACCEPTED, _IN_PROGRESS))
 
     def _measure(self, seconds: float, *, by_script: bool) -> None:
         if by_script:
@@ -242,19 +269,29 @@ class ModeCommands:
         self._push(row, message, _Sent(mode, 0, now, hold), vehicle)
 
     def _request(
-        self, vehicle: Vehicle, row: str, mode: int | None, expected: int, hold: int, now: float
+        self,
+        vehicle: Vehicle,
+        row: str,
+        mode: int | None,
+        expected: int,
+        hold: int,
+        now: float,
+        *,
+        lifetime: float = LIFETIME,
     ) -> _Sent:
         self._serial = self._serial % (_SERIALS - 1) + 1
         sent = _Sent(mode, self._serial, now, hold)
         message = encode.mode_request(vehicle.system_id, hold, expected, mode or 0, sent.serial, self.brake)
-        self._push(row, message, sent, vehicle)
+        self._push(row, message, sent, vehicle, lifetime)
         return sent
 
-    def _push(self, row: str, message: Any, sent: _Sent, vehicle: Vehicle) -> None:
+    def _push(
+        self, row: str, message: Any, sent: _Sent, vehicle: Vehicle, lifetime: float = LIFETIME
+    ) -> None:
         sent.row, sent.message = row, message
         self._unanswered = [*self._unanswered, sent][-_MAX_UNANSWERED:]
         to = (vehicle.system_id, AUTOPILOT_COMPONENT_ID)
-        self._outbox.push(row, message, sent.at, lifetime=LIFETIME, to=to)
+        self._outbox.push(row, message, sent.at, lifetime=lifetime, to=to)
 
     def _note_sent(self) -> None:
         """Note which commands have left. Those that were dropped get no answer."""

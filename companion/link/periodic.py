@@ -67,6 +67,8 @@ class PeriodicTelemetry:
     def set_state(self, content: HeartbeatMode) -> None:
         """Set the heartbeat's content; a change is sent at once, at most four times a second."""
         if content != self._content:
+            if content.guiding and not self._content.guiding:
+                self.send_heartbeat_now()  # before the request for GUIDED, which follows
             self._content = content
             self._heartbeat_now = True
 

@@ -313,6 +313,7 @@ class VisionClient:
         *,
         moving: bool,
         reach: float | None = None,
+        errand: Errand | None = None,
     ) -> None:
         """Send where the vehicle is, and the rate, five times a second, and each new report of its motion.
 

@@ -153,6 +153,13 @@ class Policy(IntEnum):
     SHADOW = 1
     HOLD = 2
     OFF = 3
+    GUIDE = 4
+    """It holds, and on an ArduPilot rover it drives round what leaves room."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether it may hold the vehicle."""
+        return self in (Policy.HOLD, Policy.GUIDE)
 
 
 class HeartbeatMode(NamedTuple):
@@ -160,6 +167,7 @@ class HeartbeatMode(NamedTuple):
 
     fault_accepted: a human drives on in spite of the fault that stands, or the vehicle stands after its
     mission, so that it holds nobody for now. braking: the script on the autopilot brakes for its hold.
+    guiding: the companion drives the vehicle in GUIDED, or is about to.
     """
 
     state: State
@@ -167,18 +175,26 @@ class HeartbeatMode(NamedTuple):
     policy: Policy
     fault_accepted: bool = False
     braking: bool = False
+    guiding: bool = False
 
 
 def heartbeat_mode(
-    state: State, current_id: int, policy: Policy, fault_accepted: bool = False, braking: bool = False
+    state: State,
+    current_id: int,
+    policy: Policy,
+    fault_accepted: bool = False,
+    braking: bool = False,
+    guiding: bool = False,
 ) -> int:
     """Pack custom_mode of the heartbeat.
 
     Bits 0-7: state. 8-23: id of the open call or hold. 24-25: policy. 26: the fault is accepted by hand.
-    27: it brakes for the hold.
+    27: it brakes for the hold. 28: it drives in GUIDED. 29: the policy is guide; then the other bits say hold.
     """
-    flags = int(fault_accepted) << 26 | int(braking) << 27
-    return int(state) | (current_id & 0xFFFF) << 8 | int(policy) << 24 | flags
+    guide = policy is Policy.GUIDE
+    flags = int(fault_accepted) << 26 | int(braking) << 27 | int(guiding) << 28 | int(guide) << 29
+    told = Policy.HOLD if guide else policy
+    return int(state) | (current_id & 0xFFFF) << 8 | int(told) << 24 | flags
 
 
 def read_heartbeat_mode(custom_mode: int) -> HeartbeatMode:
@@ -186,9 +202,10 @@ def read_heartbeat_mode(custom_mode: int) -> HeartbeatMode:
     return HeartbeatMode(
         State(custom_mode & 0xFF),
         custom_mode >> 8 & 0xFFFF,
-        Policy(custom_mode >> 24 & 3),
+        Policy.GUIDE if custom_mode >> 29 & 1 else Policy(custom_mode >> 24 & 3),
         bool(custom_mode >> 26 & 1),
         bool(custom_mode >> 27 & 1),
+        bool(custom_mode >> 28 & 1),
     )
 
 

@@ -73,6 +73,8 @@ _ROWS: tuple[_Row, ...] = (
     ("file request", "FILE_TRANSFER_PROTOCOL", "list, read", DOWN, None, 266, None, None, "asked again"),
     ("hold",        "COMMAND_LONG 31014 or 176", "stand still", OUT,  None, 45,  0,    None,  "three tries"),
     ("resume",      "COMMAND_LONG 31014 or 176", "drive on",    OUT,  None, 45,  0,    None,  "three tries"),
+    ("guide",       "COMMAND_LONG 31014",  "GUIDED, AUTO again", OUT,  None, 45,  0,    None,  "it is held"),
+    ("target",      "SET_POSITION_TARGET_LOCAL_NED", "drive round it", OUT, 0.1, 65, 0,  None, "next one"),
     ("script",      "COMMAND_LONG 31014",  "is it there",       OUT,  5.0,  45,  7,    None,  "next one"),
     ("interval",    "COMMAND_LONG 511",    "asks for streams",  OUT,  10.0, 45,  7,    None,  "next one"),
     ("setpoint",    "SET_POSITION_TARGET_LOCAL_NED", "stand still (PX4)", OUT, 0.2, 65, 0, None, "next one"),

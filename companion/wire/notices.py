@@ -181,6 +181,26 @@ def infrared_over() -> str:
     return "Camera shows no infrared any more"
 
 
+def guide_lacks(setting: str) -> str:
+    """Refuses policy guide, because a setting that it needs is missing."""
+    return fit(f"GUIDE refused: set {setting}")
+
+
+def guiding() -> str:
+    """Reports that the companion drives round something."""
+    return "GUIDE: driving round it, in GUIDED"
+
+
+def guided_back(mode: str) -> str:
+    """Reports that the mission has the vehicle again."""
+    return fit(f"GUIDE: past it, back in {mode}")
+
+
+def guide_ended(why: str) -> str:
+    """Reports that guiding ended otherwise."""
+    return fit(f"GUIDE ended: {why}")
+
+
 def hold_fits() -> str:
     """Reports that settings now allow policy hold. Only the operator sets it again."""
     return "HOLD fits again: set AT_POLICY 2"

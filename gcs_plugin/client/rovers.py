@@ -198,7 +198,8 @@ class TrackedRover:
 
     def handle_state(self, custom_mode: int, now: float) -> list[ev.Event]:
         """Take in the heartbeat's custom_mode. Raises ValueError for a state unknown to this version."""
-        state, current_id, self.policy, self.fault_accepted, self.braking = read_heartbeat_mode(custom_mode)
+        mode = read_heartbeat_mode(custom_mode)
+        state, current_id, self.policy, self.fault_accepted, self.braking, self.guiding = mode
         new_events: list[ev.Event] = []
         if (state, current_id) != (self.state, self.current_id):
             new_events.append(ev.StateChanged(self.system, state, current_id))

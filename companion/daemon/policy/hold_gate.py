@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from anytraverse.errors import AnyTraverseError, SettingsError
 from anytraverse.judging import Settings
@@ -37,7 +37,7 @@ class UncheckedError(AnyTraverseError):
 def require_checkable(config: Config) -> None:
     """Raise UncheckedError where the policy is hold and the stopping distance cannot be calculated."""
     stopping = judge_stopping(config)
-    if config.call.policy == "hold" and isinstance(stopping, str) and not config.stopping.unchecked:
+    if config.call.holds and isinstance(stopping, str) and not config.stopping.unchecked:
         raise UncheckedError(unchecked(stopping))
 
 
@@ -53,17 +53,23 @@ class HoldGate:
     """Decides whether a vehicle with this configuration may be held.
 
     judging: the settings in force. step: s that a frame takes to be judged. overrun: m, see `Autopilot`.
-    speed: m/s that it drives, where that is more than configured.
+    speed: m/s that it drives, where that is more than configured. guides: the policy is guide.
     """
 
     def __init__(self, config: Config) -> None:
         self._config = config
 
     def stopping(
-        self, judging: Settings, step: float, overrun: float = 0.0, speed: float | None = None
+        self,
+        judging: Settings,
+        step: float,
+        overrun: float = 0.0,
+        speed: float | None = None,
+        guides: bool = False,
     ) -> Stopping | str:
         """Judge whether the vehicle stops in time; a text where that is not possible."""
-        config = with_settings(self._config, judging, self.reach(speed))
+        policy = replace(self._config.call, policy="guide" if guides else "hold")
+        config = replace(with_settings(self._config, judging, self.reach(speed)), call=policy)
         return judge_stopping(config, step, judging.thresholds.tile, speed, overrun)
 
     @property
@@ -87,23 +93,29 @@ class HoldGate:
         step: float,
         overrun: float = 0.0,
         speed: float | None = None,
+        guides: bool = False,
         misled_by_infrared: bool = False,
     ) -> HoldRefusal | None:
         """Return why the vehicle may not be held, None where it may."""
         pace = Pace(step, 1.0 / self._config.camera.rate, judging.freshness)
         if not pace.keeps:
             return _too_slow(pace)
-        outruns = self.outruns(judging, step, overrun, speed)
+        outruns = self.outruns(judging, step, overrun, speed, guides)
         return _infrared() if outruns is None and misled_by_infrared else outruns
 
     def outruns(
-        self, judging: Settings, step: float, overrun: float = 0.0, speed: float | None = None
+        self,
+        judging: Settings,
+        step: float,
+        overrun: float = 0.0,
+        speed: float | None = None,
+        guides: bool = False,
     ) -> HoldRefusal | None:
         """Return why the vehicle does not stop in time, None where it does.
 
         What cannot be calculated is refused, unless [stopping] unchecked is set.
         """
-        stopping = self.stopping(judging, step, overrun, speed)
+        stopping = self.stopping(judging, step, overrun, speed, guides)
         if isinstance(stopping, str):
             return None if self._config.stopping.unchecked else _unchecked(stopping)
         return None if stopping.enough else _outruns(stopping)

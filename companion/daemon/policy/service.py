@@ -39,6 +39,7 @@ class _Known(NamedTuple):
     step: float
     overrun: float
     speed: float | None
+    guides: bool
     misled_by_infrared: bool
 
 
@@ -56,12 +57,15 @@ class PolicyService:
         state: PolicyState,
         gate: HoldGate,
         echo: ParameterEcho,
+        guide_lacks: str,
     ) -> None:
+        """guide_lacks: the setting without which policy guide is refused, "" for none."""
         self._link = link
         self._vision = vision
         self._calls = calls
         self.state = state
         self._gate = gate
+        self._guide_lacks = guide_lacks
         self._judged_for: _Known | None = None
         self._refusal: HoldRefusal | None = None
         self._fault: HoldRefusal | None = None
@@ -88,11 +92,18 @@ class PolicyService:
 
     @property
     def hold_refused(self) -> str:
-        """Why a request for hold would be refused, as a STATUSTEXT; "" where it would not.
+        """Why a request for hold would be refused, as a STATUSTEXT; "" where it would not."""
+        return self._refuses(Policy.HOLD)
+
+    def _refuses(self, policy: Policy) -> str:
+        """Return why a request for hold or guide would be refused, as a STATUSTEXT; "" where it would not.
 
         A request is judged by the newest frames, too: they need not have been slow for long.
         """
-        known = self._known()._replace(step=self._vision.pace.newest)
+        guides = policy is Policy.GUIDE
+        if guides and self._guide_lacks:
+            return notices.guide_lacks(self._guide_lacks)
+        known = self._known()._replace(step=self._vision.pace.newest, guides=guides)
         refusal = self._refusal or self._gate.refuses(*known)
         return refusal.short if refusal is not None else ""
 
@@ -110,7 +121,7 @@ class PolicyService:
     def stopping(self) -> Stopping | str:
         """Whether the vehicle stops in time at the speed that counts; a text where that is not known."""
         known = self._known()
-        return self._gate.stopping(known.judging, known.step, known.overrun, known.speed)
+        return self._gate.stopping(*known[:-1])
 
     def figures(self) -> dict[str, object]:
         """Return the policy's part of the status file."""
@@ -129,8 +140,8 @@ class PolicyService:
         If not, a text says why.
         """
         who, before = f"{sender[0]}/{sender[1]}", self.state.in_force
-        refusal = self.hold_refused if policy is Policy.HOLD else ""
-        self._wanted = bool(refusal) and self.state.requested is not Policy.HOLD
+        refusal = self._refuses(policy) if policy.holds else ""
+        self._wanted = bool(refusal) and not self.state.requested.holds
         if not refusal and not self.state.request(policy, who):
             refusal = notices.switch_wins(self.state.off_by)
         if refusal:
@@ -170,11 +181,11 @@ class PolicyService:
         Where hold is requested, settings that would take it away are refused, whether frames are judged as
         now or at once. What takes it away already may change, so that it can be mended in steps.
         """
-        if self.state.requested is not Policy.HOLD:
+        if not self.state.requested.holds:
             return None
         known = self._known()
         for step in (known.step, 0.0):
-            more = known.overrun, known.speed
+            more = known.overrun, known.speed, known.guides
             refusal = self._gate.outruns(judging, step, *more)
             if refusal is not None and self._gate.outruns(known.judging, step, *more) is None:
                 return refusal
@@ -208,7 +219,8 @@ class PolicyService:
         autopilot = self._calls.monitor.newest.autopilot
         overrun = autopilot.overrun if autopilot is not None else 0.0
         step, misled = self._vision.pace.step, self._vision.misled_by_infrared
-        return _Known(self.judging, step, overrun, self._speed.speed, misled)
+        guides = self.state.requested is Policy.GUIDE
+        return _Known(self.judging, step, overrun, self._speed.speed, guides, misled)
 
     def _follow_speed(self, now: float) -> None:
         vehicle, speed, monitor = self._link.vehicle, self._speed, self._calls.monitor
@@ -234,7 +246,7 @@ class PolicyService:
 
     def _report_fault(self, now: float) -> list[Decision]:
         """Report it as a fault that hold is in force and cannot be given, and when that is over."""
-        before, self._fault = self._fault, self._refusal if self.state.in_force is Policy.HOLD else None
+        before, self._fault = self._fault, self._refusal if self.state.in_force.holds else None
         self._tell_of_manual(now)
         what, told = (one.fault if one is not None else "" for one in (self._fault, before))
         if what == told:
@@ -245,7 +257,7 @@ class PolicyService:
             if self._calls.current_id:
                 # The hold is repeated instead of the reminder, and does not say what to do.
                 self._link.texts.send(self._fault.reminder, ERROR, now)
-        elif self.state.in_force is Policy.HOLD:
+        elif self.state.in_force.holds:
             log.warning("hold can be given again")
         return decisions
 
@@ -259,7 +271,7 @@ class PolicyService:
 
     def _put_in_force(self, before: Policy, who: str, now: float, *, announce: bool) -> list[Decision]:
         policy, decisions = self.state.in_force, self._calls.policy_changed(before, now)
-        if policy is not Policy.HOLD:
+        if not policy.holds:
             # A mode that still waits to be sent must not leave under the new policy.
             self._link.modes.cancel()
         if announce:

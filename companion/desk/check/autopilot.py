@@ -166,7 +166,7 @@ def judged(config: Config, url: str, interview: Interview) -> AutopilotReadings:
     facts = Facts(
         values, autopilot.system_id, config.link.allowed_senders, offboard, config.call.policy, deadman
     )
-    wrong = judge(autopilot.kind, facts, holds=config.call.policy == "hold")
+    wrong = judge(autopilot.kind, facts, holds=config.call.holds)
     worst = max((one.verdict for one in wrong), default=Verdict.PASS)
     told = f"{len(wrong)} findings, below" if wrong else "none makes a hold unsafe"
     wrong.insert(0, CheckFinding(CHECK, worst, f"{who}: {len(values)} parameters told, {told}"))

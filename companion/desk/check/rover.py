@@ -68,7 +68,7 @@ class CheckedRover:
     @property
     def holds(self) -> bool:
         """Whether the configured policy is hold."""
-        return self.config.call.policy == "hold"
+        return self.config.call.holds
 
     @property
     def leaves_link(self) -> bool:

@@ -1,0 +1,311 @@
+"""Decides when the companion drives the vehicle round something, and when the mission has it again. Pure.
+
+OFF: it may not. READY: the mission drives, and a take-over would be possible. TAKING: GUIDED is requested.
+GUIDING: the vehicle follows the newest plan. BACK: the mission is requested again.
+A mode that was not requested here is a human's, and ends it until the mission's mode is set anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from enum import Enum
+from typing import NamedTuple
+
+from anytraverse.frame import Pose
+from companion.guide.motion import SPARE, STAND, STOPS_IN, Target, follow
+from companion.guide.plan import Plan
+from companion.vehicle.ardupilot import AUTO, GUIDED
+
+PLANS = 3
+"""Plans in a row that must be clear before it takes over."""
+MODE_AGE, MOTION_AGE = 1.5, 0.3
+"""s: the oldest mode, attitude and position by which it takes over."""
+TAKEN_WITHIN = 0.5
+"""s after which a take-over that does not show has failed."""
+MOTION_LOST = 0.7
+"""s without an attitude or position after which guiding ends."""
+STUCK_AFTER = 0.5
+"""s without a way after which the vehicle is stopped for good. It slows down at once."""
+CLEAR_FOR = 2.0
+"""s for which the mission's way must be clear before the mission has the vehicle again."""
+ALONG = 20.0
+"""Degrees by which the heading may differ from the leg's then."""
+_AGAIN, _TRIES = 0.5, 4
+"""s from one request to give the vehicle back to the next, and how many of them there are."""
+_LATE = 0.3
+"""s for which the mode before a take-over may still be reported after it."""
+
+
+class GuideState(str, Enum):
+    """See the module."""
+
+    OFF = "off"
+    READY = "ready"
+    TAKING = "taking"
+    GUIDING = "guiding"
+    BACK = "back"
+
+
+class Circumstances(NamedTuple):
+    """What it decides by. Times are monotonic s.
+
+    allowed: the policy is guide, and nothing that it needs is missing. mode, mode_at, armed: as reported
+    last; mode_at is None where they count no more. motion_at, position_at: of the newest reports; -inf for
+    none. pose: where the vehicle is now, None: not known. driven, speed: m/s that it drives, and may drive at
+    most. held: our hold is commanded or stands. asks: something that cannot be passed stops the vehicle.
+    shows: something in the region of interest would stop it that may have room beside it.
+    item, passed: numbers of the mission's current item, and of the one that it should be by where the vehicle
+    is. leg: direction of the leg in degrees counter-clockwise; None where the way is not known.
+    """
+
+    now: float
+    allowed: bool
+    mode: int | None
+    mode_at: float | None
+    armed: bool
+    motion_at: float
+    position_at: float
+    pose: Pose | None
+    driven: float
+    speed: float
+    held: bool
+    asks: bool
+    shows: bool
+    item: int
+    passed: int
+    leg: float | None
+
+
+class Orders(NamedTuple):
+    """What to do now. target: to stream, None: nothing. request: mode to set, and the one that must stand.
+
+    item: to make the mission's current one first.
+    """
+
+    target: Target | None = None
+    request: tuple[int, int] | None = None
+    item: int | None = None
+
+
+class GuideAnswer(NamedTuple):
+    """What the script on the autopilot answers to a request for a mode.
+
+    done: the mode is set and ours; None: somebody else has the vehicle; False: refused.
+    """
+
+    mode: int
+    done: bool | None
+
+
+class Guide:
+    """The state, and the newest plans.
+
+    passes: what shows in the region of interest is driven round, or will be, and stops nobody.
+    stuck: why the vehicle must be stopped although only this shows it; "" where it need not.
+    ended_by: why it ended last, for a person.
+    """
+
+    def __init__(self, radius: float, freshness: float, stops_in: float = STOPS_IN) -> None:
+        """radius: of the tightest turn, m. freshness: s after which a plan is too old.
+
+        stops_in: s; multiplied by the speed it gives the way to a standstill.
+        """
+        self._radius, self._freshness = radius, freshness
+        self._stops_in = max(STOPS_IN, stops_in)
+        self._plans: deque[Plan] = deque(maxlen=PLANS)
+        self._way: Plan | None = None
+        """The newest plan that had a way."""
+        self._since = self._requested_at = self._shown_at = -math.inf
+        self._tries = 0
+        self._clear_since: float | None = None
+        self._refused_in_mission = False
+        """A human has ended it with the mission's mode. It waits until another mode was set."""
+        self.state = GuideState.OFF
+        self.passes = False
+        self.stuck = ""
+        self.ended_by = ""
+
+    @property
+    def guides(self) -> bool:
+        """Whether the vehicle's mode is ours, or is about to be."""
+        return self.state in (GuideState.TAKING, GuideState.GUIDING, GuideState.BACK)
+
+    def planned(self, plan: Plan) -> None:
+        """Take in a plan. One that is older than the newest is ignored."""
+        if self._plans and plan.at <= self._plans[-1].at:
+            return
+        self._plans.append(plan)
+        if plan.arcs:
+            self._way = plan
+
+    def answered(self, answer: GuideAnswer, now: float) -> None:
+        """Take in the script's answer."""
+        mode, done = answer
+        if not self.guides:
+            return
+        if done is None:
+            self._end("by hand", refused=True)
+        elif not done and self.state is GuideState.TAKING:
+            self.stuck = "no take-over"
+        elif done and mode == GUIDED and self.state is GuideState.TAKING:
+            self._enter(GuideState.GUIDING, now)
+        elif done and mode == AUTO and self.state is GuideState.BACK:
+            self._enter(GuideState.READY, now)
+
+    def tick(self, c: Circumstances) -> Orders:
+        """Decide."""
+        if c.mode != AUTO:
+            self._refused_in_mission = False
+        if self.guides:
+            orders = self._follow_mode(c) or self._drive(c)
+        else:
+            orders = self._wait(c)
+        self.passes = self._passes(c)
+        return orders
+
+    # Not driving -----------------------------------------------------------------------------------------------
+
+    def _wait(self, c: Circumstances) -> Orders:
+        ready = c.allowed and c.armed and c.mode == AUTO and c.leg is not None and not self._refused_in_mission
+        if not ready or c.held:
+            self.state = GuideState.OFF
+            return Orders()
+        self.state = GuideState.READY
+        blocked = bool(self._plans) and self._plans[-1].route_blocked
+        if (blocked or c.shows) and not c.asks and self._may_take(c):
+            self._enter(GuideState.TAKING, c.now)
+            self._requested_at = math.inf
+            # The heartbeat that says so leaves before the request, which the next turn makes.
+            return Orders(self._target(c))
+        return Orders()
+
+    def _may_take(self, c: Circumstances) -> bool:
+        known = c.mode_at is not None and c.now - c.mode_at < MODE_AGE and c.pose is not None
+        fresh = c.now - min(c.motion_at, c.position_at) < MOTION_AGE
+        return known and fresh and self._plans_clear(c.driven, c.now)
+
+    def _plans_clear(self, driven: float, now: float) -> bool:
+        """Whether the last plans are clear over the way to a standstill, and none of them is old."""
+        if len(self._plans) < PLANS or now - self._plans[-1].at > self._freshness:
+            return False
+        needed = self._stops_in * driven + SPARE
+        in_a_row = all(
+            after.at - before.at <= self._freshness
+            for before, after in zip(self._plans, list(self._plans)[1:], strict=False)
+        )
+        return in_a_row and all(plan.arcs and plan.clear >= needed for plan in self._plans)
+
+    def _passes(self, c: Circumstances) -> bool:
+        if self.stuck or not c.allowed:
+            return False
+        if self.guides:
+            return True
+        if self.state is GuideState.READY:
+            return self._may_take(c)
+        # In our hold: it may be resumed where it can be driven on from.
+        return c.held and c.leg is not None and self._plans_clear(0.5, c.now)
+
+    # Driving ---------------------------------------------------------------------------------------------------
+
+    def _follow_mode(self, c: Circumstances) -> Orders | None:
+        """Follow the reported mode. Returns orders where it has ended."""
+        ours = {
+            GuideState.TAKING: (AUTO, GUIDED),
+            GuideState.GUIDING: (GUIDED,),
+            GuideState.BACK: (GUIDED, AUTO),
+        }[self.state]
+        if c.held:
+            # The hold brakes without a target. Nothing is streamed any more, whoever has the vehicle then.
+            self._end("held", refused=False)
+            return Orders()
+        if c.mode == AUTO and self.state is GuideState.BACK and self._requested_at > -math.inf:
+            self._enter(GuideState.READY, c.now)
+            return Orders()
+        elif c.mode == AUTO and self.state is GuideState.GUIDING and c.now - self._since <= _LATE:
+            return None
+        elif c.mode not in ours or not c.armed or (c.mode == GUIDED and self._requested_at == math.inf):
+            self._end("by hand", refused=True)
+            return Orders()
+        return None
+
+    def _drive(self, c: Circumstances) -> Orders:
+        if not c.allowed:
+            # Without targets the script on the autopilot stops the vehicle, where we may not any more.
+            self.stuck = self.stuck or "not allowed"
+            return Orders()
+        if c.asks:
+            self.stuck = self.stuck or "stopped"
+        elif self.state is GuideState.TAKING and c.now - self._requested_at > TAKEN_WITHIN:
+            self.stuck = self.stuck or "no take-over"
+        elif c.mode_at is None or c.now - min(c.motion_at, c.position_at) > MOTION_LOST or c.pose is None:
+            self.stuck = self.stuck or "motion lost"
+        if self.stuck:
+            return Orders(STAND)
+        target = self._target(c)
+        if self.state is GuideState.TAKING:
+            return self._take(c, target)
+        self._note_way(c, target)
+        if self.state is GuideState.BACK:
+            return self._give_back(c, target)
+        if self._may_give_back(c):
+            self._enter(GuideState.BACK, c.now)
+        return Orders(target)
+
+    def _take(self, c: Circumstances, target: Target) -> Orders:
+        if self._requested_at < math.inf:
+            return Orders(target)
+        self._requested_at = c.now
+        return Orders(target, request=(GUIDED, AUTO))
+
+    def _target(self, c: Circumstances) -> Target:
+        newest = self._plans[-1] if self._plans else None
+        if newest is None or not newest.arcs or c.pose is None or c.now - newest.at > self._freshness:
+            return STAND
+        return follow(newest, c.pose, c.speed, self._stops_in, self._radius)
+
+    def _note_way(self, c: Circumstances, target: Target) -> None:
+        """Note since when there is no way."""
+        if target.speed > 0.0:
+            self._shown_at = c.now
+        elif c.now - max(self._shown_at, self._since) > STUCK_AFTER:
+            self.stuck = "no way round"
+
+    def _may_give_back(self, c: Circumstances) -> bool:
+        newest = self._plans[-1]
+        if c.now - newest.at > self._freshness:
+            return False
+        clear = not newest.route_blocked and newest.route_clear >= self._stops_in * c.driven + SPARE
+        along = (
+            c.leg is not None
+            and c.pose is not None
+            and abs(math.remainder(c.pose.heading - c.leg, 360.0)) <= ALONG
+        )
+        if not clear or not along or c.shows:
+            self._clear_since = None
+            return False
+        self._clear_since = c.now if self._clear_since is None else self._clear_since
+        return c.now - self._clear_since >= CLEAR_FOR
+
+    def _give_back(self, c: Circumstances, target: Target) -> Orders:
+        if self._plans[-1].route_blocked and math.isinf(self._requested_at):
+            self._enter(GuideState.GUIDING, c.now)
+            return Orders(target)
+        if c.now - self._since < self._tries * _AGAIN:
+            return Orders(target)
+        if self._tries == _TRIES:
+            self.stuck = "AUTO refused"
+            return Orders(STAND)
+        self._tries += 1
+        if c.item != c.passed:
+            return Orders(target, item=c.passed)
+        self._requested_at = c.now
+        return Orders(target, request=(AUTO, GUIDED))
+
+    def _enter(self, state: GuideState, now: float) -> None:
+        self.state, self._since, self._shown_at = state, now, now
+        self._requested_at, self._tries, self._clear_since = -math.inf, 0, None
+
+    def _end(self, why: str, *, refused: bool) -> None:
+        self.state, self.stuck, self.ended_by = GuideState.OFF, "", why
+        self._refused_in_mission = refused

@@ -204,17 +204,25 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
     if stage is Stage.CLEAR:
         return texts.clear(kind, number)
     call = calls.call
+    guides = calls.policy is Policy.GUIDE
     if call is not None and not call.answered and stage is not Stage.ANSWERED:
-        return _unanswered_text(number, call.reasons, call.seen, tried=call.state is CallState.NOT_COVERED)
+        text = _unanswered_text(number, call.reasons, call.seen, tried=call.state is CallState.NOT_COVERED)
+        return texts.no_room(text) if guides and Reason.UNKNOWN_OBJECT in call.reasons else text
     if Reason.BLOCKED in reasons:
-        blocked = newest is not None and Reason.BLOCKED in newest.reasons
-        if words := [] if blocked else calls.reason_filter.things.words:
-            return texts.blocked_by(number, words[-1], kind)
-        shown = calls.hold.seen if calls.hold is not None and not blocked else None
-        return blocked_text(shown or newest, number, kind)
+        text = _blocked_text(calls, number, kind)
+        return texts.no_room(text) if guides else text
     if calls.go_at is not None:
         return texts.waiting_for_view(kind, number)
     return (texts.answered_waiting if stage is Stage.ANSWERED else texts.holding)(kind, number)
+
+
+def _blocked_text(calls: OperatorCalls, number: int, kind: Kind) -> str:
+    newest = calls.reason_filter.newest
+    blocked = newest is not None and Reason.BLOCKED in newest.reasons
+    if words := [] if blocked else calls.reason_filter.things.words:
+        return texts.blocked_by(number, words[-1], kind)
+    shown = calls.hold.seen if calls.hold is not None and not blocked else None
+    return blocked_text(shown or newest, number, kind)
 
 
 def blocked_text(seen: Assessment | None, number: int, kind: Kind) -> str:

@@ -12,12 +12,14 @@ from anytraverse.memory import Memory
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.config import Config, format_config
+from companion.config.guiding import guide_lacks
 from companion.config.stopping import Stopping, describe_tile
 from companion.daemon.answers.handler import AnswerHandler
 from companion.daemon.call_frames import CallFrames
 from companion.daemon.call_texts import CallTexts
 from companion.daemon.daemon import Daemon, Deciders
 from companion.daemon.executor import DecisionExecutor
+from companion.daemon.guiding import GuideService
 from companion.daemon.ground_view import GroundView
 from companion.daemon.health import HealthMonitor
 from companion.daemon.live_picture import LivePicture, VideoPictures
@@ -112,7 +114,8 @@ def compose(
     link.dead_man.enabled = config.call.px4_deadman == "manual_control"
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     echo = ParameterEcho(parameters, link, persistence.after_write)
-    policy = PolicyService(link, vision, calls, policy_state, HoldGate(config), echo)
+    gate, guide = HoldGate(config), GuideService(config, link, calls)
+    policy = PolicyService(link, vision, calls, policy_state, gate, echo, guide_lacks(config))
     if policy_state.requested.holds:
         _tell_of_stopping(config, judging, ready.step, startup_notices)
     settings = SettingsService(
@@ -138,6 +141,7 @@ def compose(
     deciders = Deciders(
         requests,
         VehicleReports(link, calls, position, CourseJudge(config.mount.heading, config.camera.view)),
+        guide,
         VisionResults(calls, persistence, frames, executor, requests, answer_handler),
         policy,
         test_call,

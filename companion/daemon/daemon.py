@@ -11,6 +11,7 @@ from typing import NamedTuple
 from companion.calls.machine import OperatorCalls
 from companion.calls.mode_monitor import ModeAnswer
 from companion.daemon.executor import DecisionExecutor
+from companion.daemon.guiding import GuideService
 from companion.daemon.health import HealthMonitor, StallDetector
 from companion.daemon.policy.service import PolicyService
 from companion.daemon.reports import VehicleReports, VisionResults
@@ -18,11 +19,13 @@ from companion.daemon.requests import Requests
 from companion.daemon.startup import wait
 from companion.daemon.trial_call import TrialCall
 from companion.daemon.turn import Observers, Reminder, Turn, kind_of
+from companion.guide.rules import GuideAnswer
 from companion.link.inbound import InboundEvent, VehicleUpdate
 from companion.link.link import Link
 from companion.system.computer import Computer
 from companion.vehicle.ardupilot import ScriptHold
 from companion.vision.client import VisionClient
+from companion.vision.messages import Planned
 from companion.wire import notices
 from companion.wire.ids import WARNING, Policy, State
 
@@ -40,6 +43,7 @@ class Deciders(NamedTuple):
 
     requests: Requests
     vehicle: VehicleReports
+    guide: GuideService
     results: VisionResults
     policy: PolicyService
     test_call: TrialCall
@@ -140,6 +144,8 @@ class Daemon:
                 self._executor.carry_out(self._deciders.vehicle.received(vehicle, now), now)
             case ScriptHold():
                 self._calls.monitor.script_hold_reported(event)
+            case GuideAnswer():
+                self._deciders.guide.answered(event, now)
             case ModeAnswer():
                 self._executor.carry_out(self._calls.mode_answered(event, now), now)
             case _:
@@ -152,14 +158,18 @@ class Daemon:
         motion = newest.motion if newest is not None else None
         reach = self._deciders.policy.reach
         place, moving = vehicle.position.place(), vehicle.moves(now)
-        self._vision.situation(place, motion, now, moving=moving, reach=reach)
+        errand = self._deciders.guide.errand
+        self._vision.situation(place, motion, now, moving=moving, reach=reach, errand=errand)
         for result in self._vision.poll(now):
             self._executor.events.append(result)
             with self._guard.survived(kind_of(result).__name__, now):
+                if isinstance(result.report, Planned):
+                    self._deciders.guide.planned(result.report.content, now)
                 self._deciders.results.received(result, now)
 
     def _let_time_pass(self, now: float) -> None:
         self._executor.carry_out(self._deciders.vehicle.check_course(now), now, at_once=True)
+        self._deciders.guide.tick(now)
         self._deciders.health.check(now)
         self._executor.carry_out(self._deciders.policy.tick(now), now, at_once=True)
         self._executor.carry_out(self._calls.tick(now), now, at_once=True)
@@ -178,6 +188,7 @@ class Daemon:
             calls.policy,
             fault_accepted=calls.fault_accepted(now),
             braking=calls.hold is not None and calls.hold.braking,
+            guiding=self._deciders.guide.guides,
         )
 
     def _made(self, now: float) -> Turn:

@@ -31,7 +31,7 @@ CLEAR_FOR = 2.0
 """s for which the mission's way must be clear before the mission has the vehicle again."""
 ALONG = 20.0
 """Degrees by which the heading may differ from the leg's then."""
-_AGAIN, _TRIES = 0.5, 4
+_AGAIN, _TRIES = 0.5, 6
 """s from one request to give the vehicle back to the next, and how many of them there are."""
 _LATE = 0.3
 """s for which the mode before a take-over may still be reported after it."""

@@ -120,6 +120,13 @@ def no_way(number: int, kind: Kind = Kind.HOLD) -> str:
     return fit(f"{name(kind, number)} blocked, no way through: waiting")
 
 
+def no_room(text: str) -> str:
+    """Say in the text of a call or hold, too, that it cannot be passed: what leaves room is driven round."""
+    number, told = text.split(" ", 1)
+    longer = f"{number} no room, {told}"
+    return fit(longer if len(longer.encode()) <= MAX_TEXT else longer.rsplit(": ", 1)[0])
+
+
 def clear(kind: Kind, number: int) -> str:
     """Asks for a go: the reasons are gone and the vehicle is still held."""
     return fit(f"{name(kind, number)} clear now, go?")

@@ -1,0 +1,354 @@
+"""Tests of the rules by which the companion drives the vehicle round something."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from anytraverse.frame import Pose
+from companion.guide.motion import STAND
+from companion.guide.plan import Plan
+from companion.guide.rules import (
+    CLEAR_FOR,
+    STUCK_AFTER,
+    TAKEN_WITHIN,
+    Circumstances,
+    Guide,
+    GuideAnswer,
+    GuideState,
+    Orders,
+)
+from companion.vehicle.ardupilot import AUTO, GUIDED, HOLD
+
+MANUAL = 0
+TURN = 0.02
+AWAY = ((0.3, 3.0), (-0.3, 3.0))
+
+
+class Rover:
+    """A rover on its way to something that leaves room, by what the companion is told of it."""
+
+    def __init__(self) -> None:
+        self.guide = Guide(radius=1.5, freshness=1.0)
+        self.now = 100.0
+        self.told: dict[str, Any] = {}
+        self.plan: dict[str, Any] | None = {"route_clear": 4.0, "route_blocked": True}
+        self.all: list[Orders] = []
+
+    def turn(self, seconds: float = TURN, **told: Any) -> Orders:
+        """Lets so much time pass with these circumstances, which last; returns the last orders."""
+        self.told |= told
+        end = self.now + seconds - TURN / 2
+        while self.now < end:
+            self.now += TURN
+            if self.plan is not None:
+                plan = {"arcs": AWAY, "clear": 6.0, "gap": 1.0} | self.plan
+                self.guide.planned(Plan(self.now, Pose(0.0, 0.0, 0.0), **plan))
+            self.all.append(self.guide.tick(self.circumstances()))
+        return self.all[-1]
+
+    def circumstances(self) -> Circumstances:
+        now, told = self.now, self.told
+        known: dict[str, Any] = {
+            "now": now,
+            "allowed": True,
+            "mode": AUTO,
+            "mode_at": now,
+            "armed": True,
+            "motion_at": now,
+            "position_at": now,
+            "pose": Pose(0.0, 0.0, 0.0),
+            "driven": 1.0,
+            "speed": 1.0,
+            "held": False,
+            "asks": False,
+            "shows": False,
+            "item": 2,
+            "passed": 2,
+            "leg": 0.0,
+        }
+        return Circumstances(**(known | told))
+
+    def guided(self) -> Rover:
+        """Takes over, as the script grants it."""
+        self.turn(0.2)
+        self.guide.answered(GuideAnswer(GUIDED, done=True), self.now)
+        self.turn(mode=GUIDED)
+        assert self.guide.state is GuideState.GUIDING
+        return self
+
+
+def test_the_target_is_streamed_before_guided_is_requested() -> None:
+    rover = Rover()
+    rover.turn(0.2)
+    targets = [bool(orders.target) for orders in rover.all]
+    requests = [orders.request for orders in rover.all if orders.request]
+    assert requests == [(GUIDED, AUTO)]
+    first = next(n for n, orders in enumerate(rover.all) if orders.request)
+    assert targets[first - 1]
+    assert rover.guide.guides
+
+
+def test_it_takes_over_only_for_something_in_the_way() -> None:
+    rover = Rover()
+    rover.plan = {"route_clear": 5.0}
+    rover.turn(2.0)
+    assert rover.guide.state is GuideState.READY
+    rover.turn(shows=True)
+    assert rover.guide.state is GuideState.TAKING
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"allowed": False},
+        {"armed": False},
+        {"leg": None},
+        {"pose": None},
+        {"mode_at": None},
+        {"mode_at": 98.0},
+        {"motion_at": 99.0},
+        {"position_at": 99.0},
+        {"asks": True},
+        {"held": True},
+        {"mode": MANUAL},
+        {"mode": GUIDED},
+        {"driven": 3.0},
+    ],
+)
+def test_it_takes_over_only_where_all_is_known_and_the_way_is_clear_to_a_standstill(
+    told: dict[str, Any],
+) -> None:
+    rover = Rover()
+    rover.turn(1.0, **told)
+    assert not rover.guide.guides
+    assert not any(orders.request or orders.target for orders in rover.all)
+
+
+def test_it_takes_over_only_after_three_plans_with_a_way() -> None:
+    rover = Rover()
+    rover.turn(2 * TURN)
+    assert not rover.guide.guides
+    rover.turn()
+    assert rover.guide.guides
+
+
+def test_a_take_over_that_does_not_show_in_time_stops_the_vehicle() -> None:
+    rover = Rover()
+    rover.turn(TAKEN_WITHIN)
+    assert not rover.guide.stuck
+    assert rover.turn(0.2) == Orders(STAND)
+    assert rover.guide.stuck
+    assert not rover.guide.passes
+
+
+def test_a_refused_take_over_stops_the_vehicle() -> None:
+    rover = Rover()
+    rover.turn(0.2)
+    rover.guide.answered(GuideAnswer(GUIDED, done=False), rover.now)
+    rover.turn()
+    assert rover.guide.stuck
+    assert not rover.guide.passes
+
+
+def test_what_it_drives_round_stops_nobody_and_nothing_else_is_passed() -> None:
+    rover = Rover()
+    rover.turn(3 * TURN)
+    assert rover.guide.passes
+    rover.guided()
+    assert rover.guide.passes
+    rover.turn(asks=True)
+    assert not rover.guide.passes
+
+
+def test_it_drives_slower_where_less_of_the_way_is_clear_and_never_faster_than_allowed() -> None:
+    rover = Rover().guided()
+    speeds = []
+    for clear in (6.0, 2.5, 1.5, 0.6):
+        assert rover.plan is not None
+        rover.plan["clear"] = clear
+        orders = rover.turn()
+        assert orders.target is not None
+        speeds.append(orders.target.speed)
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[0] <= 1.0
+    assert speeds[-1] == 0.0
+
+
+def test_without_a_way_it_slows_down_at_once_and_is_stopped_soon() -> None:
+    rover = Rover().guided()
+    rover.plan = {"route_clear": 1.0, "route_blocked": True, "arcs": (), "clear": 0.0}
+    assert rover.turn() == Orders(STAND)
+    assert not rover.guide.stuck
+    rover.turn(STUCK_AFTER + 2 * TURN)
+    assert rover.guide.stuck == "no way round"
+
+
+def test_without_plans_it_is_stopped() -> None:
+    rover = Rover().guided()
+    rover.plan = None
+    rover.turn(1.0 + STUCK_AFTER + 3 * TURN)
+    assert rover.guide.stuck
+
+
+@pytest.mark.parametrize("told", [{"motion_at": 90.0}, {"position_at": 90.0}, {"pose": None}, {"mode_at": None}])
+def test_without_knowing_how_it_moves_it_is_stopped(told: dict[str, Any]) -> None:
+    rover = Rover().guided()
+    assert rover.turn(**told) == Orders(STAND)
+    assert rover.guide.stuck
+
+
+def test_where_it_may_not_guide_any_more_nothing_is_streamed_but_it_still_says_that_it_guides() -> None:
+    """The script on the autopilot then stops the vehicle, which a companion in policy off may not."""
+    rover = Rover().guided()
+    assert rover.turn(allowed=False) == Orders()
+    assert rover.guide.guides
+    assert not rover.guide.passes
+
+
+@pytest.mark.parametrize("mode", [MANUAL, HOLD, AUTO])
+def test_a_mode_that_was_not_requested_ends_it_for_good(mode: int) -> None:
+    rover = Rover().guided()
+    rover.turn(1.0)
+    assert rover.turn(mode=mode) == Orders()
+    assert not rover.guide.guides
+    rover.all.clear()
+    if mode == AUTO:
+        rover.turn(5.0)
+        assert not any(orders.request or orders.target for orders in rover.all)
+    rover.turn(mode=MANUAL)
+    rover.turn(0.5, mode=AUTO)
+    assert rover.guide.guides
+
+
+def test_guided_by_a_human_before_the_request_ends_it() -> None:
+    rover = Rover()
+    rover.turn(3 * TURN)
+    assert rover.guide.state is GuideState.TAKING
+    assert rover.turn(mode=GUIDED) == Orders()
+    assert not rover.guide.guides
+
+
+def test_it_drives_in_guided_only_once_the_script_says_that_it_is_ours() -> None:
+    rover = Rover()
+    rover.turn(0.2)
+    rover.turn(0.2, mode=GUIDED)
+    assert rover.guide.state is GuideState.TAKING
+    rover.turn(TAKEN_WITHIN)
+    assert rover.guide.stuck
+
+
+def test_somebody_else_s_target_ends_it() -> None:
+    rover = Rover().guided()
+    rover.guide.answered(GuideAnswer(GUIDED, done=None), rover.now)
+    assert rover.turn() == Orders()
+    assert not rover.guide.guides
+
+
+def test_our_hold_ends_it_and_nothing_is_streamed_whoever_has_guided_then() -> None:
+    rover = Rover().guided()
+    assert rover.turn(held=True) == Orders()
+    assert rover.turn(1.0, held=False) == Orders()
+    assert not rover.guide.guides
+
+
+def test_a_late_report_of_the_mission_s_mode_does_not_end_it() -> None:
+    rover = Rover()
+    rover.turn(0.2)
+    rover.guide.answered(GuideAnswer(GUIDED, done=True), rover.now)
+    rover.turn(0.1)
+    rover.turn(1.0, mode=GUIDED)
+    assert rover.guide.state is GuideState.GUIDING
+
+
+def behind_it(rover: Rover, **told: Any) -> Orders:
+    rover.plan = {"route_clear": 5.0}
+    return rover.turn(CLEAR_FOR + 3 * TURN, **told)
+
+
+def test_the_mission_has_the_vehicle_again_behind_the_thing() -> None:
+    rover = Rover().guided()
+    behind_it(rover)
+    assert [orders.request for orders in rover.all if orders.request] == [(GUIDED, AUTO), (AUTO, GUIDED)]
+    rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
+    rover.turn(mode=AUTO)
+    assert rover.guide.state is GuideState.READY
+    assert rover.guide.passes
+
+
+@pytest.mark.parametrize("told", [{"leg": 30.0}, {"leg": -30.0}, {"shows": True}])
+def test_it_guides_on_while_the_mission_would_turn_hard_or_something_shows(told: dict[str, Any]) -> None:
+    rover = Rover().guided()
+    behind_it(rover, **told)
+    rover.turn(5.0)
+    assert rover.guide.state is GuideState.GUIDING
+
+
+def test_a_waypoint_that_was_passed_is_set_before_the_mission_goes_on() -> None:
+    rover = Rover().guided()
+    rover.all.clear()
+    behind_it(rover, passed=3)
+    assert {orders.item for orders in rover.all} == {None, 3}
+    assert not any(orders.request for orders in rover.all)
+    rover.turn(0.6, item=3)
+    assert any(orders.request == (AUTO, GUIDED) for orders in rover.all)
+
+
+def test_a_mission_that_does_not_go_on_stops_the_vehicle() -> None:
+    rover = Rover().guided()
+    behind_it(rover)
+    rover.turn(4.0)
+    assert rover.guide.stuck
+
+
+def test_in_our_hold_it_passes_only_what_three_plans_have_a_way_round() -> None:
+    rover = Rover()
+    rover.plan = {"route_clear": 1.0, "route_blocked": True, "arcs": (), "clear": 0.0}
+    rover.turn(1.0, held=True, mode=HOLD, driven=0.0)
+    assert not rover.guide.passes
+    rover.plan = {"route_clear": 3.0, "route_blocked": True}
+    rover.turn(1.0)
+    assert rover.guide.passes
+    assert not rover.guide.guides
+
+
+modes = st.sampled_from([MANUAL, HOLD, AUTO, GUIDED])
+steps = st.fixed_dictionaries(
+    {
+        "mode": modes,
+        "allowed": st.booleans(),
+        "armed": st.booleans(),
+        "held": st.booleans(),
+        "asks": st.booleans(),
+        "shows": st.booleans(),
+        "driven": st.floats(0.0, 2.0),
+        "leg": st.sampled_from([None, 0.0, 90.0]),
+        "arcs": st.sampled_from([(), AWAY]),
+        "clear": st.floats(0.0, 6.0),
+        "blocked": st.booleans(),
+        "answer": st.sampled_from([None, (GUIDED, True), (GUIDED, False), (GUIDED, None), (AUTO, True)]),
+    }
+)
+
+
+@given(st.lists(steps, max_size=40))
+def test_whatever_happens_it_streams_only_while_it_says_that_it_guides(told: list[dict[str, Any]]) -> None:
+    rover = Rover()
+    for step in told:
+        answer, arcs, clear, blocked = (step.pop(name) for name in ("answer", "arcs", "clear", "blocked"))
+        if answer is not None:
+            rover.guide.answered(GuideAnswer(*answer), rover.now)
+        rover.plan = {"arcs": arcs, "clear": clear, "route_clear": 3.0, "route_blocked": blocked}
+        orders = rover.turn(0.2, **step)
+        if orders.target is not None or orders.request is not None:
+            assert rover.guide.guides
+            assert rover.told["mode"] in (AUTO, GUIDED)
+            assert rover.told["armed"]
+            assert not rover.told["held"]
+        if orders.target is not None:
+            assert 0.0 <= orders.target.speed <= 1.0
+            assert math.isfinite(orders.target.yaw_rate)

@@ -1,0 +1,156 @@
+"""Plans two arcs over ground that is known to be drivable, by the mission's way and round what blocks it.
+
+All pairs of arcs from a fixed tree are laid over the local grid at once. Clearance is that of cells' middles
+to the nearest middle of a cell that is not free: blocked and unknown ground alike, but for what the vehicle
+stands on and the ground straight ahead that is below the picture (`_free`). A point of a way is passable
+where the vehicle's width and `MARGIN` m beside it are clear, for the lens and for the vehicle's front.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anytraverse.grid import CELL, SIDE, LocalGrid
+from anytraverse.ground import RELIABLE
+from companion.guide.plan import Outline, Plan, Route
+from companion.guide.tree import STEP, Tree, points_of, tree_of
+from companion.guide.way import ahead_of, clear_along, direction
+
+Floats = NDArray[np.float64]
+Layer = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+MARGIN = 0.3
+"""m to each side of the vehicle that must be clear, too."""
+TOUCHING = 0.1
+"""m that a vehicle which stands nearer than `MARGIN` to something keeps, on the way out of there."""
+_WAY_OUT = 1.0
+"""m on which it may."""
+_ASTRAY = math.radians(60.0)
+"""Against the route: a way that turns farther ends there, so that none leads back."""
+_SHORTEST = 0.3
+"""m: a shorter way is none."""
+_ENDS = 0.25
+"""m by which ways may end sooner than the best one."""
+_BRAKES, _DELAY, _BEYOND = 1.0, 0.5, 2.0
+"""m/s² and s: how the vehicle stops. m beyond it that are worth a detour."""
+_COMFORT = 0.3
+"""m of room beside the margin that are better than none."""
+_REACH = math.ceil(RELIABLE / CELL)
+_OLD = 1.0
+"""s after which the plan before does not count any more."""
+
+
+def plan(
+    grid: LocalGrid,
+    route: Route,
+    outline: Outline,
+    speed: float,
+    at: float,
+    *,
+    blind: float,
+    before: Plan | None = None,
+) -> Plan | None:
+    """Return the best way over the grid as it is; None where it has no pose, or a value is unusable.
+
+    speed: m/s at which it would be driven. at: the frame's capture, monotonic s. blind: m from the lens to
+    the nearest ground in the picture that is as wide as vehicle and margins (`GroundCamera.nearest`).
+    before: the plan of the last frame, which is kept to while there is nothing better.
+    """
+    pose, numbers = grid.pose, (*outline, speed, at, route.corridor)
+    if pose is None or not all(map(math.isfinite, numbers)) or min(outline.width, outline.radius) <= 0.0:
+        return None
+    course = ahead_of(route.points, pose)
+    if course is None:
+        return None
+    free, half = _free(grid, outline, blind), outline.width / 2
+    route_clear = clear_along(grid, free, course, pose, half + MARGIN) - outline.front
+    told = Plan(at, pose, float(np.clip(route_clear, 0.0, RELIABLE)))
+    tree, room, off = _laid(grid, free, course, outline)
+    aim = direction(course, pose)
+    astray = np.abs(tree.headings - aim)
+    need = np.full(room.shape[1], half + MARGIN, np.float32)
+    need[: round(_WAY_OUT / STEP)] = np.clip(room[0, 0], half + TOUCHING, half + MARGIN)
+    passable = (room >= need) & (off <= route.corridor) & (astray <= max(_ASTRAY, abs(aim)))
+    passable[:, -1] = False
+    last = passable.argmin(axis=1) - 1
+    progress = tree.points @ (math.cos(aim), math.sin(aim))
+    reached = np.where(last > 0, progress[np.arange(len(last)), last], 0.0)
+    enough = min(float(reached.max()), _DELAY * speed + speed * speed / (2.0 * _BRAKES) + _BEYOND)
+    if enough < _SHORTEST:
+        return told
+    ones = np.flatnonzero(reached >= enough - _ENDS)
+    ends = np.minimum((progress[ones] >= enough - _ENDS).argmax(axis=1), last[ones])
+    until = np.arange(room.shape[1]) <= ends[:, np.newaxis]
+    least = np.where(until, room[ones], np.inf).min(axis=1)
+    first, second, _ = tree.arcs[ones].T * outline.radius
+    costs = (
+        np.where(until, off[ones], 0.0).sum(axis=1) / (ends + 1)
+        + off[ones, ends]
+        + 0.5 * astray[ones, ends]
+        + 2.0 * np.maximum(0.0, half + MARGIN + _COMFORT - least)
+        + 0.15 * np.abs(first)
+        + 0.15 * np.abs(second - first)
+        + 0.3 * _apart(grid, before, at, tree.points[ones, ends])
+    )
+    best = int(ones[costs.argmin()])
+    clear = float(last[best] * STEP)
+    first, second, switch = map(float, tree.arcs[best])
+    arcs = ((first, min(switch, clear)), (second, clear - switch))
+    gap = float(room[best, : last[best] + 1].min()) - CELL / 2 - half
+    return told._replace(arcs=arcs[: 1 + (clear > switch)], clear=clear, gap=max(0.0, gap))
+
+
+def _free(grid: LocalGrid, outline: Outline, blind: float) -> Mask:
+    """Return which cells are free: drivable, or unknown and under the vehicle or below the picture.
+
+    Of the latter only straight ahead, as wide as the vehicle and its margins.
+    """
+    free, side = grid.drivable, outline.width / 2 + MARGIN + CELL
+    if blind <= RELIABLE:
+        near = np.arange(SIDE // 2 - _REACH, SIDE // 2 + _REACH)
+        around = grid.to_vehicle(grid.places(*np.meshgrid(near, near, indexing="ij")))
+        below = (np.abs(around[..., 1]) <= side) & (around[..., 0] >= -side) & (around[..., 0] <= blind)
+        window = slice(near[0], near[-1] + 1)
+        free[window, window] |= below & ~grid.known[window, window]
+    free[[0, -1]] = free[:, [0, -1]] = False
+    return free
+
+
+def _laid(grid: LocalGrid, free: Mask, course: Floats, outline: Outline) -> tuple[Tree, Layer, Layer]:
+    """Return the tree, and for each point the m from there to what is not free, and to the mission's way."""
+    tree, ahead = tree_of(outline.radius), outline.front - outline.width / 2
+    clearance = cv2.distanceTransform(free.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    line = np.ones((SIDE, SIDE), np.uint8)
+    cv2.polylines(line, [np.floor(course / CELL - grid.corner).astype(np.int32)], isClosed=False, color=0)
+    away = cv2.distanceTransform(line, cv2.DIST_L2, cv2.DIST_MASK_5)
+    room, off = (_read(grid, layer, tree.points) for layer in (clearance, away))
+    if ahead > 0.0:
+        nose = np.stack([np.cos(tree.headings), np.sin(tree.headings)], axis=-1)
+        room = np.minimum(room, _read(grid, clearance, tree.points + ahead * nose))
+    return tree, room, off
+
+
+def _read(grid: LocalGrid, layer: Any, points: Floats) -> Layer:
+    """Return a layer's distances at points ahead of the lens in m; 0 outside of the grid."""
+    at = grid.from_vehicle(points) / CELL - (grid.corner[0] + 0.5, grid.corner[1] + 0.5)
+    x, y = np.moveaxis(at.astype(np.float32), -1, 0)
+    return np.asarray(cv2.remap(layer, x, y, cv2.INTER_LINEAR)) * np.float32(CELL)
+
+
+def _apart(grid: LocalGrid, before: Plan | None, at: float, ends: Floats) -> Floats:
+    """Return how many m ends of ways (n, 2) are from the way of the plan before."""
+    if before is None or not before.arcs or not 0.0 <= at - before.at <= _OLD:
+        return np.zeros(len(ends))
+    (first, until), (second, _) = before.arcs[0], before.arcs[-1]
+    ways = np.arange(0.0, RELIABLE, 4 * STEP)[:, np.newaxis]
+    points = points_of(np.array([[first, second, until]]), ways[:, 0])[0][0]
+    turn = math.radians(before.pose.heading)
+    c, s = math.cos(turn), math.sin(turn)
+    there = grid.to_vehicle(points @ np.array([[c, s], [-s, c]]) + before.pose[:2])
+    return np.asarray(np.hypot(*(ends[:, np.newaxis] - there).transpose(2, 0, 1)).min(axis=1))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from typing import NamedTuple
 
 from anytraverse.frame import Pose
@@ -16,6 +18,22 @@ class Route(NamedTuple):
 
     points: tuple[tuple[float, float], ...]
     corridor: float
+
+    def at(self, pose: Pose) -> tuple[float, float]:
+        """Return where it leads beside a pose, in degrees counter-clockwise, and how many m of it are left."""
+        nearest, heading, left = math.inf, 0.0, 0.0
+        for start, end in pairwise(self.points):
+            leg = end[0] - start[0], end[1] - start[1]
+            length = math.hypot(*leg) or 1e-9
+            along = ((pose.x - start[0]) * leg[0] + (pose.y - start[1]) * leg[1]) / length
+            driven = max(0.0, min(length, along))
+            foot = start[0] + leg[0] * driven / length, start[1] + leg[1] * driven / length
+            away = math.hypot(pose.x - foot[0], pose.y - foot[1])
+            if away < nearest:
+                nearest, heading, left = away, math.degrees(math.atan2(leg[1], leg[0])), 0.0
+                length -= driven
+            left += length
+        return heading, left
 
 
 class Outline(NamedTuple):

@@ -31,6 +31,8 @@ CLEAR_FOR = 2.0
 """s for which the mission's way must be clear before the mission has the vehicle again."""
 ALONG = 20.0
 """Degrees by which the heading may differ from the leg's then."""
+_WORTH = 4.0
+"""m of the way beyond a standstill that must be left for a take-over."""
 _AGAIN, _TRIES = 0.5, 6
 """s from one request to give the vehicle back to the next, and how many of them there are."""
 _LATE = 0.3
@@ -56,7 +58,8 @@ class Circumstances(NamedTuple):
     most. held: our hold is commanded or stands. asks: something that cannot be passed stops the vehicle.
     shows: something in the region of interest would stop it that may have room beside it.
     item, passed: numbers of the mission's current item, and of the one that it should be by where the vehicle
-    is. leg: direction of the leg in degrees counter-clockwise; None where the way is not known.
+    is. leg: direction of the mission's way in degrees counter-clockwise; None where it is not known. left: m
+    of it that may be driven without the mission's mode.
     """
 
     now: float
@@ -75,6 +78,7 @@ class Circumstances(NamedTuple):
     item: int
     passed: int
     leg: float | None
+    left: float
 
 
 class Orders(NamedTuple):
@@ -183,7 +187,8 @@ class Guide:
     def _may_take(self, c: Circumstances) -> bool:
         known = c.mode_at is not None and c.now - c.mode_at < MODE_AGE and c.pose is not None
         fresh = c.now - min(c.motion_at, c.position_at) < MOTION_AGE
-        return known and fresh and self._plans_clear(c.driven, c.now)
+        lasts = c.left > self._stops_in * c.driven + _WORTH
+        return known and fresh and lasts and self._plans_clear(c.driven, c.now)
 
     def _plans_clear(self, driven: float, now: float) -> bool:
         """Whether the last plans are clear over the way to a standstill, and none of them is old."""
@@ -262,6 +267,8 @@ class Guide:
         newest = self._plans[-1] if self._plans else None
         if newest is None or not newest.arcs or c.pose is None or c.now - newest.at > self._freshness:
             return STAND
+        # What the mission does at the end of this way only its own mode can do.
+        newest = newest._replace(clear=min(newest.clear, c.left))
         return follow(newest, c.pose, c.speed, self._stops_in, self._radius)
 
     def _note_way(self, c: Circumstances, target: Target) -> None:
@@ -285,7 +292,8 @@ class Guide:
             self._clear_since = None
             return False
         self._clear_since = c.now if self._clear_since is None else self._clear_since
-        return c.now - self._clear_since >= CLEAR_FOR
+        ends = c.left < self._stops_in * c.driven + 2.0 * SPARE
+        return c.now - self._clear_since >= (0.0 if ends else CLEAR_FOR)
 
     def _give_back(self, c: Circumstances, target: Target) -> Orders:
         if self._plans[-1].route_blocked and math.isinf(self._requested_at):

@@ -70,6 +70,7 @@ class Rover:
             "item": 2,
             "passed": 2,
             "leg": 0.0,
+            "left": 30.0,
         }
         return Circumstances(**(known | told))
 
@@ -296,6 +297,17 @@ def test_a_waypoint_that_was_passed_is_set_before_the_mission_goes_on() -> None:
     assert not any(orders.request for orders in rover.all)
     rover.turn(0.6, item=3)
     assert any(orders.request == (AUTO, GUIDED) for orders in rover.all)
+
+
+def test_where_only_the_mission_can_go_on_it_has_the_vehicle_at_once_or_the_vehicle_is_stopped() -> None:
+    rover = Rover().guided()
+    rover.plan = {"route_clear": 5.0}
+    rover.turn(3 * TURN, left=3.0)
+    assert rover.guide.state is GuideState.BACK
+    rover = Rover().guided()
+    assert rover.turn(left=0.4) == Orders(STAND)
+    rover.turn(1.0)
+    assert rover.guide.stuck
 
 
 def test_a_mission_that_does_not_go_on_stops_the_vehicle() -> None:

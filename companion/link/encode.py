@@ -32,6 +32,9 @@ _PLAIN_LENGTH = {
     mavlink.MAVLINK_MSG_ID_COMMAND_ACK: 3,
     mavlink.MAVLINK_MSG_ID_STATUSTEXT: 51,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: 60,
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: 2,
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT: 4,
+    mavlink.MAVLINK_MSG_ID_MISSION_ACK: 3,
 }
 """Payload bytes before the extensions, which MAVLink 1 does not know."""
 
@@ -252,6 +255,28 @@ def set_mode(system_id: int, command: ModeCommand, hold: int = 0) -> Any:
 def mode_request(system_id: int, hold: int, expected: int, mode: int, serial: int, brake: float) -> Any:
     """`MODE_REQUEST_COMMAND` to the script on the autopilot."""
     return _command(system_id, MODE_REQUEST_COMMAND, hold, expected, mode, serial, fifth=brake)
+
+
+def set_item(system_id: int, item: int) -> Any:
+    """MAV_CMD_DO_SET_MISSION_CURRENT: make an item the current one, and leave all else as it is."""
+    return _command(system_id, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, item, 0)
+
+
+def mission_list(system_id: int) -> Any:
+    """MISSION_REQUEST_LIST: ask how many items the mission has."""
+    return mavlink.MAVLink_mission_request_list_message(system_id, AUTOPILOT_COMPONENT_ID)
+
+
+def mission_request(system_id: int, item: int) -> Any:
+    """MISSION_REQUEST_INT: ask for an item of the mission."""
+    return mavlink.MAVLink_mission_request_int_message(system_id, AUTOPILOT_COMPONENT_ID, item)
+
+
+def mission_taken(system_id: int) -> Any:
+    """MISSION_ACK: all items of the mission have come."""
+    return mavlink.MAVLink_mission_ack_message(
+        system_id, AUTOPILOT_COMPONENT_ID, mavlink.MAV_MISSION_ACCEPTED
+    )
 
 
 def stand_still(system_id: int, uptime_ms: int) -> Any:

@@ -18,9 +18,11 @@ from companion.link.camera import CameraService
 from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
+from companion.link.current_item import CurrentItem
 from companion.link.dead_man import DeadMan
 from companion.link.ftp.server import FtpServer
 from companion.link.inbound import InboundEvent
+from companion.link.mission_download import MissionDownload
 from companion.link.mode_commands import ModeCommands
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import FOLDER as PARAMETERS
@@ -55,7 +57,8 @@ class Link:
     """Acts as MAVLink component 191.
 
     Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`. texts, alerts, parameters,
-    text_parameters, answers, commands, modes, setpoints, camera, dead_man: the services that the daemon uses.
+    text_parameters, answers, commands, modes, setpoints, camera, dead_man, mission, current_item: the
+    services that the daemon uses.
     """
 
     def __init__(
@@ -113,8 +116,18 @@ class Link:
         )
         self.modes = ModeCommands(self._outbox, self._access, self._tracker)
         self.dead_man = DeadMan(self._outbox, self.texts)
+        self.mission = MissionDownload(self._outbox)
+        self.current_item = CurrentItem(self._outbox)
         self._router = MessageRouter(
-            self._outbox, self.texts, self._access, self._tracker, self.modes, requests, self.dead_man
+            self._outbox,
+            self.texts,
+            self._access,
+            self._tracker,
+            self.modes,
+            requests,
+            self.dead_man,
+            self.mission,
+            self.current_item,
         )
         self.alerts = AlertRepeater()
         self._returns_seen = 0
@@ -210,6 +223,8 @@ class Link:
             self.text_parameters.tick(now)
             self.camera.tick(now)
             self._intervals.tick(self.vehicle, returns, now)
+            self.mission.tick(self.vehicle, returns, now)
+        self.current_item.tick(self.vehicle, now)
         self.modes.tick(now)
         # The autopilot may have rebooted, or be on another connection: a heartbeat announces us at once.
         if returns != self._returns_seen:

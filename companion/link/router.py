@@ -13,9 +13,11 @@ from companion.link.answers import AnswerService
 from companion.link.camera import CameraService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
+from companion.link.current_item import CurrentItem
 from companion.link.dead_man import STICKS, DeadMan
 from companion.link.ftp.server import FtpServer
 from companion.link.inbound import InboundEvent, VehicleUpdate
+from companion.link.mission_download import KINDS, MissionDownload
 from companion.link.mode_commands import ModeCommands
 from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
@@ -171,6 +173,8 @@ class MessageRouter:
         modes: ModeCommands,
         requests: RequestDispatcher,
         dead_man: DeadMan,
+        mission: MissionDownload,
+        current_item: CurrentItem,
     ) -> None:
         self._outbox = outbox
         self._text_sender = text_sender
@@ -179,6 +183,8 @@ class MessageRouter:
         self._modes = modes
         self._requests = requests
         self._dead_man = dead_man
+        self._mission = mission
+        self._current_item = current_item
         self._deduplicator = Deduplicator()
         self.remote_control = RemoteControl()
 
@@ -246,8 +252,10 @@ class MessageRouter:
         if changed is not None and changed(system_id, message, now):
             pass
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
-            for_us = message.target_component in (0, COMPONENT_ID)
-            return self._modes.answered(message, now) if for_us else None
+            if message.target_component not in (0, COMPONENT_ID):
+                return None
+            self._current_item.answered(message)
+            return self._modes.answered(message, now)
         elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
             return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):
@@ -263,6 +271,8 @@ class MessageRouter:
                 self._tracker.throttle(system_id, message, now)
             elif kind == "SYSTEM_TIME":
                 self._tracker.time(system_id, message, now)
+            elif kind in KINDS and self._tracker.is_ours(system_id):
+                self._mission.receive(message, now)
             return None
         return None if self._tracker.vehicle is None else VehicleUpdate(self._tracker.vehicle)
 

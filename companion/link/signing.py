@@ -67,6 +67,9 @@ PRIVATE_TELEMETRY = frozenset(
         "CURRENT_MODE",
         "MISSION_CURRENT",
         "MISSION_ITEM_REACHED",
+        "MISSION_COUNT",
+        "MISSION_ITEM_INT",
+        "MISSION_ACK",
         "COMMAND_ACK",
         "STATUSTEXT",
     }

@@ -13,7 +13,8 @@ from anytraverse.history import Place
 from companion.vehicle.motion import MotionReport
 from companion.wire.json_values import place_attributes
 
-_METRES_PER_DEGREE = 111_320.0
+METRES_PER_DEGREE = 111_320.0
+"""Of latitude, on a sphere."""
 _JUMP = 20.0
 """Metres. A longer step between two positions is a new fix and no driving; it is not counted."""
 _JITTER = 0.3
@@ -209,8 +210,8 @@ class Odometer:
             if self._last is None:
                 self._last = latitude, longitude
             # A flat earth is exact enough here: steps are a few metres long.
-            north = (latitude - self._last[0]) * _METRES_PER_DEGREE
-            east = (longitude - self._last[1]) * _METRES_PER_DEGREE * math.cos(math.radians(latitude))
+            north = (latitude - self._last[0]) * METRES_PER_DEGREE
+            east = (longitude - self._last[1]) * METRES_PER_DEGREE * math.cos(math.radians(latitude))
             step = math.hypot(north, east)
             if step >= _JITTER:
                 self._last = latitude, longitude

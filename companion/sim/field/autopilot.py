@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.sim.field import telemetry
+from companion.sim.field import mission_items, telemetry
 from companion.sim.field.commands import Commands
 from companion.sim.field.mission import SimulatedMission
 from companion.sim.field.modes import Mode
@@ -202,6 +202,14 @@ class SimulatedAutopilot:
         self.rover.reversed = on
         return True
 
+    def set_item(self, number: int) -> bool:
+        """Makes an item of the mission the current one, and tells it on both ports. False: it cannot."""
+        if not self.tour.set_current(number):
+            return False
+        for port in Port:
+            self.send(port, self.message(MISSION_CURRENT))
+        return True
+
     def arm(self, *, on: bool) -> bool:
         """Arms or disarms. Returns False when the script forbids arming; ARMING_CHECK 0 ignores it."""
         if on and self.script is not None and self.parameters["ARMING_CHECK"]:
@@ -322,6 +330,9 @@ class SimulatedAutopilot:
             asked = [frame.base_mode, frame.custom_mode]
             result = self._commands.set_mode(port, [float(value) for value in asked])
             self._commands.acknowledge(port, frame, int(mavlink.MAVLINK_MSG_ID_SET_MODE), result)
+        elif kind.startswith("MISSION_"):
+            for reply in mission_items.replies(self.tour, frame):
+                self.send(port, reply)
         elif kind == "PARAM_REQUEST_LIST":
             self._listing[port] = deque(self.parameters.rows())
         elif kind == "PARAM_REQUEST_READ":

@@ -44,6 +44,7 @@ class Commanded(Protocol):
     def may_enter(self, mode: Any, /) -> bool: ...
     def set_mode(self, mode: Any, by: str) -> None: ...
     def set_reverse(self, *, on: bool) -> bool: ...
+    def set_item(self, number: int) -> bool: ...
     def arm(self, *, on: bool) -> bool: ...
     def message(self, number: int) -> Any: ...
 
@@ -57,6 +58,7 @@ class Commands:
             int(mavlink.MAV_CMD_DO_SET_MODE): self.set_mode,
             int(mavlink.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(mavlink.MAV_CMD_DO_SET_REVERSE): self._set_reverse,
+            int(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT): self._set_item,
             int(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL): self._set_interval,
             int(mavlink.MAV_CMD_REQUEST_MESSAGE): self._request,
             int(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES): self._capabilities,
@@ -108,6 +110,10 @@ class Commands:
         if asked[0] not in (0.0, 1.0):
             return DENIED
         return ACCEPTED if self._autopilot.set_reverse(on=asked[0] == 1.0) else UNSUPPORTED
+
+    def _set_item(self, _port: Port, asked: Sequence[float]) -> int:
+        number = _whole(asked[0])
+        return ACCEPTED if number is not None and self._autopilot.set_item(number) else DENIED
 
     def _set_interval(self, port: Port, asked: Sequence[float]) -> int:
         number = _whole(asked[0])

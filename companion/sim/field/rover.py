@@ -160,6 +160,11 @@ class Rover:
         """Metres along the trail since the mission began; negative behind its start."""
         return self._progress
 
+    def place(self, progress: float) -> tuple[float, float]:
+        """Returns where the trail is so many metres after its start: x and y in m."""
+        pose = self._trail.pose(self._trail.start + progress)
+        return pose.x, pose.y
+
     def restart_mission(self) -> None:
         """Drives straight to the start of the trail, then along it from there; the laps count from 0."""
         self._rejoining = True

@@ -36,13 +36,17 @@ def heartbeat(mode: Mode, *, armed: bool) -> Any:
     )
 
 
+def degrees_e7(x: float, y: float) -> tuple[int, int]:
+    """Returns latitude and longitude, in degrees x 10^7, of a place on the field in m."""
+    latitude = ORIGIN_LATITUDE + y / METRES_PER_DEGREE
+    longitude = ORIGIN_LONGITUDE + x / (METRES_PER_DEGREE * math.cos(math.radians(ORIGIN_LATITUDE)))
+    return round(latitude * 1e7), round(longitude * 1e7)
+
+
 def position(rover: Rover) -> Any:
-    latitude = ORIGIN_LATITUDE + rover.y / METRES_PER_DEGREE
-    longitude = ORIGIN_LONGITUDE + rover.x / (METRES_PER_DEGREE * math.cos(math.radians(ORIGIN_LATITUDE)))
     return mavlink.MAVLink_global_position_int_message(
         _boot_ms(rover),
-        round(latitude * 1e7),
-        round(longitude * 1e7),
+        *degrees_e7(rover.x, rover.y),
         450_000,
         0,
         round(100 * rover.speed * math.sin(rover.heading)),

@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field import mission_items, telemetry
 from companion.sim.field.commands import Commands
+from companion.sim.field.guided import GuidedTargets
 from companion.sim.field.mission import SimulatedMission
 from companion.sim.field.modes import Mode
 from companion.sim.field.parameters import ARDUPILOT, Parameters, Row, SimulatedParameter
@@ -82,6 +83,7 @@ class SimulatedAutopilot:
         self.mode_by = ""
         self.armed = False
         self.tour = SimulatedMission(rover, self.first_item)
+        self.targets = GuidedTargets(rover)
         self.script: Scripting | None = None
         self.obstacles_at: float | None = None
         self.mode_log: deque[ModeChange] = deque(maxlen=LOGGED_MODES)
@@ -126,6 +128,9 @@ class SimulatedAutopilot:
             self.script.poll()
         if self.rover.time >= self._arms_itself_at:
             self._arms_itself_at = math.inf if self.arm(on=True) else self.rover.time + ARMS_AGAIN
+        if self.targets.lapse():
+            self._apply()
+            self.send_text(b"target not received last 3secs, stopping", mavlink.MAV_SEVERITY_WARNING)
         if self.armed and self.mode is self.mission:
             self._drive_mission()
         if now >= self._next_heartbeat:
@@ -191,6 +196,8 @@ class SimulatedAutopilot:
             self.tour.begin_anew()
         changed = mode is not self.mode
         self.mode = mode
+        if changed:
+            self.targets.forget()
         self._apply()
         if changed:
             self.mode_by = by
@@ -287,7 +294,7 @@ class SimulatedAutopilot:
             return MotorDrive.HOLD
         known = {
             Mode.AUTO: MotorDrive.FOLLOW,
-            Mode.GUIDED: MotorDrive.STOP,
+            Mode.GUIDED: MotorDrive.STOP if self.rover.target is None else MotorDrive.TARGET,
             Mode.MANUAL: MotorDrive.HAND,
             Mode.STEERING: MotorDrive.HAND,
         }
@@ -333,6 +340,9 @@ class SimulatedAutopilot:
         elif kind.startswith("MISSION_"):
             for reply in mission_items.replies(self.tour, frame):
                 self.send(port, reply)
+        elif kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode is Mode.GUIDED:
+            self.targets.hear(frame)
+            self._apply()
         elif kind == "PARAM_REQUEST_LIST":
             self._listing[port] = deque(self.parameters.rows())
         elif kind == "PARAM_REQUEST_READ":

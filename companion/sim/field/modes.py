@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 
 class Mode(enum.IntEnum):
-    """A mode; its value is HEARTBEAT.custom_mode. MANUAL, STEERING and AUTO drive, the others stand still."""
+    """A mode; its value is HEARTBEAT.custom_mode. MANUAL, STEERING, AUTO and, with a target, GUIDED drive."""
 
     MANUAL = 0
     STEERING = 3

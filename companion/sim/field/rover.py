@@ -31,6 +31,7 @@ class MotorDrive(enum.Enum):
 
     FOLLOW = "follow"  # along the trail at cruise speed; backwards, the way it came, if `Rover.reversed`
     HOLD = "hold"  # to standstill as ArduPilot's HOLD does it, and stay
+    TARGET = "target"  # with the speed and the rate of turning that `Rover.target` says
     STOP = "stop"  # to standstill as ArduPilot's GUIDED without a target does it, and stay
     BRAKE = "brake"  # to standstill as hard as it can, and stay
     CIRCLE = "circle"  # run on, then drive back to where this began, and stay
@@ -104,6 +105,7 @@ class Rover:
         self._motion = motion or Motion(trail)
         self.cruise_speed = cruise_speed
         self.reversed = False
+        self.target: tuple[float, float] | None = None  # m/s, rad/s counter-clockwise
         self._drive = MotorDrive.OFF
         self._circled_from: tuple[float, float] | None = None
         self._ran_on = False
@@ -225,6 +227,8 @@ class Rover:
             return Order(stop=True)
         if self.drive is MotorDrive.BRAKE:
             return Order(brake=True)
+        if self.drive is MotorDrive.TARGET:
+            return self._as_targeted()
         if self.drive is MotorDrive.CIRCLE:
             return self._circle()
         if self.drive is MotorDrive.HOME:
@@ -236,6 +240,14 @@ class Rover:
             force = 0.0 if spent else hand.throttle * body.drive_force
             return Order(force=force, steering=hand.steering * body.max_steering)
         return Order()
+
+    def _as_targeted(self) -> Order:
+        """Follows the wanted arc until it has the wanted speed: it never turns more sharply."""
+        speed, turn = self.target or (0.0, 0.0)
+        wanted = _clamp(speed, self.cruise_speed)
+        along = math.copysign(max(abs(self.speed), abs(wanted), STANDSTILL), wanted)
+        steering = math.atan(self.body.wheelbase * turn / along)
+        return Order(force=self._force_for(wanted), steering=_clamp(steering, self.body.max_steering))
 
     def _circle(self) -> Order:
         """Loiters like a rover with car steering: it cannot turn on the spot and overruns the point first."""

@@ -19,8 +19,8 @@ from companion.daemon.call_frames import CallFrames
 from companion.daemon.call_texts import CallTexts
 from companion.daemon.daemon import Daemon, Deciders
 from companion.daemon.executor import DecisionExecutor
-from companion.daemon.guiding import GuideService
 from companion.daemon.ground_view import GroundView
+from companion.daemon.guiding import GuideService
 from companion.daemon.health import HealthMonitor
 from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 import math
 
-from anytraverse.frame import Pose
 from companion.calls.machine import OperatorCalls
+from companion.calls.reason_filter import PASSABLE
 from companion.config import Config
 from companion.config.guiding import guide_lacks, outline, stops_in
 from companion.guide.plan import Errand, Plan
-from companion.guide.rules import Circumstances, Guide, GuideAnswer, GuideState, Orders
+from companion.guide.rules import Circumstances, Guide, GuideAnswer, GuideState
 from companion.link.link import Link
 from companion.vehicle import ardupilot
 from companion.vehicle.motion import pose_at
-from companion.vehicle.state import Vehicle
+from companion.vehicle.route import MissionRoute
 from companion.wire import notices
 from companion.wire.ids import INFO, WARNING, Policy
 
@@ -33,7 +33,7 @@ class GuideService:
         self._outline = outline(config)
         self._lacks = guide_lacks(config)
         self._speed = config.stopping.speed or 0.0
-        self._corridor = config.guide.corridor
+        self._mission = MissionRoute(config.guide.corridor)
         radius = self._outline.radius if self._outline is not None else 1.0
         self._guide = Guide(radius, calls.numbers.freshness, stops_in(config))
         self.errand: Errand | None = None
@@ -55,22 +55,66 @@ class GuideService:
 
     def figures(self) -> dict[str, object]:
         """Return guiding's part of the status file."""
-        return {"state": self._guide.state.value, "lacks": self._why_not() or None}
+        return {"state": self._guide.state.value, "lacks": self._why_not() or self._mission.why or None}
 
     def tick(self, now: float) -> None:
         """Decide, and hand over what is to be sent."""
         before, guide, link = self._guide.state, self._guide, self._link
+        in_force = self._calls.policy is Policy.GUIDE and not self._lacks
+        link.mission.wanted = in_force
+        link.request_quick_motion(quick=in_force)
         orders = guide.tick(self._circumstances(now))
         link.setpoints.target = orders.target
         if orders.request is not None:
             link.modes.guide(*orders.request, now)
-        if orders.item is not None:
-            link.mission.set_current(orders.item, now)
+        if orders.item is not None and not link.current_item.waits:
+            link.current_item.set(orders.item, now)
         self._calls.reason_filter.passes = guide.passes
         self._calls.reason_filter.no_way = bool(guide.stuck)
         self._calls.monitor.guided_out_of = ardupilot.AUTO if guide.guides else None
         if guide.state is not before:
             self._tell(before, guide.state, now)
+
+    def _circumstances(self, now: float) -> Circumstances:
+        vehicle, calls = self._link.vehicle, self._calls
+        report, motion = calls.monitor.newest, vehicle.motion if vehicle is not None else None
+        pose = None if motion is None else pose_at([motion], now)
+        route = self._mission.update(vehicle, self._link.mission.items, now)
+        allowed = not self._why_not()
+        told = (None, 0.0) if route is None or pose is None else route.at(pose)
+        plans = allowed and route is not None and self._outline is not None
+        self.errand = Errand(route, self._outline, self._speed) if plans else None
+        known = calls.monitor.known(now) and not calls.monitor.heartbeat_lost(now)
+        position_at = vehicle.position_at if vehicle is not None else None
+        return Circumstances(
+            now=now,
+            allowed=allowed,
+            mode=report.mode,
+            mode_at=report.reported_at if known else None,
+            armed=report.armed,
+            motion_at=-math.inf if motion is None else motion.at,
+            position_at=-math.inf if position_at is None else position_at,
+            pose=pose,
+            driven=abs(motion.speed) if motion is not None else 0.0,
+            speed=self._speed,
+            held=calls.hold is not None,
+            asks=bool(calls.reasons(now) - PASSABLE),
+            shows=calls.reason_filter.shows_passable,
+            item=report.mission.item if report.mission is not None else 0,
+            passed=self._mission.passed(),
+            leg=told[0],
+            left=told[1],
+        )
+
+    def _why_not(self) -> str:
+        """Say what guiding lacks now, "" for nothing."""
+        if self._calls.policy is not Policy.GUIDE:
+            return "policy is not guide"
+        if self._lacks:
+            return f"set {self._lacks}"
+        if self._calls.monitor.newest.autopilot is not ardupilot.ROVER:
+            return "no ArduPilot rover"
+        return "" if self._link.modes.compares else "the script on the autopilot is not heard"
 
     def _tell(self, before: GuideState, state: GuideState, now: float) -> None:
         log.info("guide: %s", state.value)

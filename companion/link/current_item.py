@@ -49,6 +49,11 @@ class CurrentItem:
         self.item, self.state = item, Setting.WAITS
         self._since, self._asked_at, self._tries = now, -math.inf, 0
 
+    @property
+    def waits(self) -> bool:
+        """Whether the newest item is not set yet, and not refused."""
+        return self.state is Setting.WAITS
+
     def cancel(self) -> None:
         """Send no more; one that was sent may still take effect."""
         self.state = Setting.NONE

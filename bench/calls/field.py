@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from bench.calls.operators import About
 from companion.calls.decisions import Call
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.tuning.episode import LabelOperator
+from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.render import LABELS, PinholeCamera
 from companion.sim.field.things import KINDS, FieldThing, World
-from companion.sim.field.trail import Pose, half_width
+from companion.sim.field.trail import Pose
 
 DRIVABLE = ("grass", "dirt path", "gravel")
 """Labels of the simulation that are drivable."""
@@ -35,11 +36,20 @@ class FilmedField:
     """
 
     def __init__(
-        self, world: World, *, name: str = "", east_m: float = 0.0, size: tuple[int, int] = (320, 240)
+        self,
+        world: World,
+        *,
+        name: str = "",
+        east_m: float = 0.0,
+        size: tuple[int, int] = (320, 240),
+        drivable: Sequence[str] = DRIVABLE,
     ) -> None:
-        """name: begins the ids of what is in it, where there are several worlds. east_m: where it lies."""
+        """name: begins the ids of what is in it, where there are several worlds. east_m: where it lies.
+
+        drivable: the labels that the operator calls so.
+        """
         self.world = world
-        self.operator: LabelOperator = _Onlooker(self)
+        self.operator: LabelOperator = _Onlooker(self, drivable)
         self.labels: Labels = np.zeros(size[::-1], np.uint8)
         self.surprises = frozenset(name + thing.id for thing in world.things.values() if thing.surprise)
         self._name, self._east_m = name, east_m
@@ -47,10 +57,10 @@ class FilmedField:
         self._camera = PinholeCamera(world, *size)
         self._pose = world.trail.pose(world.trail.start)
 
-    def frame(self, pose: Pose, at: float, travelled: float) -> DriveFrame:
-        """Film a frame. at: seconds. travelled: metres driven."""
+    def frame(self, pose: Pose, at: float, travelled: float, tilt: Tilt = LEVEL) -> DriveFrame:
+        """Film a frame. at: seconds. travelled: metres driven. tilt: how the rover leans."""
         self._pose = pose
-        image, self.labels = self._camera.render(pose, at)
+        image, self.labels = self._camera.render(pose, at, tilt)
         place = Place(
             pose.y / _METRES_PER_DEGREE,
             (pose.x + self._east_m) / _METRES_PER_DEGREE,
@@ -129,7 +139,7 @@ class FilmedField:
         along, lateral = self.world.trail.nearest(
             pose.x + ahead * c - left * s, pose.y + ahead * s + left * c
         )
-        on_path = abs(lateral) < float(half_width(np.array(along)))
+        on_path = abs(lateral) < float(self.world.trail.half_width(np.array(along)))
         side = "path" if on_path else "left" if lateral > 0 else "right"
         return f"{label}, {self.world.trail.zone(along)}, {side}"
 
@@ -137,8 +147,8 @@ class FilmedField:
 class _Onlooker(LabelOperator):
     """An operator who sees the whole frame: what stands beside the tile is named, not the ground below it."""
 
-    def __init__(self, film: FilmedField) -> None:
-        super().__init__(LabelClasses(LABELS), lambda _: film.labels, DRIVABLE)
+    def __init__(self, film: FilmedField, drivable: Sequence[str]) -> None:
+        super().__init__(LabelClasses(LABELS), lambda _: film.labels, drivable)
         self._film = film
 
     def asked(self, call: Call, _frame: DriveFrame) -> str | None:

@@ -15,7 +15,7 @@ from companion.sim.field.control import FieldError
 from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.render import GROUND_KINDS, LABELS
 from companion.sim.field.things import DEFAULT_SURPRISES, KINDS, World
-from companion.sim.field.trail import Pose, half_width
+from companion.sim.field.trail import Pose
 from companion.sim.field.view import View
 
 KEPT = 360
@@ -110,7 +110,7 @@ class Album:
         ahead, left = map(float, metres[rows[nearest], columns[nearest]])
         c, s = math.cos(pose.heading), math.sin(pose.heading)
         along, lateral = trail.nearest(pose.x + ahead * c - left * s, pose.y + ahead * s + left * c)
-        on_path = abs(lateral) < float(half_width(np.array(along)))
+        on_path = abs(lateral) < float(trail.half_width(np.array(along)))
         side = "path" if on_path else "left" if lateral > 0 else "right"
         return f"{kind}, {trail.zone(along)}, {side}"
 

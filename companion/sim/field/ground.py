@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from companion.sim.field import tiles
 from companion.sim.field.lens import Lens
 from companion.sim.field.things import World
-from companion.sim.field.trail import ZONES, Pose, half_width
+from companion.sim.field.trail import ZONES, Pose
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -176,7 +176,12 @@ def _route_map(world: World, low: NDArray[np.float64], high: NDArray[np.float64]
         shares = trail.shares(s) * np.clip((ends - np.abs(lateral)) / (ends - begins), 0, 1)[:, None]
         rows.append(
             np.stack(
-                [lateral, half_width(s), shares[:, ZONES.index("forest")], shares[:, ZONES.index("gravel")]],
+                [
+                    lateral,
+                    trail.half_width(s),
+                    shares[:, ZONES.index("forest")],
+                    shares[:, ZONES.index("gravel")],
+                ],
                 -1,
             )
         )

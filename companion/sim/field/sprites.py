@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from companion.sim.field.things import FieldThing, World
 from companion.sim.field.tiles import Bytes, Colour, blank, noise
-from companion.sim.field.trail import ZONES, Pose, half_width
+from companion.sim.field.trail import ZONES, Pose
 
 Picture = tuple[Bytes, float, float]  # RGBA; its width in diameters of the thing, its height in heights of it
 
@@ -244,7 +244,7 @@ class Tufts:
         self._tufts: list[FieldThing] = []
         for zone, (begin, end) in trail.borders.items():
             for s in rng.uniform(begin, end, int((end - begin) * _PER_METRE[zone])):
-                out = float(half_width(np.asarray(s))) + 0.12 + _SPREAD[zone] * rng.uniform() ** 2.2
+                out = float(trail.half_width(np.asarray(s))) + 0.12 + _SPREAD[zone] * rng.uniform() ** 2.2
                 side = math.copysign(out, rng.uniform(-1, 1))
                 at = trail.pose(float(s))
                 x, y = at.x - side * math.sin(at.heading), at.y + side * math.cos(at.heading)

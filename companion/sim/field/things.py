@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.sim.field.trail import ZONES, Trail
+from companion.sim.field.trail import LOOP, ZONES, Course, Trail
 
 KINDS = ("bush", "tree", "puddle", "drum", "rock", "log")
 DEFAULT_SURPRISES = ("drum", "rock", "log")
-CLEAR = 2.4  # m from the centre line within which no bush or tree stands
-PUDDLE_CLEAR = 1.9  # m from the centre line to the rim of a puddle
+CLEAR = 2.4  # m from the centre line within which no bush or tree stands; of a wider path as much more
+PUDDLE_CLEAR = 1.9  # m from the centre line to the rim of a puddle; likewise
 _SPACING = 3.5  # m, the least distance between two surprises
 
 # For each zone and kind: how many stand in 10 m of the route, and the least and largest distance from the
@@ -49,15 +49,18 @@ class World:
     """The trail and all things on it; the same seed and surprises give the same world.
 
     `surprises` are kinds, given to meadow, forest and gravel in turn; by default a drum, a rock and a log.
-    length: of a longer loop in metres, as of `Trail`. Raises ValueError for an unknown kind, or for more than
-    fit.
+    length, course: as of `Trail`. Raises ValueError for an unknown kind, or for more than fit.
     """
 
     def __init__(
-        self, seed: int, surprises: Sequence[str] = DEFAULT_SURPRISES, length: float | None = None
+        self,
+        seed: int,
+        surprises: Sequence[str] = DEFAULT_SURPRISES,
+        length: float | None = None,
+        course: Course = LOOP,
     ) -> None:
         self.seed = seed
-        self.trail = Trail(seed, length)
+        self.trail = Trail(seed, length, course)
         self.light = 1.0
         self.revision = 0  # counts changes, so that a camera knows when to draw the shadows again
         self.things: dict[str, FieldThing] = {}
@@ -148,17 +151,20 @@ def _surprise(trail: Trail, kind: str, thing_id: str, s: float, rng: np.random.G
 def _scenery(trail: Trail, seed: int) -> Iterator[FieldThing]:
     rng = np.random.default_rng([seed, 3])
     counts = dict.fromkeys(KINDS, 0)
+    wider = trail.course.half - LOOP.half
     for zone, kinds in _SCENERY.items():
         begin, end = trail.borders[zone]
         for kind, (per_ten, near, far) in kinds.items():
             for _ in range(max(1, round(per_ten * (end - begin) / 10))):
                 at = trail.pose(float(rng.uniform(begin, end)))
-                away = near + (far - near) * float(rng.uniform()) ** (1.3 if zone == "forest" else 1.0)
+                away = (
+                    near + wider + (far - near) * float(rng.uniform()) ** (1.3 if zone == "forest" else 1.0)
+                )
                 away = math.copysign(away, rng.uniform(-1, 1))
                 x, y = at.x - away * math.sin(at.heading), at.y + away * math.cos(at.heading)
                 thing = _make(kind, f"wild-{kind}", x, y, rng)
                 s, lateral = trail.nearest(x, y)
-                free = PUDDLE_CLEAR if kind == "puddle" else CLEAR
+                free = wider + (PUDDLE_CLEAR if kind == "puddle" else CLEAR)
                 if abs(lateral) - thing.radius < free or trail.zone(s) != zone:
                     continue
                 counts[kind] += 1

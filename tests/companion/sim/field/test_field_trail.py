@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.sim.field.trail import MIN_RADIUS, Trail
+from companion.sim.field.trail import MIN_RADIUS, Course, Trail
 
 TRAILS = {seed: Trail(seed) for seed in range(1, 21)}
 
@@ -72,3 +72,16 @@ def test_a_longer_trail_has_a_third_of_each_zone() -> None:
     assert trail.length == pytest.approx(600.0)
     for begin, end in trail.borders.values():
         assert end - begin == pytest.approx(200.0)
+
+
+@pytest.mark.parametrize("half", [1.65, 2.25])
+def test_a_path_is_as_wide_as_its_course_says_within_15_cm(half: float) -> None:
+    s = np.arange(0.0, 200.0, 0.1)
+    assert np.abs(Trail(1, course=Course(half=half)).half_width(s) - half).max() <= 0.15
+
+
+def test_a_course_with_more_harmonics_bends_to_both_sides_as_tightly_as_it_may() -> None:
+    trail = Trail(1, 124.0, Course(bends=(0.12, 0.09, 0.07, 0.05, 0.04), tightest=8.0))
+    turns = np.diff(np.unwrap([trail.pose(s).heading for s in np.arange(0, trail.length, 0.5)])) / 0.5
+    assert turns.min() < -1 / 30
+    assert 1 / 12 < np.abs(turns).max() <= 1 / 7.5

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from anytraverse.grid import CELL, SIDE, LocalGrid
 from anytraverse.ground import RELIABLE
 from companion.guide.plan import Outline, Plan, Route
-from companion.guide.tree import STEP, Tree, points_of, tree_of
+from companion.guide.tree import STEP, TIGHTEST, Tree, points_of, tree_of
 from companion.guide.way import ahead_of, clear_along, direction
 
 Floats = NDArray[np.float64]
@@ -26,7 +26,7 @@ Layer = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 MARGIN = 0.3
-"""m to each side of the vehicle that must be clear, too."""
+"""m to each side of the vehicle that must be clear, too; cells tell it to half of `CELL`."""
 TOUCHING = 0.1
 """m that a vehicle which stands nearer than `MARGIN` to something keeps, on the way out of there."""
 _WAY_OUT = 1.0
@@ -41,9 +41,11 @@ _BRAKES, _DELAY, _BEYOND = 1.0, 0.5, 2.0
 """m/s² and s: how the vehicle stops. m beyond it that are worth a detour."""
 _COMFORT = 0.3
 """m of room beside the margin that are better than none."""
-_REACH = math.ceil(RELIABLE / CELL)
-_OLD = 1.0
-"""s after which the plan before does not count any more."""
+_OLD, _FAR = 1.0, 2.0
+"""s after which the plan before does not count any more, and m from it after which more are no worse."""
+_SHOWN = slice(SIDE // 2 - 70, SIDE // 2 + 70)
+"""Rows and columns of the grid over which ways are laid: those of `RELIABLE` m, and some more."""
+_NONE: Any = None
 
 
 def plan(
@@ -62,8 +64,8 @@ def plan(
     the nearest ground in the picture that is as wide as vehicle and margins (`GroundCamera.nearest`).
     before: the plan of the last frame, which is kept to while there is nothing better.
     """
-    pose, numbers = grid.pose, (*outline, speed, at, route.corridor)
-    if pose is None or not all(map(math.isfinite, numbers)) or min(outline.width, outline.radius) <= 0.0:
+    pose = grid.pose
+    if pose is None or not _usable(outline, speed, at, route.corridor):
         return None
     course = ahead_of(route.points, pose)
     if course is None:
@@ -74,8 +76,9 @@ def plan(
     tree, room, off = _laid(grid, free, course, outline)
     aim = direction(course, pose)
     astray = np.abs(tree.headings - aim)
-    need = np.full(room.shape[1], half + MARGIN, np.float32)
-    need[: round(_WAY_OUT / STEP)] = np.clip(room[0, 0], half + TOUCHING, half + MARGIN)
+    least = half + MARGIN - CELL / 2
+    need = np.full(room.shape[1], least, np.float32)
+    need[: round(_WAY_OUT / STEP)] = np.clip(room[0, 0], half + TOUCHING, least)
     passable = (room >= need) & (off <= route.corridor) & (astray <= max(_ASTRAY, abs(aim)))
     passable[:, -1] = False
     last = passable.argmin(axis=1) - 1
@@ -87,13 +90,13 @@ def plan(
     ones = np.flatnonzero(reached >= enough - _ENDS)
     ends = np.minimum((progress[ones] >= enough - _ENDS).argmax(axis=1), last[ones])
     until = np.arange(room.shape[1]) <= ends[:, np.newaxis]
-    least = np.where(until, room[ones], np.inf).min(axis=1)
+    narrowest = np.where(until, room[ones], np.inf).min(axis=1)
     first, second, _ = tree.arcs[ones].T * outline.radius
     costs = (
         np.where(until, off[ones], 0.0).sum(axis=1) / (ends + 1)
         + off[ones, ends]
         + 0.5 * astray[ones, ends]
-        + 2.0 * np.maximum(0.0, half + MARGIN + _COMFORT - least)
+        + 2.0 * np.maximum(0.0, least + _COMFORT - narrowest)
         + 0.15 * np.abs(first)
         + 0.15 * np.abs(second - first)
         + 0.3 * _apart(grid, before, at, tree.points[ones, ends])
@@ -106,6 +109,12 @@ def plan(
     return told._replace(arcs=arcs[: 1 + (clear > switch)], clear=clear, gap=max(0.0, gap))
 
 
+def _usable(outline: Outline, *others: float) -> bool:
+    """Return whether these are shapes and amounts that a vehicle may have."""
+    sizes = 0.0 < outline.width <= RELIABLE and 0.0 <= outline.front <= RELIABLE
+    return sizes and TIGHTEST <= outline.radius < math.inf and all(0.0 <= one < math.inf for one in others)
+
+
 def _free(grid: LocalGrid, outline: Outline, blind: float) -> Mask:
     """Return which cells are free: drivable, or unknown and under the vehicle or below the picture.
 
@@ -113,34 +122,36 @@ def _free(grid: LocalGrid, outline: Outline, blind: float) -> Mask:
     """
     free, side = grid.drivable, outline.width / 2 + MARGIN + CELL
     if blind <= RELIABLE:
-        near = np.arange(SIDE // 2 - _REACH, SIDE // 2 + _REACH)
+        reach = min(SIDE // 2, math.ceil((blind + side) / CELL))
+        near = np.arange(SIDE // 2 - reach, SIDE // 2 + reach)
         around = grid.to_vehicle(grid.places(*np.meshgrid(near, near, indexing="ij")))
         below = (np.abs(around[..., 1]) <= side) & (around[..., 0] >= -side) & (around[..., 0] <= blind)
-        window = slice(near[0], near[-1] + 1)
-        free[window, window] |= below & ~grid.known[window, window]
-    free[[0, -1]] = free[:, [0, -1]] = False
+        free[near[0] :, near[0] :][: len(near), : len(near)] |= below & ~grid.known[near][:, near]
     return free
 
 
 def _laid(grid: LocalGrid, free: Mask, course: Floats, outline: Outline) -> tuple[Tree, Layer, Layer]:
     """Return the tree, and for each point the m from there to what is not free, and to the mission's way."""
     tree, ahead = tree_of(outline.radius), outline.front - outline.width / 2
-    clearance = cv2.distanceTransform(free.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    line = np.ones((SIDE, SIDE), np.uint8)
-    cv2.polylines(line, [np.floor(course / CELL - grid.corner).astype(np.int32)], isClosed=False, color=0)
+    shown = free[_SHOWN, _SHOWN].astype(np.uint8)
+    shown[[0, -1]] = shown[:, [0, -1]] = 0
+    clearance = cv2.distanceTransform(shown, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    corner = np.array(grid.corner) + _SHOWN.start
+    line = np.ones_like(shown)
+    cv2.polylines(line, [np.floor(course / CELL - corner).astype(np.int32)], isClosed=False, color=0)
     away = cv2.distanceTransform(line, cv2.DIST_L2, cv2.DIST_MASK_5)
-    room, off = (_read(grid, layer, tree.points) for layer in (clearance, away))
+    lens = grid.from_vehicle(np.zeros(2))
+    turn = ((grid.from_vehicle(np.eye(2)) - lens) / CELL).astype(np.float32)
+    at = tree.points @ turn + (lens / CELL - corner - 0.5).astype(np.float32)
+    room, off = _read(clearance, at), _read(away, at)
     if ahead > 0.0:
-        nose = np.stack([np.cos(tree.headings), np.sin(tree.headings)], axis=-1)
-        room = np.minimum(room, _read(grid, clearance, tree.points + ahead * nose))
+        room = np.minimum(room, _read(clearance, at + tree.noses @ (turn * np.float32(ahead))))
     return tree, room, off
 
 
-def _read(grid: LocalGrid, layer: Any, points: Floats) -> Layer:
-    """Return a layer's distances at points ahead of the lens in m; 0 outside of the grid."""
-    at = grid.from_vehicle(points) / CELL - (grid.corner[0] + 0.5, grid.corner[1] + 0.5)
-    x, y = np.moveaxis(at.astype(np.float32), -1, 0)
-    return np.asarray(cv2.remap(layer, x, y, cv2.INTER_LINEAR)) * np.float32(CELL)
+def _read(layer: Any, at: Layer) -> Layer:
+    """Return a layer's distances in m at places in cells; 0 outside of it."""
+    return np.asarray(cv2.remap(layer, at, _NONE, cv2.INTER_LINEAR)) * np.float32(CELL)
 
 
 def _apart(grid: LocalGrid, before: Plan | None, at: float, ends: Floats) -> Floats:
@@ -153,4 +164,5 @@ def _apart(grid: LocalGrid, before: Plan | None, at: float, ends: Floats) -> Flo
     turn = math.radians(before.pose.heading)
     c, s = math.cos(turn), math.sin(turn)
     there = grid.to_vehicle(points @ np.array([[c, s], [-s, c]]) + before.pose[:2])
-    return np.asarray(np.hypot(*(ends[:, np.newaxis] - there).transpose(2, 0, 1)).min(axis=1))
+    apart = np.hypot(*(ends[:, np.newaxis] - there).transpose(2, 0, 1)).min(axis=1)
+    return np.asarray(np.minimum(apart, _FAR))

@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from anytraverse.ground import RELIABLE
 
 Floats = NDArray[np.float64]
+Layer = NDArray[np.float32]
 
-STEP = 0.125
+STEP = 0.15
 """m from one checked point of a way to the next."""
+TIGHTEST = 0.1
+"""m: the radius of a turn, at least."""
 _FIRST, _SECOND, _SWITCHES = 23, 9, (1.0, 2.0, 3.0)
 """Curvatures of the first and of the second arc, and m after which it begins."""
 
@@ -22,12 +25,14 @@ _FIRST, _SECOND, _SWITCHES = 23, 9, (1.0, 2.0, 3.0)
 class Tree(NamedTuple):
     """Ways from the lens.
 
-    points: (n, steps, 2), m ahead and to the left. headings: (n, steps), rad to the left. arcs: (n, 3):
-    curvature of the first and of the second arc in 1/m, and m after which the second begins.
+    points: (n, steps, 2), m ahead and to the left. headings: (n, steps), rad to the left.
+    noses: (n, steps, 2), where these point to, 1 m long. arcs: (n, 3): curvature of the first and of the
+    second arc in 1/m, and m after which the second begins.
     """
 
-    points: Floats
-    headings: Floats
+    points: Layer
+    headings: Layer
+    noses: Layer
     arcs: Floats
 
 
@@ -37,7 +42,9 @@ def tree_of(radius: float) -> Tree:
     one, other = (np.linspace(-1.0, 1.0, count) for count in (_FIRST, _SECOND))
     pairs = np.meshgrid(one * np.abs(one) / radius, other * np.abs(other) / radius, _SWITCHES)
     arcs = np.stack([each.ravel() for each in pairs], axis=1)
-    return Tree(*points_of(arcs, np.arange(0.0, RELIABLE + STEP / 2, STEP)), arcs)
+    points, headings = points_of(arcs, np.arange(0.0, RELIABLE + STEP / 2, STEP))
+    noses = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
+    return Tree(points.astype(np.float32), headings.astype(np.float32), noses.astype(np.float32), arcs)
 
 
 def points_of(arcs: Floats, ways: Floats) -> tuple[Floats, Floats]:

@@ -1,1 +1,1 @@
-"""Drives round what leaves room: plans arcs over the local grid, and decides when the vehicle follows them."""
+"""Drives round what leaves room: plans arcs over the local grid, and decides when a vehicle follows them."""

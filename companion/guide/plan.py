@@ -1,4 +1,4 @@
-"""Defines what a plan is: two arcs over ground that is known to be drivable. Lengths in m, angles in degrees."""
+"""Defines what a plan is: two arcs over ground that is known to be drivable. In m, and angles in degrees."""
 
 from __future__ import annotations
 
@@ -45,6 +45,14 @@ class Outline(NamedTuple):
     width: float
     front: float
     radius: float
+
+
+class Errand(NamedTuple):
+    """What plans are made for. speed: m/s at which the vehicle would follow them."""
+
+    route: Route
+    outline: Outline
+    speed: float
 
 
 class Plan(NamedTuple):

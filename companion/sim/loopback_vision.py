@@ -81,6 +81,8 @@ class LoopbackVision:
             self.report(replace(judged, duration=max(judged.duration, self.frame_s)))
             if (ground := self._worker.remember_ground(judged.assessment)) is not None:
                 self.report(ground)
+            if (planned := self._worker.plan(judged.assessment)) is not None:
+                self.report(planned)
 
     def live(self, camera: CameraStatus, delivered_at: float | None) -> None:
         """Reports that the process is alive, with the camera's status."""

@@ -12,13 +12,15 @@ import numpy as np
 from anytraverse.answers import LARGEST_EXAMPLES, MAX_EXAMPLES, AnswerOutcome
 from anytraverse.assessment import Assessment, Maps
 from anytraverse.frame import is_intrinsics
-from anytraverse.grid import FARTHEST, SIDE
+from anytraverse.grid import CELL, FARTHEST, SIDE
 from anytraverse.ground import RELIABLE
 from anytraverse.history import MAX_REFUSED, Embedding, Entry
 from anytraverse.judging import Settings
 from anytraverse.memory import MOST_GIVEN, Examples
 from anytraverse.preferences import MAX_WORDS
 from anytraverse.roi import RoiFigures
+from companion.guide.plan import Plan
+from companion.guide.tree import TIGHTEST
 from companion.vehicle.motion import LARGEST_LEAN
 from companion.vision.evidence import contradiction
 from companion.vision.freeze_detector import CELLS
@@ -31,6 +33,7 @@ from companion.vision.messages import (
     FrameJudged,
     GroundMap,
     MemoryUpdate,
+    Planned,
     Ready,
     Report,
     Scenes,
@@ -43,6 +46,8 @@ LONGEST_VECTOR = (1 << 14) + 2
 _AHEAD = 0.001
 """Seconds by which a time stamp of the vision process may lie in the future, because of rounding."""
 _U32 = 0xFFFFFFFF
+MOST_ARCS = 2
+"""Of one plan."""
 MOST_TUNINGS = 256
 """Settings by which the next frame may have been judged, at most."""
 
@@ -106,8 +111,21 @@ def _check(message: Report, expected: Expected, now: float) -> None:
             )
             sizes = {len(content.share), len(content.uncertainty)}
             _need(sizes == {SIDE * SIDE}, "the cells of a grid")
+        case Planned(content):
+            _check_plan(content, now)
         case Scenes(entries):
             _check_entries(entries)
+
+
+def _check_plan(plan: Plan, now: float) -> None:
+    _need(plan.at >= 0.0 and _past(plan.at, now), "when a way was planned")
+    _need(all(abs(one) <= FARTHEST for one in plan.pose), "where a way begins")
+    lengths = [length for _, length in plan.arcs]
+    _need(_in(0.0, RELIABLE, plan.route_clear, plan.clear, *lengths), "how far a way leads")
+    _need(_in(0.0, SIDE * CELL, plan.gap), "how narrow a way is")
+    tightest = 1.0 / TIGHTEST
+    _need(_in(-tightest, tightest, *(curvature for curvature, _ in plan.arcs)), "how a way turns")
+    _need(len(lengths) <= MOST_ARCS and abs(sum(lengths) - plan.clear) <= ROUNDING, "the arcs of a way")
 
 
 def _check_frame_judged(judged: FrameJudged, expected: Expected, now: float) -> None:

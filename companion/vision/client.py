@@ -26,6 +26,7 @@ from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.radio import LinkSection
 from companion.config.web import WebSection
+from companion.guide.plan import Errand
 from companion.system.watchdog import Failure, Restarts, Watchdog
 from companion.vehicle.motion import MotionReport
 from companion.vision.checks import MOST_TUNINGS, BadReportError, Expected, check_report
@@ -48,6 +49,7 @@ from companion.vision.messages import (
     GroundMap,
     Logged,
     MemoryUpdate,
+    Planned,
     Ready,
     Request,
     Restore,
@@ -86,7 +88,7 @@ class VisionResult(NamedTuple):
     frame was given to a new process. turned: the words whose sign it turned -> weight before and after.
     """
 
-    report: FrameJudged | Done | Drawn | Encoded | GroundMap
+    report: FrameJudged | Done | Drawn | Encoded | GroundMap | Planned
     memory: Memory
     token: object = None
     turned: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -317,8 +319,8 @@ class VisionClient:
     ) -> None:
         """Send where the vehicle is, and the rate, five times a second, and each new report of its motion.
 
-        reach: as in `Frame`. moving: whether it has moved since the last call, so that two pictures in a row
-        must differ.
+        reach: as in `Frame`. errand: what ways are planned for, None: nothing. moving: whether it has moved
+        since the last call, so that two pictures in a row must differ.
         """
         self._moved += max(0.0, now - self._situated_at) if moving else 0.0
         self._situated_at = now
@@ -326,7 +328,7 @@ class VisionClient:
         idle = self.watchdog.running and child is not None and child.idle
         if idle and (now - self._situation_at >= _SITUATION_EVERY or motion != self._motion):
             self._situation_at, self._motion = now, motion
-            self._send(Situation(place, self.rate.value, motion, reach))
+            self._send(Situation(place, self.rate.value, motion, reach, errand))
 
     def has_stored_frame(self, frame_id: int) -> bool:
         """Whether answers may refer to this frame: it is stored, or a request to store it is under way."""
@@ -413,7 +415,7 @@ class VisionClient:
                     raise BadReportError(f"encoded frame {report.number}, which nobody asked for")
                 self._encoding = None
                 return [VisionResult(report, self.memory)]
-            case GroundMap():
+            case GroundMap() | Planned():
                 return [VisionResult(report, self.memory)]
         return []
 

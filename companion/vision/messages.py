@@ -22,6 +22,7 @@ from anytraverse.regions import Box
 from anytraverse.roi import RoiFigures
 from companion.cameras.newest import CameraStatus
 from companion.config import Config
+from companion.guide.plan import Errand, Plan
 from companion.vehicle.motion import MotionReport
 from companion.vision.freeze_detector import Luma
 from companion.wire.ids import State
@@ -128,13 +129,14 @@ class Situation:
     """Says where the vehicle is, and how much to judge.
 
     rate: frames/s, None: as configured. motion: the newest report of how it leans and moves. reach: as in
-    `Frame`.
+    `Frame`. errand: what a way is planned for after each frame, None: none is.
     """
 
     place: Place
     rate: float | None = None
     motion: MotionReport | None = None
     reach: float | None = None
+    errand: Errand | None = None
 
 
 @dataclass(frozen=True)
@@ -329,6 +331,12 @@ class GroundMap(_Report, frozen=True):
     content: GridMap
 
 
+class Planned(_Report, frozen=True):
+    """Carries the way that was planned when a frame's ground had been marked."""
+
+    content: Plan
+
+
 class Logged(_Report, frozen=True):
     """Carries a line for the supervisor's log, or several. level: as in `logging`."""
 
@@ -337,7 +345,7 @@ class Logged(_Report, frozen=True):
     text: Text
 
 
-Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | GroundMap | Logged | Scenes
+Report = Ready | Failed | Alive | FrameJudged | Done | Drawn | Encoded | GroundMap | Planned | Logged | Scenes
 
 
 def error_text(error: BaseException) -> str:

@@ -216,6 +216,9 @@ def _judge_frames(port: SupervisorChannel, worker: Worker, reader: CameraThread,
         ground = worker.remember_ground(judged.assessment)
         if ground is not None and port.has_room():
             port.send(ground)
+        planned = worker.plan(judged.assessment)
+        if planned is not None and port.has_room():
+            port.send(planned)
 
 
 def _handle(request: Request, worker: Worker, port: SupervisorChannel) -> None:

@@ -20,6 +20,8 @@ from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
+from companion.guide.arcs import MARGIN, plan
+from companion.guide.plan import Plan
 from companion.vehicle.motion import MotionReport, lean_at, pose_at
 from companion.vision import pictures
 from companion.vision.exposure import ADVICE, ExposureDetector
@@ -35,6 +37,7 @@ from companion.vision.messages import (
     FrameJudged,
     GroundMap,
     MemoryUpdate,
+    Planned,
     Report,
     Request,
     Restore,
@@ -77,6 +80,7 @@ class Worker:
         """What frames were judged as before they were judged again."""
         self._logged_at = float("-inf")
         self._grid, self._mapped_at = LocalGrid(), float("-inf")
+        self._planned: Plan | None = None
 
     def handle(self, request: Request) -> list[Report]:
         """Handle a request, and return the reports that answer it."""
@@ -136,6 +140,25 @@ class Worker:
             return None
         self._mapped_at = at
         return GroundMap(found)
+
+    def plan(self, seen: Assessment) -> Planned | None:
+        """Plan the way on for the errand, over the ground as it is remembered with this frame.
+
+        None without an errand, of a frame with a fault, where the ground is not told in metres, and where the
+        vehicle's pose is not known.
+        """
+        errand, ground, before = self._situation.errand, self._engine.settings.metres, self._planned
+        self._planned = None
+        if errand is None or ground is None or Reason.FAULT in seen.reasons:
+            return None
+        route, outline, speed = errand
+        try:
+            blind = ground.camera.front + ground.camera.nearest(outline.width + 2.0 * MARGIN)
+            at = seen.frame.captured_at
+            self._planned = plan(self._grid, route, outline, speed, at, blind=blind, before=before)
+        except Exception:  # without a plan the vehicle stops, or stands
+            self._log_failure(seen.frame, "no way could be planned after frame %d")
+        return None if self._planned is None else Planned(self._planned)
 
     def _mark_ground(self, seen: Assessment) -> None:
         ground, frame = self._engine.settings.metres, seen.frame
@@ -244,12 +267,12 @@ class Worker:
     def _weak(self, memory: Memory) -> tuple[str, ...]:
         return weak_in_use(self._engine, memory)
 
-    def _log_failure(self, frame: Frame) -> None:
+    def _log_failure(self, frame: Frame, text: str = "frame %d could not be judged") -> None:
         """Log the exception at most every ten seconds, since it may happen with every frame."""
         now = time.monotonic()
         if now - self._logged_at >= _LOGGED_AGAIN:
             self._logged_at = now
-            log.exception("frame %d could not be judged", frame.id)
+            log.exception(text, frame.id)
 
 
 def weak_in_use(engine: AnyTraverse, memory: Memory) -> tuple[str, ...]:

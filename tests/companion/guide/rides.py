@@ -91,7 +91,8 @@ def ride(trail: Trail, hertz: float, seconds: float, speed: float = 1.5, start: 
         if at >= taken + 1.0 / hertz - 1e-6:
             taken = at
             grid.update(trail.maps(pose), CAMERA, pose, at)
-            made = plan(grid, ROUTE, OUTLINE, speed, at, blind=BLIND, before=(ridden.plans or [None])[-1])
+            before = ridden.plans[-1] if ridden.plans else None
+            made = plan(grid, ROUTE, OUTLINE, speed, at, blind=BLIND, before=before)
             assert made is not None
             ridden.plans.append(made)
             waiting.append(made)

@@ -102,21 +102,26 @@ def passed(items: Sequence[MissionItem], current: int, position: Place, corridor
     two legs, and within `corridor` m and `SLACK` of the next one. Where the way turns back by more than 90
     degrees, the plane is square to the first leg: the vehicle must have driven that to its end.
     """
-    start = start_of(items, current) if waypoint(items, current) is not None else None
-    came = offset(position, start or began)
     while may_pass(items, current):
-        here, there = (offset(position, (one.lat, one.lon)) for one in items[current : current + 2])
-        first, second = _direction(came, here), _direction(here, there)
-        first, second = first or second, second or first
-        if first is None or second is None:
+        there = offset(position, (items[current + 1].lat, items[current + 1].lon))
+        here = offset(position, (items[current].lat, items[current].lon))
+        if not is_beyond(items, current, position, began) or away(here, there) > corridor + SLACK:
             break
-        ahead = first[0] * second[0] + first[1] * second[1] >= 0.0
-        plane = (first[0] + second[0], first[1] + second[1]) if ahead else first
-        beyond = plane[0] * here[0] + plane[1] * here[1] < 0.0
-        if not beyond or away(here, there) > corridor + SLACK:
-            break
-        current, came = current + 1, here
+        current += 1
     return current
+
+
+def is_beyond(items: Sequence[MissionItem], item: int, position: Place, began: Place) -> bool:
+    """Whether the vehicle is beyond the plane through a waypoint that `may_pass`, see `passed`."""
+    came = offset(position, start_of(items, item) or began)
+    here, there = (offset(position, (one.lat, one.lon)) for one in items[item : item + 2])
+    first, second = _direction(came, here), _direction(here, there)
+    first, second = first or second, second or first
+    if first is None or second is None:
+        return False
+    ahead = first[0] * second[0] + first[1] * second[1] >= 0.0
+    plane = (first[0] + second[0], first[1] + second[1]) if ahead else first
+    return plane[0] * here[0] + plane[1] * here[1] < 0.0
 
 
 def away(start: tuple[float, float], end: tuple[float, float]) -> float:

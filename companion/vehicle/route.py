@@ -86,15 +86,20 @@ def _without_repeats(points: list[tuple[float, float]]) -> list[tuple[float, flo
 class MissionRoute:
     """Keeps what the way ahead is made of: the items, where the leg began, and the newest position's pose.
 
-    corridor: m to each side, see `Route`. why: why there is no route, for a person; "" where there is one.
+    corridor: m to each side, see `Route`. item: the number of the item that is to be driven to: the current
+    one, or a later one where the vehicle has passed it (`legs.passed`). why: why there is no route, for a
+    person; "" where there is one.
     """
 
     def __init__(self, corridor: float) -> None:
         self.corridor = corridor
+        self.item = 0
         self.why = "no position"
         self._items: tuple[MissionItem, ...] = ()
         self._current = 0
         self._began: Place | None = None
+        self._came = False
+        """Whether the vehicle was seen before the current item's waypoint."""
         self._motions: deque[MotionReport] = deque(maxlen=_MOTIONS)
         self._position: Place = (0.0, 0.0)
         self._position_at = -math.inf
@@ -114,25 +119,25 @@ class MissionRoute:
         current = vehicle.mission.item
         if items is not self._items or current != self._current or self._began is None:
             self._items, self._current, self._began = items, current, self._position
-        found = route(items, current, self._position, self._pose, self.corridor, self._began)
+            self.item = current
+            self._came = False
+        # Whoever sends the vehicle back to a waypoint wants it to go there, so it must come from before it.
+        if legs.may_pass(items, self.item) and not self._came:
+            self._came = not legs.is_beyond(items, self.item, self._position, self._began)
+        # A waypoint stays passed until another item is the current one, however far the way winds on.
+        if self._came:
+            self.item = legs.passed(items, self.item, self._position, self.corridor, self._began)
+        found = route(items, self.item, self._position, self._pose, self.corridor, self._began)
         if found is None:
             self.why = "the current item is no waypoint, or too far away"
         return found
 
     @property
     def leg(self) -> Leg | None:
-        """The leg to the current item as of the last `update`; None where that made no route."""
-        known = not self.why and self._began is not None
-        return legs.leg(self._items, self._current, self._began or self._position) if known else None
-
-    def passed(self) -> int:
-        """Return the number of the item that is to be driven to now, see `legs.passed`.
-
-        Where the last `update` made no route, it is the current one.
-        """
+        """The leg to `item` as of the last `update`; None where that made no route."""
         if self.why or self._began is None:
-            return self._current
-        return legs.passed(self._items, self._current, self._position, self.corridor, self._began)
+            return None
+        return legs.leg(self._items, self.item, self._began)
 
     def _note(self, vehicle: Vehicle | None) -> None:
         """Take the newest motion and position. The pose is that at the time of the position."""

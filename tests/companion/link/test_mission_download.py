@@ -56,6 +56,9 @@ class Wire:
                     self.autopilot.receive(Port.COMPANION, frame.message)
             self._obeyed = len(self.stage.frames)
 
+    def setting(self) -> Setting:
+        return self.stage.link.current_item.state
+
     @property
     def complete(self) -> bool:
         return self.mission.items is not None
@@ -80,6 +83,9 @@ class Scripted(LoopbackLink):
 
     def report(self) -> None:
         self.send(mavlink.MAVLink_mission_current_message(1, self.count - 1, 3, 1), PILOT)
+
+    def known(self) -> bool:
+        return self.link.mission.items is not None
 
     def answer(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP)):
@@ -239,12 +245,12 @@ def test_a_mission_as_long_that_reports_no_id_is_noticed_as_its_items_ahead_are_
     stage = Scripted(5)
     stage.report()
     stage.answer(2.0)
-    assert stage.link.mission.items is not None
+    assert stage.known()
     stage.spoil = {3: item(3, y=90_000_000)}
     for _ in range(6):
         stage.report()
         stage.answer(1.0)
-        if stage.link.mission.items is None:
+        if not stage.known():
             break
     assert stage.link.mission.why in ("it has changed", "it is being downloaded")
     stage.answer(3.0)
@@ -349,8 +355,8 @@ def test_an_item_is_made_the_current_one_once_it_shows() -> None:
     setter = wire.stage.link.current_item
     wire.run(3.0)
     setter.set(4, wire.stage.now)
-    wire.run(2.0, lambda: setter.state is not Setting.WAITS)
-    assert setter.state is Setting.SET
+    wire.run(2.0, lambda: wire.setting() is not Setting.WAITS)
+    assert wire.setting() is Setting.SET
     vehicle = wire.stage.link.vehicle
     assert vehicle is not None
     assert vehicle.mission is not None
@@ -364,7 +370,7 @@ def test_an_item_that_is_not_there_is_refused() -> None:
     wire.run(3.0)
     wire.stage.link.current_item.set(40, wire.stage.now)
     wire.run(2.0)
-    assert wire.stage.link.current_item.state is Setting.REFUSED
+    assert wire.setting() is Setting.REFUSED
 
 
 def test_an_item_is_sent_three_times_half_a_second_apart() -> None:
@@ -382,13 +388,13 @@ def test_an_item_is_sent_three_times_half_a_second_apart() -> None:
     wire.drops = second_is_heard
     setter.set(2, wire.stage.now)
     wire.run(1.3)
-    assert (len(lost), setter.state) == (3, Setting.SET)
+    assert (len(lost), wire.setting()) == (3, Setting.SET)
     wire.drops = lambda message: message.get_type() == "COMMAND_LONG"
     setter.set(4, wire.stage.now)
     wire.run(1.2)
-    assert setter.state is Setting.WAITS
+    assert wire.setting() is Setting.WAITS
     wire.run(0.5)
-    assert setter.state is Setting.UNANSWERED
+    assert wire.setting() is Setting.UNANSWERED
     sets = [one for one in wire.stage.sent("COMMAND_LONG") if one.command == 224]
     assert [one.param1 for one in sets] == [2.0] * 3 + [4.0] * 3
 
@@ -402,7 +408,7 @@ def test_somebody_elses_refusal_does_not_end_it() -> None:
     wire.run(0.1)
     wire.says(mavlink.MAVLink_command_ack_message(224, 2, 0, 0, 255, 190))
     wire.run(0.1)
-    assert setter.state is Setting.WAITS
+    assert wire.setting() is Setting.WAITS
     setter.cancel()
     wire.run(1.0)
-    assert setter.state is Setting.NONE
+    assert wire.setting() is Setting.NONE

@@ -71,8 +71,8 @@ def plan(
     if course is None:
         return None
     free, half = _free(grid, outline, blind), outline.width / 2
-    route_clear = clear_along(grid, free, course, pose, half + MARGIN) - outline.front
-    told = Plan(at, pose, float(np.clip(route_clear, 0.0, RELIABLE)))
+    route_clear, blocked = clear_along(grid, free, course, pose, half + MARGIN)
+    told = Plan(at, pose, float(np.clip(route_clear - outline.front, 0.0, RELIABLE)), blocked)
     tree, room, off = _laid(grid, free, course, outline)
     aim = direction(course, pose)
     astray = np.abs(tree.headings - aim)

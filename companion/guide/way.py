@@ -22,6 +22,8 @@ _AIM = 5.0
 """m over which the direction of the mission's way is taken."""
 _SHORTEST = 0.01
 """m: points of a route that are nearer to each other are one."""
+_FOOT = 0.5
+"""m: between ground that is drivable and a thing's foot some may be unknown."""
 _MOST = 1000
 """Points of a route that are looked at."""
 
@@ -54,9 +56,12 @@ def direction(course: Floats, pose: Pose) -> float:
     return math.remainder(math.atan2(dy, dx) - math.radians(pose.heading), math.tau)
 
 
-def clear_along(grid: LocalGrid, free: Mask, course: Floats, pose: Pose, half: float) -> float:
+def clear_along(
+    grid: LocalGrid, free: Mask, course: Floats, pose: Pose, half: float
+) -> tuple[float, bool]:
     """Return up to how many m from the lens all is free on the way, `half` m to each side of it.
 
+    And whether what ends it, or begins within `_FOOT` m behind that, is known not to be drivable.
     The way is that of an autopilot: it comes back to the mission's within `CONVERGES` m. At most `RELIABLE`.
     """
     part = np.minimum(np.arange(len(course)) * (CELL / CONVERGES), 1.0)[:, np.newaxis]
@@ -67,4 +72,7 @@ def clear_along(grid: LocalGrid, free: Mask, course: Floats, pose: Pose, half: f
     aside = np.linspace(-half, half, math.ceil(4.0 * half / CELL) + 1)
     rows, columns, inside = grid.cells(way[:-1, np.newaxis] + aside[:, np.newaxis] * across[:, np.newaxis])
     going = np.append((free[rows, columns] & inside).all(axis=1), False)
-    return min(RELIABLE, float(lengths[: int(going.argmin())].sum()))
+    ends = int(going.argmin())
+    blocks = (grid.blocked[rows, columns] & inside)[ends : ends + math.ceil(_FOOT / CELL)].any()
+    clear = float(lengths[:ends].sum())
+    return min(RELIABLE, clear), bool(blocks) and clear < RELIABLE

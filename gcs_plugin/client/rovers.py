@@ -113,7 +113,7 @@ class TrackedRover:
         self.state: State | None = None
         self.current_id = 0
         self.policy: Policy | None = None
-        self.fault_accepted = self.braking = False
+        self.fault_accepted = self.braking = self.guiding = False
         self.signs = False
         """Whether its companion signs; then it also ignores messages that are not signed."""
         self.vehicle: TrackedVehicle | None = None
@@ -198,8 +198,9 @@ class TrackedRover:
 
     def handle_state(self, custom_mode: int, now: float) -> list[ev.Event]:
         """Take in the heartbeat's custom_mode. Raises ValueError for a state unknown to this version."""
-        mode = read_heartbeat_mode(custom_mode)
-        state, current_id, self.policy, self.fault_accepted, self.braking, self.guiding = mode
+        told = read_heartbeat_mode(custom_mode)
+        state, current_id, self.policy = told.state, told.current_id, told.policy
+        self.fault_accepted, self.braking, self.guiding = told[3:]
         new_events: list[ev.Event] = []
         if (state, current_id) != (self.state, self.current_id):
             new_events.append(ev.StateChanged(self.system, state, current_id))

@@ -54,7 +54,15 @@ def test_the_heartbeat_tells_the_state_and_the_open_id(state: State, status: int
     stage.run(0.3)
     heartbeat = stage.sent("HEARTBEAT")[-1]
     assert heartbeat.system_status == status
-    assert read_heartbeat_mode(heartbeat.custom_mode) == (state, 513, Policy.HOLD, False, False)
+    assert read_heartbeat_mode(heartbeat.custom_mode) == (
+        state,
+        513,
+        Policy.HOLD,
+        False,
+        False,
+        False,
+        False,
+    )
 
 
 def test_a_change_of_state_is_told_at_once_but_flapping_is_not() -> None:

@@ -215,13 +215,27 @@ def test_an_answer_with_transaction_0_is_refused() -> None:
         Answer.unpack(bytes(payload))
 
 
-@given(st.sampled_from(State), U16, st.sampled_from(Policy), st.booleans(), st.booleans(), st.integers(0, 15))
-def test_the_heartbeat_carries_state_id_policy_acceptance_and_brake_and_leaves_bits_for_later(
-    state: State, current: int, policy: Policy, accepted: bool, braking: bool, later: int
+@given(
+    st.sampled_from(State),
+    U16,
+    st.sampled_from(Policy),
+    st.tuples(st.booleans(), st.booleans(), st.booleans(), st.booleans()),
+    st.integers(0, 3),
+)
+def test_the_heartbeat_carries_state_id_policy_and_four_flags_and_leaves_bits_for_later(
+    state: State, current: int, policy: Policy, flags: tuple[bool, bool, bool, bool], later: int
 ) -> None:
-    mode = heartbeat_mode(state, current, policy, accepted, braking)
-    assert mode < 1 << 28
-    assert read_heartbeat_mode(mode | later << 28) == (state, current, policy, accepted, braking)
+    mode = heartbeat_mode(state, current, policy, *flags)
+    assert mode < 1 << 30
+    told = read_heartbeat_mode(mode | later << 30)
+    assert told == (state, current, policy, *flags)
+    assert (told.fault_accepted, told.braking, told.guiding, told.guide) == flags
+
+
+def test_each_flag_of_the_heartbeat_has_a_bit_of_its_own() -> None:
+    none = heartbeat_mode(State.OK, 7, Policy.HOLD)
+    for bit, flag in enumerate(("fault_accepted", "braking", "guiding", "guide"), 26):
+        assert heartbeat_mode(State.OK, 7, Policy.HOLD, **{flag: True}) == none | 1 << bit
 
 
 def test_the_hash_of_the_words_knows_no_order_but_every_weight() -> None:

@@ -18,6 +18,7 @@ from bench.link.mutants import ALLOWED, OURS, Crowd, Mutants
 from companion.calls.mode_monitor import ModeAnswer
 from companion.config.link_settings import MAIN, LinkSettings
 from companion.config.video import CameraSettings
+from companion.guide.rules import GuideAnswer
 from companion.link.camera import Tapped
 from companion.link.inbound import (
     InboundEvent,
@@ -190,7 +191,7 @@ class Fuzz:
         return mode, [self._link.parameters.value(one.name) for one in self._listed]
 
     def _grant(self, event: InboundEvent) -> None:
-        if isinstance(event, VehicleUpdate | RcChannels | ModeAnswer | ScriptHold):
+        if isinstance(event, VehicleUpdate | RcChannels | ModeAnswer | GuideAnswer | ScriptHold):
             return
         if not ALLOWED[0] <= event.sender[0] <= ALLOWED[1]:
             raise Broken(f"not from one that may: {event}")

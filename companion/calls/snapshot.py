@@ -69,9 +69,7 @@ def restore(calls: OperatorCalls, saved: Mapping[str, Any], now: float) -> None:
     if call is not None and hold is not None and call.id != hold.id:
         raise ValueError(f"call {call.id} and hold {hold.id} cannot both be open")
     policy = calls.policy
-    calls.restore(
-        last_id, call if policy is not Policy.OFF else None, hold if policy.holds else None, mode
-    )
+    calls.restore(last_id, call if policy is not Policy.OFF else None, hold if policy.holds else None, mode)
 
 
 def _call(saved: Any, now: float) -> Call:

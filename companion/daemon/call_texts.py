@@ -28,7 +28,7 @@ from companion.system.error_guard import FatalError
 from companion.vision.client import VisionResult
 from companion.vision.messages import FrameJudged
 from companion.wire import notices, texts
-from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Kind, Outcome, Policy
+from companion.wire.ids import ALERT, ERROR, INFO, NOTICE, WARNING, Kind, Outcome
 
 log = logging.getLogger(__name__)
 

@@ -114,8 +114,7 @@ def compose(
     link.dead_man.enabled = config.call.px4_deadman == "manual_control"
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     echo = ParameterEcho(parameters, link, persistence.after_write)
-    gate, guide = HoldGate(config), GuideService(config, link, calls)
-    policy = PolicyService(link, vision, calls, policy_state, gate, echo, guide_lacks(config))
+    policy = PolicyService(link, vision, calls, policy_state, HoldGate(config), echo, guide_lacks(config))
     if policy_state.requested.holds:
         _tell_of_stopping(config, judging, ready.step, startup_notices)
     settings = SettingsService(
@@ -141,7 +140,7 @@ def compose(
     deciders = Deciders(
         requests,
         VehicleReports(link, calls, position, CourseJudge(config.mount.heading, config.camera.view)),
-        guide,
+        GuideService(config, link, calls),
         VisionResults(calls, persistence, frames, executor, requests, answer_handler),
         policy,
         test_call,

@@ -79,11 +79,12 @@ class GuideService:
         vehicle, calls = self._link.vehicle, self._calls
         report, motion = calls.monitor.newest, vehicle.motion if vehicle is not None else None
         pose = None if motion is None else pose_at([motion], now)
-        route = self._mission.update(vehicle, self._link.mission.items, now)
-        allowed = not self._why_not()
+        allowed, outline = not self._why_not(), self._outline
+        route = self._mission.update(vehicle, self._link.mission.items, now) if allowed else None
         told = (None, 0.0) if route is None or pose is None else route.at(pose)
-        plans = allowed and route is not None and self._outline is not None
-        self.errand = Errand(route, self._outline, self._speed) if plans else None
+        self.errand = (
+            Errand(route, outline, self._speed) if route is not None and outline is not None else None
+        )
         known = calls.monitor.known(now) and not calls.monitor.heartbeat_lost(now)
         position_at = vehicle.position_at if vehicle is not None else None
         return Circumstances(
@@ -101,7 +102,7 @@ class GuideService:
             asks=bool(calls.reasons(now) - PASSABLE),
             shows=calls.reason_filter.shows_passable,
             item=report.mission.item if report.mission is not None else 0,
-            passed=self._mission.passed(),
+            passed=self._mission.item,
             leg=told[0],
             left=told[1],
         )

@@ -16,7 +16,7 @@ from companion.vehicle import known_autopilot
 from companion.vision.client import VisionClient
 from companion.vision.infrared import REMEDY
 from companion.wire import notices, texts
-from companion.wire.ids import ALERT, ERROR, NOTICE, WARNING, Policy
+from companion.wire.ids import ALERT, ERROR, NOTICE, WARNING
 
 log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from companion.vision.client import VisionClient
 from companion.vision.messages import Ready
 from companion.wire import notices
 from companion.wire.answers import Acknowledgement, Answer, Via
-from companion.wire.ids import ALERT, WARNING, Policy, Result, State
+from companion.wire.ids import ALERT, WARNING, Result, State
 
 _TICK = 0.02
 _AGAIN = "starting, send it again"

@@ -20,7 +20,7 @@ class Route(NamedTuple):
     corridor: float
 
     def at(self, pose: Pose) -> tuple[float, float]:
-        """Return where it leads beside a pose, in degrees counter-clockwise, and how many m of it are left."""
+        """Return where it leads beside a pose, in degrees counter-clockwise, and how much is left of it."""
         nearest, heading, left = math.inf, 0.0, 0.0
         for start, end in pairwise(self.points):
             leg = end[0] - start[0], end[1] - start[1]

@@ -118,8 +118,6 @@ class Guide:
         self._radius, self._freshness = radius, freshness
         self._stops_in = max(STOPS_IN, stops_in)
         self._plans: deque[Plan] = deque(maxlen=PLANS)
-        self._way: Plan | None = None
-        """The newest plan that had a way."""
         self._since = self._requested_at = self._shown_at = -math.inf
         self._tries = 0
         self._clear_since: float | None = None
@@ -140,8 +138,6 @@ class Guide:
         if self._plans and plan.at <= self._plans[-1].at:
             return
         self._plans.append(plan)
-        if plan.arcs:
-            self._way = plan
 
     def answered(self, answer: GuideAnswer, now: float) -> None:
         """Take in the script's answer."""
@@ -161,17 +157,14 @@ class Guide:
         """Decide."""
         if c.mode != AUTO:
             self._refused_in_mission = False
-        if self.guides:
-            orders = self._follow_mode(c) or self._drive(c)
-        else:
-            orders = self._wait(c)
+        orders = self._follow_mode(c) or self._drive(c) if self.guides else self._wait(c)
         self.passes = self._passes(c)
         return orders
 
-    # Not driving -----------------------------------------------------------------------------------------------
-
     def _wait(self, c: Circumstances) -> Orders:
-        ready = c.allowed and c.armed and c.mode == AUTO and c.leg is not None and not self._refused_in_mission
+        ready = (
+            c.allowed and c.armed and c.mode == AUTO and c.leg is not None and not self._refused_in_mission
+        )
         if not ready or c.held:
             self.state = GuideState.OFF
             return Orders()
@@ -211,8 +204,6 @@ class Guide:
         # In our hold: it may be resumed where it can be driven on from.
         return c.held and c.leg is not None and self._plans_clear(0.5, c.now)
 
-    # Driving ---------------------------------------------------------------------------------------------------
-
     def _follow_mode(self, c: Circumstances) -> Orders | None:
         """Follow the reported mode. Returns orders where it has ended."""
         ours = {
@@ -227,9 +218,9 @@ class Guide:
         if c.mode == AUTO and self.state is GuideState.BACK and self._requested_at > -math.inf:
             self._enter(GuideState.READY, c.now)
             return Orders()
-        elif c.mode == AUTO and self.state is GuideState.GUIDING and c.now - self._since <= _LATE:
+        if c.mode == AUTO and self.state is GuideState.GUIDING and c.now - self._since <= _LATE:
             return None
-        elif c.mode not in ours or not c.armed or (c.mode == GUIDED and self._requested_at == math.inf):
+        if c.mode not in ours or not c.armed or (c.mode == GUIDED and self._requested_at == math.inf):
             self._end("by hand", refused=True)
             return Orders()
         return None

@@ -56,9 +56,7 @@ def direction(course: Floats, pose: Pose) -> float:
     return math.remainder(math.atan2(dy, dx) - math.radians(pose.heading), math.tau)
 
 
-def clear_along(
-    grid: LocalGrid, free: Mask, course: Floats, pose: Pose, half: float
-) -> tuple[float, bool]:
+def clear_along(grid: LocalGrid, free: Mask, course: Floats, pose: Pose, half: float) -> tuple[float, bool]:
     """Return up to how many m from the lens all is free on the way, `half` m to each side of it.
 
     And whether what ends it, or begins within `_FOOT` m behind that, is known not to be drivable.

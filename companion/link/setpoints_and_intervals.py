@@ -97,9 +97,7 @@ class MessageIntervals:
             else:
                 self._ask_if_silent(vehicle, row, message_id, heard_at, now)
         self._quick_asked = self.quick
-        for row, message_id, heard_at in (
-            ("time", mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, vehicle.clock_at),
-        ):
+        for row, message_id, heard_at in (("time", mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, vehicle.clock_at),):
             self._ask_if_silent(vehicle, row, message_id, heard_at, now)
         autopilot = known_autopilot(vehicle.autopilot, vehicle.type)
         reported_at = -math.inf if vehicle.mode_at is None else vehicle.mode_at

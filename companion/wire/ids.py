@@ -189,7 +189,7 @@ def heartbeat_mode(
     """Pack custom_mode of the heartbeat.
 
     Bits 0-7: state. 8-23: id of the open call or hold. 24-25: policy. 26: the fault is accepted by hand.
-    27: it brakes for the hold. 28: it drives in GUIDED. 29: the policy is guide; then the other bits say hold.
+    27: it brakes for the hold. 28: it drives in GUIDED. 29: the policy is guide, and 24-25 say hold.
     """
     guide = policy is Policy.GUIDE
     flags = int(fault_accepted) << 26 | int(braking) << 27 | int(guiding) << 28 | int(guide) << 29

@@ -13,10 +13,11 @@ from companion.guide.motion import NARROW, STAND, follow, moved, passing_speed
 from companion.guide.plan import Plan
 
 STRAIGHT = ((0.0, 6.0),)
+ORIGIN = Pose(0.0, 0.0, 0.0)
 numbers = st.floats(-10.0, 10.0)
 
 
-def plan(arcs: tuple[tuple[float, float], ...], pose: Pose = Pose(0.0, 0.0, 0.0), clear: float = 6.0) -> Plan:
+def plan(arcs: tuple[tuple[float, float], ...], pose: Pose = ORIGIN, clear: float = 6.0) -> Plan:
     return Plan(0.0, pose, 3.0, route_blocked=True, arcs=arcs, clear=clear, gap=2.0)
 
 

@@ -39,6 +39,10 @@ class Rover:
         self.plan: dict[str, Any] | None = {"route_clear": 4.0, "route_blocked": True}
         self.all: list[Orders] = []
 
+    @property
+    def state(self) -> GuideState:
+        return self.guide.state
+
     def turn(self, seconds: float = TURN, **told: Any) -> Orders:
         """Lets so much time pass with these circumstances, which last; returns the last orders."""
         self.told |= told
@@ -46,7 +50,7 @@ class Rover:
         while self.now < end:
             self.now += TURN
             if self.plan is not None:
-                plan = {"arcs": AWAY, "clear": 6.0, "gap": 1.0} | self.plan
+                plan: dict[str, Any] = {"arcs": AWAY, "clear": 6.0, "gap": 1.0} | self.plan
                 self.guide.planned(Plan(self.now, Pose(0.0, 0.0, 0.0), **plan))
             self.all.append(self.guide.tick(self.circumstances()))
         return self.all[-1]
@@ -79,7 +83,7 @@ class Rover:
         self.turn(0.2)
         self.guide.answered(GuideAnswer(GUIDED, done=True), self.now)
         self.turn(mode=GUIDED)
-        assert self.guide.state is GuideState.GUIDING
+        assert self.state is GuideState.GUIDING
         return self
 
 
@@ -98,9 +102,9 @@ def test_it_takes_over_only_for_something_in_the_way() -> None:
     rover = Rover()
     rover.plan = {"route_clear": 5.0}
     rover.turn(2.0)
-    assert rover.guide.state is GuideState.READY
+    assert rover.state is GuideState.READY
     rover.turn(shows=True)
-    assert rover.guide.state is GuideState.TAKING
+    assert rover.state is GuideState.TAKING
 
 
 @pytest.mark.parametrize(
@@ -196,7 +200,9 @@ def test_without_plans_it_is_stopped() -> None:
     assert rover.guide.stuck
 
 
-@pytest.mark.parametrize("told", [{"motion_at": 90.0}, {"position_at": 90.0}, {"pose": None}, {"mode_at": None}])
+@pytest.mark.parametrize(
+    "told", [{"motion_at": 90.0}, {"position_at": 90.0}, {"pose": None}, {"mode_at": None}]
+)
 def test_without_knowing_how_it_moves_it_is_stopped(told: dict[str, Any]) -> None:
     rover = Rover().guided()
     assert rover.turn(**told) == Orders(STAND)
@@ -229,7 +235,7 @@ def test_a_mode_that_was_not_requested_ends_it_for_good(mode: int) -> None:
 def test_guided_by_a_human_before_the_request_ends_it() -> None:
     rover = Rover()
     rover.turn(3 * TURN)
-    assert rover.guide.state is GuideState.TAKING
+    assert rover.state is GuideState.TAKING
     assert rover.turn(mode=GUIDED) == Orders()
     assert not rover.guide.guides
 
@@ -238,7 +244,7 @@ def test_it_drives_in_guided_only_once_the_script_says_that_it_is_ours() -> None
     rover = Rover()
     rover.turn(0.2)
     rover.turn(0.2, mode=GUIDED)
-    assert rover.guide.state is GuideState.TAKING
+    assert rover.state is GuideState.TAKING
     rover.turn(TAKEN_WITHIN)
     assert rover.guide.stuck
 
@@ -263,7 +269,7 @@ def test_a_late_report_of_the_mission_s_mode_does_not_end_it() -> None:
     rover.guide.answered(GuideAnswer(GUIDED, done=True), rover.now)
     rover.turn(0.1)
     rover.turn(1.0, mode=GUIDED)
-    assert rover.guide.state is GuideState.GUIDING
+    assert rover.state is GuideState.GUIDING
 
 
 def behind_it(rover: Rover, **told: Any) -> Orders:
@@ -277,7 +283,7 @@ def test_the_mission_has_the_vehicle_again_behind_the_thing() -> None:
     assert [orders.request for orders in rover.all if orders.request] == [(GUIDED, AUTO), (AUTO, GUIDED)]
     rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
     rover.turn(mode=AUTO)
-    assert rover.guide.state is GuideState.READY
+    assert rover.state is GuideState.READY
     assert rover.guide.passes
 
 
@@ -286,7 +292,7 @@ def test_it_guides_on_while_the_mission_would_turn_hard_or_something_shows(told:
     rover = Rover().guided()
     behind_it(rover, **told)
     rover.turn(5.0)
-    assert rover.guide.state is GuideState.GUIDING
+    assert rover.state is GuideState.GUIDING
 
 
 def test_a_waypoint_that_was_passed_is_set_before_the_mission_goes_on() -> None:
@@ -303,7 +309,7 @@ def test_where_only_the_mission_can_go_on_it_has_the_vehicle_at_once_or_the_vehi
     rover = Rover().guided()
     rover.plan = {"route_clear": 5.0}
     rover.turn(3 * TURN, left=3.0)
-    assert rover.guide.state is GuideState.BACK
+    assert rover.state is GuideState.BACK
     rover = Rover().guided()
     assert rover.turn(left=0.4) == Orders(STAND)
     rover.turn(1.0)

@@ -5,7 +5,7 @@ import pytest
 
 from companion.config.link_settings import LinkSettings
 from companion.sim.loopback_link import LoopbackLink
-from companion.wire.ids import TUNNEL_SUMMARY, Policy, State, read_heartbeat_mode
+from companion.wire.ids import TUNNEL_SUMMARY, HeartbeatMode, Policy, State, read_heartbeat_mode
 from companion.wire.messages import MESSAGES
 from companion.wire.payloads import Summary
 from tests.companion.link.payloads import SUMMARY
@@ -54,15 +54,7 @@ def test_the_heartbeat_tells_the_state_and_the_open_id(state: State, status: int
     stage.run(0.3)
     heartbeat = stage.sent("HEARTBEAT")[-1]
     assert heartbeat.system_status == status
-    assert read_heartbeat_mode(heartbeat.custom_mode) == (
-        state,
-        513,
-        Policy.HOLD,
-        False,
-        False,
-        False,
-        False,
-    )
+    assert read_heartbeat_mode(heartbeat.custom_mode) == HeartbeatMode(state, 513, Policy.HOLD)
 
 
 def test_a_change_of_state_is_told_at_once_but_flapping_is_not() -> None:

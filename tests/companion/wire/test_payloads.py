@@ -10,6 +10,7 @@ from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlac
 from companion.wire.answers import Acknowledgement, Answer, AnyOperation, CancelIncident, PackIncident
 from companion.wire.call_report import CallReport
 from companion.wire.ids import (
+    HeartbeatMode,
     Kind,
     Motion,
     Outcome,
@@ -219,23 +220,24 @@ def test_an_answer_with_transaction_0_is_refused() -> None:
     st.sampled_from(State),
     U16,
     st.sampled_from(Policy),
-    st.tuples(st.booleans(), st.booleans(), st.booleans(), st.booleans()),
+    st.tuples(st.booleans(), st.booleans(), st.booleans()),
     st.integers(0, 3),
 )
-def test_the_heartbeat_carries_state_id_policy_and_four_flags_and_leaves_bits_for_later(
-    state: State, current: int, policy: Policy, flags: tuple[bool, bool, bool, bool], later: int
+def test_the_heartbeat_carries_state_id_policy_and_three_flags_and_leaves_bits_for_later(
+    state: State, current: int, policy: Policy, flags: tuple[bool, bool, bool], later: int
 ) -> None:
     mode = heartbeat_mode(state, current, policy, *flags)
     assert mode < 1 << 30
     told = read_heartbeat_mode(mode | later << 30)
-    assert told == (state, current, policy, *flags)
-    assert (told.fault_accepted, told.braking, told.guiding, told.guide) == flags
+    assert told == HeartbeatMode(state, current, policy, *flags)
+    assert (told.fault_accepted, told.braking, told.guiding) == flags
 
 
 def test_each_flag_of_the_heartbeat_has_a_bit_of_its_own() -> None:
     none = heartbeat_mode(State.OK, 7, Policy.HOLD)
-    for bit, flag in enumerate(("fault_accepted", "braking", "guiding", "guide"), 26):
+    for bit, flag in enumerate(("fault_accepted", "braking", "guiding"), 26):
         assert heartbeat_mode(State.OK, 7, Policy.HOLD, **{flag: True}) == none | 1 << bit
+    assert heartbeat_mode(State.OK, 7, Policy.GUIDE) == none | 1 << 29
 
 
 def test_the_hash_of_the_words_knows_no_order_but_every_weight() -> None:

@@ -416,6 +416,7 @@ SECTIONS: Mapping[str, type[Section]] = {
     "corridor": CorridorSection,
     "thresholds": ThresholdsSection,
     "call": CallSection,
+    "guide": GuideSection,
     "link": LinkSection,
     "journal": JournalSection,
     "pictures": PicturesSection,

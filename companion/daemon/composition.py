@@ -114,6 +114,7 @@ def compose(
     link.dead_man.enabled = config.call.px4_deadman == "manual_control"
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     echo = ParameterEcho(parameters, link, persistence.after_write)
+    guide = GuideService(config, link, calls)
     policy = PolicyService(link, vision, calls, policy_state, HoldGate(config), echo, guide_lacks(config))
     if policy_state.requested.holds:
         _tell_of_stopping(config, judging, ready.step, startup_notices)
@@ -140,19 +141,24 @@ def compose(
     deciders = Deciders(
         requests,
         VehicleReports(link, calls, position, CourseJudge(config.mount.heading, config.camera.view)),
-        GuideService(config, link, calls),
+        guide,
         VisionResults(calls, persistence, frames, executor, requests, answer_handler),
         policy,
         test_call,
         health,
         computer,
     )
-    archive = PictureArchive(folder / "pictures", config.pictures.keep)
-    records = Records(vision, calls, writer, archive, CallFiles(served.calls))
+    records = Records(
+        vision,
+        calls,
+        writer,
+        PictureArchive(folder / "pictures", config.pictures.keep),
+        CallFiles(served.calls),
+    )
     frames.restore(journal)
     records.restore(journal)
     view, status_file = round(config.camera.view), StatusFile(writer, folder / "status.json")
-    status = Status(link, vision, calls, settings, records, computer, view=view)
+    status = Status(link, vision, calls, settings, records, computer, guide, view=view)
     call_texts, pointing = CallTexts(link.texts, link.alerts, calls, records), Pointing(calls, link)
     shadow, live_picture = ShadowReporter(statistics, link.texts), LivePicture(vision)
     ground_view = GroundView(policy)

@@ -18,6 +18,7 @@ from anytraverse.history import Place
 from anytraverse.release import own_version
 from companion.calls.machine import OperatorCalls
 from companion.calls.summary import current_data
+from companion.daemon.guiding import GuideService
 from companion.daemon.records import Records
 from companion.daemon.settings.service import SettingsService
 from companion.daemon.turn import Observer, Turn
@@ -74,11 +75,13 @@ class Status(Observer):
         settings: SettingsService,
         records: Records,
         computer: Computer,
+        guide: GuideService,
         *,
         view: int,
     ) -> None:
         """view: the camera's horizontal field of view, degrees, 0: unknown. Only once vision is ready."""
         assert vision.ready is not None
+        self._guide = guide
         self._link = link
         self._vision = vision
         self._calls = calls
@@ -135,6 +138,7 @@ class Status(Observer):
             "policy": self._calls.policy.name.lower(),
             "held_by": _held_by(self._calls),
             "mission": _mission(self._calls),
+            "guide": self._guide.figures(),
             "switches": self._settings.policy.figures(),
             "shadow": self._settings.statistics.figures(),
             "words": self._vision.words.format(),

@@ -9,9 +9,11 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from companion.sim.field.server import AUTOPILOTS, FieldOptions, FieldServer
+from companion.sim.field.trail import LOOP
 
 Number = TypeVar("Number", int, float)
 
@@ -28,10 +30,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("the field draws with OpenCV: pip install 'anytraverse-companion[rover]'", file=sys.stderr)
         return 2
     from companion.sim.field.render import PinholeCamera
-    from companion.sim.field.things import World
+    from companion.sim.field.things import World, lying_across
 
     cv2.setNumThreads(1)
-    world = World(args.seed)
+    world = World(args.seed, course=replace(LOOP, half=args.half_width))
+    if args.across is not None:
+        world.add(lying_across(world.trail, world.trail.start + args.across))
     camera = PinholeCamera(world, width=args.width, height=args.height, seed=args.seed, k1=args.distortion)
     server = FieldServer(
         world,
@@ -111,6 +115,15 @@ def _parser() -> argparse.ArgumentParser:
         type=_between(float, -0.4, 0.2),
         default=0.0,
         help="k1 of the lens as in OpenCV, below 0 a barrel; below -0.15 corners see nothing (default 0)",
+    )
+    parser.add_argument(
+        "--half-width",
+        type=_between(float, 1, 4),
+        default=LOOP.half,
+        help=f"half the path's width, m; a wider path leaves room beside things (default {LOOP.half:g})",
+    )
+    parser.add_argument(
+        "--across", type=_between(float, 5, 100), help="lay a log across the path so many m from the start"
     )
     parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
     parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")

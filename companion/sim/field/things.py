@@ -135,6 +135,22 @@ def _surprises(trail: Trail, seed: int, kinds: Sequence[str]) -> Iterator[FieldT
             yield _surprise(trail, kind, f"{kind}-{counts[kind]}", s, rng)
 
 
+def lying_across(trail: Trail, s: float, length: float = 7.0) -> FieldThing:
+    """Makes a log across the path, over all of its width and more. length: m, up to which it is."""
+    at, square = trail.pose(s), math.pi / 2
+    return FieldThing(
+        "log-across",
+        "log",
+        at.x,
+        at.y,
+        0.22,
+        0.44,
+        surprise=True,
+        heading=at.heading + square,
+        length=length,
+    )
+
+
 def _surprise(trail: Trail, kind: str, thing_id: str, s: float, rng: np.random.Generator) -> FieldThing:
     reach = {"drum": 0.3, "rock": 0.4, "log": 0.15}.get(kind, 0.3)
     at = trail.pose(s)

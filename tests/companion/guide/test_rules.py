@@ -43,6 +43,10 @@ class Rover:
     def state(self) -> GuideState:
         return self.guide.state
 
+    @property
+    def stuck(self) -> str:
+        return self.guide.stuck
+
     def turn(self, seconds: float = TURN, **told: Any) -> Orders:
         """Lets so much time pass with these circumstances, which last; returns the last orders."""
         self.told |= told
@@ -102,9 +106,9 @@ def test_it_takes_over_only_for_something_in_the_way() -> None:
     rover = Rover()
     rover.plan = {"route_clear": 5.0}
     rover.turn(2.0)
-    assert rover.state is GuideState.READY
+    assert not rover.guide.guides
     rover.turn(shows=True)
-    assert rover.state is GuideState.TAKING
+    assert rover.guide.guides
 
 
 @pytest.mark.parametrize(
@@ -145,9 +149,9 @@ def test_it_takes_over_only_after_three_plans_with_a_way() -> None:
 def test_a_take_over_that_does_not_show_in_time_stops_the_vehicle() -> None:
     rover = Rover()
     rover.turn(TAKEN_WITHIN)
-    assert not rover.guide.stuck
+    assert rover.stuck == ""
     assert rover.turn(0.2) == Orders(STAND)
-    assert rover.guide.stuck
+    assert rover.stuck.startswith("no take-over")
     assert not rover.guide.passes
 
 
@@ -156,7 +160,7 @@ def test_a_refused_take_over_stops_the_vehicle() -> None:
     rover.turn(0.2)
     rover.guide.answered(GuideAnswer(GUIDED, done=False), rover.now)
     rover.turn()
-    assert rover.guide.stuck
+    assert rover.stuck
     assert not rover.guide.passes
 
 
@@ -188,16 +192,16 @@ def test_without_a_way_it_slows_down_at_once_and_is_stopped_soon() -> None:
     rover = Rover().guided()
     rover.plan = {"route_clear": 1.0, "route_blocked": True, "arcs": (), "clear": 0.0}
     assert rover.turn() == Orders(STAND)
-    assert not rover.guide.stuck
+    assert rover.stuck == ""
     rover.turn(STUCK_AFTER + 2 * TURN)
-    assert rover.guide.stuck == "no way round"
+    assert rover.stuck.startswith("no way")
 
 
 def test_without_plans_it_is_stopped() -> None:
     rover = Rover().guided()
     rover.plan = None
     rover.turn(1.0 + STUCK_AFTER + 3 * TURN)
-    assert rover.guide.stuck
+    assert rover.stuck
 
 
 @pytest.mark.parametrize(
@@ -206,7 +210,7 @@ def test_without_plans_it_is_stopped() -> None:
 def test_without_knowing_how_it_moves_it_is_stopped(told: dict[str, Any]) -> None:
     rover = Rover().guided()
     assert rover.turn(**told) == Orders(STAND)
-    assert rover.guide.stuck
+    assert rover.stuck
 
 
 def test_where_it_may_not_guide_any_more_nothing_is_streamed_but_it_still_says_that_it_guides() -> None:
@@ -246,7 +250,7 @@ def test_it_drives_in_guided_only_once_the_script_says_that_it_is_ours() -> None
     rover.turn(0.2, mode=GUIDED)
     assert rover.state is GuideState.TAKING
     rover.turn(TAKEN_WITHIN)
-    assert rover.guide.stuck
+    assert rover.stuck
 
 
 def test_somebody_else_s_target_ends_it() -> None:
@@ -313,24 +317,24 @@ def test_where_only_the_mission_can_go_on_it_has_the_vehicle_at_once_or_the_vehi
     rover = Rover().guided()
     assert rover.turn(left=0.4) == Orders(STAND)
     rover.turn(1.0)
-    assert rover.guide.stuck
+    assert rover.stuck
 
 
 def test_a_mission_that_does_not_go_on_stops_the_vehicle() -> None:
     rover = Rover().guided()
     behind_it(rover)
     rover.turn(4.0)
-    assert rover.guide.stuck
+    assert rover.stuck
 
 
 def test_in_our_hold_it_passes_only_what_three_plans_have_a_way_round() -> None:
     rover = Rover()
     rover.plan = {"route_clear": 1.0, "route_blocked": True, "arcs": (), "clear": 0.0}
     rover.turn(1.0, held=True, mode=HOLD, driven=0.0)
-    assert not rover.guide.passes
+    passes = [rover.guide.passes]
     rover.plan = {"route_clear": 3.0, "route_blocked": True}
     rover.turn(1.0)
-    assert rover.guide.passes
+    assert [*passes, rover.guide.passes] == [False, True]
     assert not rover.guide.guides
 
 

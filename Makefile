@@ -11,8 +11,8 @@ PYTHON_IN_VENV := .venv/bin/python
 # One worker more than cores: many tests wait for other processes.
 WORKERS := $(shell echo $$(( $$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1) + 1 )))
 
-demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, SEED=7 another trail, OUT=folder
-	@.venv/bin/companion demo $(if $(filter-out 0,$(AUTO)),--auto) $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
+demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, GUIDE=1 drives round things, SEED=7 another trail, OUT=folder
+	@.venv/bin/companion demo $(if $(filter-out 0,$(AUTO)),--auto) $(if $(filter-out 0,$(GUIDE)),--guide) $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
 
 console: ready-rover ## the same trail, and you answer in a browser; SEED=7 another trail, OUT=folder
 	@.venv/bin/companion demo --console $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}

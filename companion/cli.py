@@ -68,6 +68,9 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--seed", type=int, default=0, metavar="N", help="which trail, by default %(default)s")
     demo.add_argument("--out", metavar="FOLDER", help="where pictures and logs go, by default a new one")
     demo.add_argument("--camera", metavar="SOURCE", help="a camera of your own, e.g. video:drive.mp4")
+    demo.add_argument(
+        "--guide", action="store_true", help="let it drive round what leaves room on a wide path"
+    )
     demo.set_defaults(run=_demo)
 
     init = commands.add_parser("init", help="write a configuration to edit")

@@ -37,6 +37,7 @@ class GuideService:
         radius = self._outline.radius if self._outline is not None else 1.0
         self._guide = Guide(radius, calls.numbers.freshness, stops_in(config))
         self.errand: Errand | None = None
+        self._told = GuideState.OFF
 
     @property
     def guides(self) -> bool:
@@ -59,7 +60,7 @@ class GuideService:
 
     def tick(self, now: float) -> None:
         """Decide, and hand over what is to be sent."""
-        before, guide, link = self._guide.state, self._guide, self._link
+        guide, link = self._guide, self._link
         in_force = self._calls.policy is Policy.GUIDE and not self._lacks
         link.mission.wanted = in_force
         link.request_quick_motion(quick=in_force)
@@ -72,7 +73,8 @@ class GuideService:
         self._calls.reason_filter.passes = guide.passes
         self._calls.reason_filter.no_way = bool(guide.stuck)
         self._calls.monitor.guided_out_of = ardupilot.AUTO if guide.guides else None
-        if guide.state is not before:
+        if guide.state is not self._told:
+            before, self._told = self._told, guide.state
             self._tell(before, guide.state, now)
 
     def _circumstances(self, now: float) -> Circumstances:

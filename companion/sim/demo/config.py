@@ -37,6 +37,17 @@ keep = 200
 [call]
 policy = {policy}
 
+{region}
+[words]
+"grass" = 1.0
+"dirt path" = 1.0
+"bush" = -1.0
+"tree" = -1.0
+"sky" = -1.0
+"""
+
+
+_REGION = """\
 # At 1.5 m/s the rover needs 5.0 m from seeing a thing to standstill: `companion check` has the figures.
 [roi]
 left = 0.35
@@ -48,20 +59,16 @@ bottom = 0.95
 bottom = 0.3
 top = 0.08
 top_row = 0.46
-
-[words]
-"grass" = 1.0
-"dirt path" = 1.0
-"bush" = -1.0
-"tree" = -1.0
-"sky" = -1.0
 """
-
-
+_GUIDE = """\
+# With the vehicle's width the region is in metres. Out of AUTO and of GUIDED the script brakes first.
+[guide]
+radius = {radius:g}
+"""
 _STOPPING = """
 # The simulated rover, as it is.
 [mount]
-height = {height:g}
+{width}height = {height:g}
 tilt = {tilt:g}
 front = {front:g}
 
@@ -70,7 +77,14 @@ speed = {speed:g}
 time_constant = {time_constant:g}
 braking = {braking:g}
 delay = {delay:g}
+{brake}"""
+_BRAKE = """\
+hold_by = "brake"
+brake_time_constant = 0.81
+brake_braking = 1.57
 """
+_RADIUS = 1.2
+"""m: of the tightest turn that is planned; the simulated rover's own is 0.88."""
 _TO_THE_AUTOPILOT = 0.1
 """Seconds from an order until the simulated autopilot is in HOLD, over the loopback."""
 
@@ -97,11 +111,13 @@ def write_config(
     speed: float | None = None,
     network: bool = False,
     rate: float = 10.0,
+    guide: bool = False,
 ) -> Path:
     """Writes companion.toml into `out`, with the state folder beside it, and returns its path.
 
     speed: of the simulated rover in m/s; None for the user's own camera, whose mount is not known.
-    network: the link is no radio. rate: frames/s that are judged; the freshness limit follows it.
+    network: the link is no radio. rate: frames/s that are judged; the freshness limit follows it. guide: with
+    all that policy guide needs.
     """
     path = out / "companion.toml"
     values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
@@ -109,13 +125,15 @@ def write_config(
     quoted = {name: json.dumps(value) for name, value in values.items()}
     # The field's frames carry their capture time, so that no latency of the camera has to be added.
     view = "" if speed is None else f"view = {math.degrees(FIELD_OF_VIEW):g}\nlatency = 0\n"
-    stopping = "" if speed is None else _of_the_field(speed)
+    stopping = "" if speed is None else _of_the_field(speed, guide=guide)
+    region = _GUIDE.format(radius=_RADIUS) if guide else _REGION
     path.write_text(
         _TEXT.format(
             mark=_MARK,
             rate=rate,
             view=view,
             stopping=stopping,
+            region=region,
             budgets=_NETWORK if network else "",
             **quoted,
         ),
@@ -124,7 +142,7 @@ def write_config(
     return path
 
 
-def _of_the_field(speed: float) -> str:
+def _of_the_field(speed: float, *, guide: bool) -> str:
     body, found = Body(), fit(ARDUPILOT)
     return _STOPPING.format(
         height=HEIGHT,
@@ -134,4 +152,6 @@ def _of_the_field(speed: float) -> str:
         time_constant=found.time_constant,
         braking=found.braking,
         delay=_TO_THE_AUTOPILOT,
+        width=f"width = {2 * body.radius:g}\n" if guide else "",
+        brake=_BRAKE if guide else "",
     )

@@ -14,7 +14,7 @@ from companion.sim.demo.answers import AutoOperator
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.onlooker import Onlooker, Shown
 from companion.sim.demo.story import Story
-from companion.sim.demo.tally import DemoTally, missing
+from companion.sim.demo.tally import DemoTally, missing, missing_guided
 from companion.sim.field.control import FieldControl
 
 LIMIT = 170.0
@@ -23,6 +23,10 @@ READY_WITHIN = 30.0
 SLOW_FOR = 8.0
 """Seconds for which hold must have been refused before the computer counts as too slow for it."""
 STEP = 0.1
+ACROSS = 31.0
+"""m from the start, in the meadow: where a log lies across the path in the demo of guiding."""
+BEHIND = 8.0
+"""m behind it at which that demo ends."""
 BEYOND_RETURN = 12.0
 """Metres that the rover must drive into the known meadow without a call for the place."""
 TAKE_OVER_AFTER = 4.0
@@ -64,8 +68,11 @@ class Stage:
 class Director:
     """Follows field and operator; in the scripted demo it also answers calls and takes named things away."""
 
-    def __init__(self, stage: Stage, story: Story, *, auto: bool, speed: float = 1.0) -> None:
-        """speed: of the rover, as a share of the usual one."""
+    def __init__(
+        self, stage: Stage, story: Story, *, auto: bool, speed: float = 1.0, guide: bool = False
+    ) -> None:
+        """speed: of the rover, as a share of the usual one. guide: it ends behind the log across the path."""
+        self._guide = guide
         self._stage = stage
         self._story = story
         self._limit = LIMIT / speed
@@ -124,7 +131,9 @@ class Director:
         if self._auto is None:
             return not self._stage.operator.running
         held = bool(self.status) and self.status["mode"] == "HOLD"
-        return (self._tally.returned_without_call and not held) or seconds >= self._limit
+        behind = self._guide and self._tally.kept_off > 0 and self.status["distance"] > ACROSS + BEHIND
+        shown = behind or self._tally.returned_without_call
+        return (shown and not held) or seconds >= self._limit
 
     def _follow(self, now: float) -> None:
         for child in (self._stage.trail, self._stage.daemon):
@@ -249,9 +258,9 @@ class Director:
         return now - self._stage.started
 
 
-def verdict(figures: dict[str, Any], story: Story) -> int:
+def verdict(figures: dict[str, Any], story: Story, *, guide: bool = False) -> int:
     """Prints what was not shown, or that all was; returns the exit code."""
-    left = missing(figures)
+    left = (missing_guided if guide else missing)(figures)
     story.plain()
     for name in left:
         story.plain(f"NOT SHOWN: {name}")

@@ -17,7 +17,7 @@ from anytraverse.errors import AnyTraverseError
 from companion.cameras import CameraError
 from companion.sim.demo.child import ChildError, LoggedProcess
 from companion.sim.demo.config import write_config, written_by_demo
-from companion.sim.demo.director import Director, Stage, summary, verdict
+from companion.sim.demo.director import ACROSS, Director, Stage, summary, verdict
 from companion.sim.demo.operator import start_operator
 from companion.sim.demo.sheet import write_sheet
 from companion.sim.demo.story import Story
@@ -37,6 +37,7 @@ class DemoPace(NamedTuple):
 PACES = (DemoPace(10.0, SPEED), DemoPace(4.0, SPEED), DemoPace(1.5, 1.1))
 """The next one is tried where this computer judges too slowly for policy hold. With 1.5 frames/s the
 freshness limit is 2 s, and a thing is noticed later: 1.1 m/s still stop in time."""
+GUIDED_PACES = (DemoPace(10.0, 1.2), DemoPace(4.0, 1.2))
 _OLD = ("state", "logs", "contact-sheet.png")
 
 
@@ -79,11 +80,12 @@ def _end(number: int, _frame: object) -> None:
 
 
 def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
+    opening = _OPENING + (_GUIDED if options.guide else "")
     yours = _YOUR_PART_IN_A_BROWSER if options.console else _YOUR_PART
-    story.plain(_OPENING if options.auto else _OPENING + yours)
+    story.plain(opening if options.auto else opening + yours)
     figures = _played(options, out, story)
     sheet = write_sheet(out)
-    code = verdict(figures, story) if options.auto else 0
+    code = verdict(figures, story, guide=options.guide) if options.auto else 0
     if not options.auto:
         story.plain(summary(figures))
     if sheet is not None:
@@ -95,13 +97,20 @@ def _play(options: argparse.Namespace, out: Path, story: Story) -> int:
 
 def _played(options: argparse.Namespace, out: Path, story: Story) -> dict[str, Any]:
     """Plays at the first pace at which hold can be given, and returns the figures. Raises ChildError."""
-    for pace, slower in pairwise((*PACES, None)):
+    for pace, slower in pairwise((*(GUIDED_PACES if options.guide else PACES), None)):
         assert pace is not None
         stage = set_stage(
-            out, options.seed, auto=options.auto, speed=pace.speed, console=options.console, rate=pace.rate
+            out,
+            options.seed,
+            auto=options.auto,
+            speed=pace.speed,
+            console=options.console,
+            rate=pace.rate,
+            guide=options.guide,
         )
         try:
-            director = Director(stage, story, auto=options.auto, speed=pace.speed / SPEED)
+            speed = pace.speed / SPEED
+            director = Director(stage, story, auto=options.auto, speed=speed, guide=options.guide)
             refused = director.wait_until_ready()
             if not refused:
                 return director.play()
@@ -122,10 +131,12 @@ def set_stage(
     speed: float = SPEED,
     console: bool = False,
     rate: float = PACES[0].rate,
+    guide: bool = False,
 ) -> Stage:
     """Starts field, daemon and operator. speed: m/s that the rover drives. Raises ChildError.
 
-    console: the operator has a browser, and the link is a network's. rate: frames/s that are judged.
+    console: the operator has a browser, and the link is a network's. rate: frames/s that are judged. guide:
+    the path is wide, a log lies across it, and the policy is guide.
     """
     logs = out / "logs"
     logs.mkdir(exist_ok=True)
@@ -135,11 +146,12 @@ def set_stage(
         started.append(child)
         return child
 
+    wide = ["--half-width", "2.4", "--across", str(ACROSS)] if guide else []
     try:
         field = track(
             LoggedProcess(
                 "field",
-                ["companion.sim.field", "--seed", str(seed), "--speed", str(speed)],
+                ["companion.sim.field", "--seed", str(seed), "--speed", str(speed), *wide],
                 logs / "field.log",
             )
         )
@@ -148,7 +160,14 @@ def set_stage(
             print(f"The script that stops the rover when the daemon is dead is {ports['script']}")
         camera, link = f"field:{ports['frames']}", ports["companion"]
         config = write_config(
-            out, camera=camera, link=link, policy="hold", speed=speed, network=console, rate=rate
+            out,
+            camera=camera,
+            link=link,
+            policy="guide" if guide else "hold",
+            speed=speed,
+            network=console,
+            rate=rate,
+            guide=guide,
         )
         daemon = track(
             LoggedProcess("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
@@ -166,6 +185,11 @@ _OPENING = """\
 A rover drives a trail by itself. The daemon on it looks ahead and judges the ground by words and weights:
 grass and dirt path are drivable, bush, tree and sky are not. It was told of this meadow and of nothing else.
 When a place or a thing has no word it holds the rover and calls the operator over MAVLink.
+"""
+
+_GUIDED = """
+The path is wide here. What leaves room beside it, the daemon drives round by itself; further on a log lies
+across the path, and leaves none.
 """
 
 _YOUR_PART = """\

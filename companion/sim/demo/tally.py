@@ -125,6 +125,10 @@ class DemoTally:
                 before == ("HOLD", "companion") and after[0] == "AUTO" for before, after in pairwise(modes)
             ),
             "taken_over": self.taken_over,
+            "driven_round": sum(
+                before == ("GUIDED", "companion") and after == ("AUTO", "companion")
+                for before, after in pairwise(modes)
+            ),
             "blocked": self.blocked,
             "kept_off_named_things": self.kept_off,
             "collisions": len(field_status["contacts"]),
@@ -161,6 +165,18 @@ def missing(figures: dict[str, Any]) -> list[str]:
         "policy hold that can be given": not figures["hold_refused"],
         f"at most {BYTES_PER_S:g} bytes per second": figures["bytes_per_s"] <= BYTES_PER_S,
         "summaries at the ground": figures["summaries_received"] >= 1,
+    }
+    return [name for name, shown in wanted.items() if not shown]
+
+
+def missing_guided(figures: dict[str, Any]) -> list[str]:
+    """What the demo of guiding should have shown and did not; empty when all is proven."""
+    wanted = {
+        "something that is driven round": figures["driven_round"] >= 1,
+        "a call about what leaves no room": figures["calls_unknown_object"] >= 1,
+        "a blocked state that kept off it": figures["kept_off_named_things"] >= 1,
+        "no contact with anything": figures["collisions"] == 0,
+        "policy guide that can be given": not figures["hold_refused"],
     }
     return [name for name, shown in wanted.items() if not shown]
 

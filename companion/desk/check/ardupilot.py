@@ -36,6 +36,8 @@ _BOOTS = "after each boot it arms itself and drives off in INITIAL_MODE"
 _ALL_CHECKS, _AUX_AUTH = 1 << 0, 1 << 17
 """Bits of ARMING_CHECK (4.6 and older). The second one, with which arming needs the consent of scripts, is
 also in ARMING_SKIPCHK (4.7)."""
+_BLOCKS_AUTO, _AVOIDS_SENSED = 1 << 7, 1 << 1
+"""Bits of FLTMODE_GCSBLOCK and of AVOID_ENABLE."""
 _SWITCHES = tuple(f"RC{channel}_OPTION" for channel in range(1, 17))
 _SENSORS = tuple(f"PRX{number}_TYPE" for number in range(1, 5))
 _OURS = "is the vehicle's own id, so that the companion passes for the ground station: set 255"
@@ -92,6 +94,10 @@ def _on_unless(*policies: str) -> Bad:
     return lambda value, facts: value >= 0.5 and facts.policy not in policies
 
 
+def _in_guide(bad: Bad) -> Bad:
+    return lambda value, facts: facts.policy == "guide" and bad(value, facts)
+
+
 RULES = (
     ParameterRule("MIS_RESTART", other_than(0), FAIL, "after every hold the mission starts over: set 0"),
     ParameterRule("SCR_ENABLE", one_of(0), FAIL, f"{DIES}: set 1, {_SCRIPT}"),
@@ -118,17 +124,35 @@ RULES = (
     ParameterRule("ATS_FAULT", one_of(0), WARN, "a companion that says fault stops nothing: set 1"),
     ParameterRule(
         "ATS_NEED",
-        _on_unless("hold"),
+        _on_unless("hold", "guide"),
         WARN,
         "a lost companion stops the vehicle and forbids arming in every policy, and [call] policy is not "
-        '"hold": set 0, or that policy',
+        '"hold" or "guide": set 0, or one of these',
     ),
     ParameterRule(
         "ATS_POLICY",
-        _on_unless("hold", "off"),
+        _on_unless("hold", "guide", "off"),
         WARN,
         "a lost companion stops the vehicle in policy report and shadow too: set 0, or [call] policy "
         '= "hold"',
+    ),
+    ParameterRule(
+        "FLTMODE_GCSBLOCK",
+        with_bit(_BLOCKS_AUTO),
+        WARN,
+        "no ground station can set AUTO again after a hold by anytraverse.lua: subtract 128",
+    ),
+    ParameterRule(
+        "OA_TYPE",
+        _in_guide(other_than(0)),
+        WARN,
+        "the autopilot plans round obstacles, too, in AUTO, where policy guide takes over from it: set 0",
+    ),
+    ParameterRule(
+        "AVOID_ENABLE",
+        _in_guide(with_bit(_AVOIDS_SENSED)),
+        WARN,
+        "the autopilot stops for what its own sensor sees while policy guide drives past it: subtract 2",
     ),
     ParameterRule("ARMING_CHECK", _unchecked, FAIL, f"{_NOT_ASKED}: set 1, or add {_AUX_AUTH}"),
     ParameterRule("ARMING_SKIPCHK", _skipped, FAIL, f"{_NOT_ASKED}: set 0, or leave out {_AUX_AUTH}"),

@@ -9,6 +9,7 @@ where the vehicle's width and `MARGIN` m beside it are clear, for the lens and f
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anytraverse.grid import CELL, SIDE, LocalGrid
-from anytraverse.ground import RELIABLE
+from anytraverse.ground import RELIABLE, GroundCamera
 from companion.guide.plan import Outline, Plan, Route
 from companion.guide.tree import STEP, TIGHTEST, Tree, points_of, tree_of
 from companion.guide.way import ahead_of, clear_along, direction
@@ -60,8 +61,7 @@ def plan(
 ) -> Plan | None:
     """Return the best way over the grid as it is; None where it has no pose, or a value is unusable.
 
-    speed: m/s at which it would be driven. at: the frame's capture, monotonic s. blind: m from the lens to
-    the nearest ground in the picture that is as wide as vehicle and margins (`GroundCamera.nearest`).
+    speed: m/s at which it would be driven. at: the frame's capture, monotonic s. blind: see `blind_of`.
     before: the plan of the last frame, which is kept to while there is nothing better.
     """
     pose = grid.pose
@@ -85,7 +85,7 @@ def plan(
     progress = tree.points @ (math.cos(aim), math.sin(aim))
     reached = np.where(last > 0, progress[np.arange(len(last)), last], 0.0)
     enough = min(float(reached.max()), _DELAY * speed + speed * speed / (2.0 * _BRAKES) + _BEYOND)
-    if enough < _SHORTEST:
+    if enough < max(_SHORTEST, blind - half):  # it would end on ground that was never seen
         return told
     ones = np.flatnonzero(reached >= enough - _ENDS)
     ends = np.minimum((progress[ones] >= enough - _ENDS).argmax(axis=1), last[ones])
@@ -107,6 +107,12 @@ def plan(
     arcs = ((first, min(switch, clear)), (second, clear - switch))
     gap = float(room[best, : last[best] + 1].min()) - CELL / 2 - half
     return told._replace(arcs=arcs[: 1 + (clear > switch)], clear=clear, gap=max(0.0, gap))
+
+
+@lru_cache(8)
+def blind_of(camera: GroundCamera, width: float) -> float:
+    """Return the m from the lens to the nearest ground in view over this width in m and its margins."""
+    return camera.front + camera.nearest(width + 2.0 * MARGIN)
 
 
 def _usable(outline: Outline, *others: float) -> bool:

@@ -18,7 +18,7 @@ STEP = 0.15
 """m from one checked point of a way to the next."""
 TIGHTEST = 0.1
 """m: the radius of a turn, at least."""
-_FIRST, _SECOND, _SWITCHES = 23, 9, (1.0, 2.0, 3.0)
+_FIRST, _SECOND, _SWITCHES = 23, 9, (1.2, 2.4)
 """Curvatures of the first and of the second arc, and m after which it begins."""
 
 

@@ -20,7 +20,7 @@ from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
-from companion.guide.arcs import MARGIN, plan
+from companion.guide.arcs import blind_of, plan
 from companion.guide.plan import Plan
 from companion.vehicle.motion import MotionReport, lean_at, pose_at
 from companion.vision import pictures
@@ -153,7 +153,7 @@ class Worker:
             return None
         route, outline, speed = errand
         try:
-            blind = ground.camera.front + ground.camera.nearest(outline.width + 2.0 * MARGIN)
+            blind = blind_of(ground.camera, outline.width)
             at = seen.frame.captured_at
             self._planned = plan(self._grid, route, outline, speed, at, blind=blind, before=before)
         except Exception:  # without a plan the vehicle stops, or stands

@@ -11,23 +11,22 @@ from anytraverse.assessment import Maps
 from anytraverse.frame import Pose
 from anytraverse.grid import LocalGrid
 from anytraverse.ground import GroundCamera
-from companion.guide.arcs import plan
+from companion.guide.arcs import blind_of, plan
 from companion.guide.plan import Outline, Plan, Route
 from companion.guide.tree import points_of
 
 CAMERA = GroundCamera.pinhole(1.0, 7.0, 75.0, 4 / 3, front=0.3)
 OUTLINE = Outline(0.6, 0.3, 1.5)
-BLIND = 0.3 + CAMERA.nearest(1.2)
-"""m from the lens to the first ground that is in the picture."""
+BLIND = blind_of(CAMERA, OUTLINE.width)
 REAR = 0.7
 """m from the lens back to the vehicle's end."""
 ROUTE = Route(((-5.0, 0.0), (60.0, 0.0)), 3.0)
 ROWS, COLUMNS = 48, 64
-_EDGES = np.meshgrid((np.arange(COLUMNS) + 0.5) / COLUMNS, (np.arange(ROWS) + 0.5) / ROWS)
-_SEEN = CAMERA.to_ground(np.stack(_EDGES, axis=-1).reshape(-1, 2)).reshape(ROWS, COLUMNS, 2)
-_STEP = 0.02
+_MIDDLES = np.meshgrid((np.arange(COLUMNS) + 0.5) / COLUMNS, (np.arange(ROWS) + 0.5) / ROWS)
+_SEEN = CAMERA.to_ground(np.stack(_MIDDLES, axis=-1).reshape(-1, 2)).reshape(ROWS, COLUMNS, 2)
+_STEP = 0.05
 _LATE, _LAG, _LOOKS = 0.15, 0.2, 0.8
-"""s from a frame to its plan, s by which the turn follows, m by which the vehicle looks ahead on its way."""
+"""s from a frame until its plan is followed, s by which the turn lags, m by which the vehicle looks ahead."""
 
 
 @dataclass(frozen=True)

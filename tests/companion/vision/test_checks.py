@@ -24,6 +24,7 @@ from anytraverse.preferences import MAX_WORDS, Preferences, Setting
 from anytraverse.regions import Box
 from anytraverse.roi import Corridor, Tile
 from companion.cameras.newest import CameraStatus
+from companion.guide.plan import Plan
 from companion.vision.checks import LARGEST_MAP, LONGEST_VECTOR, BadReportError, Expected, check_report
 from companion.vision.codec import CodecError, decode, pack
 from companion.vision.memory_copy import update_from
@@ -39,6 +40,7 @@ from companion.vision.messages import (
     GroundMap,
     Logged,
     Model,
+    Planned,
     Ready,
     Report,
 )
@@ -141,6 +143,12 @@ def ground(**changes: Any) -> GroundMap:
     cells = b"\xff" * 40_000
     right = {"at": 1.0, "pose": Pose(1.0, 2.0, 30.0), "corner": (-90, -80)}
     return GroundMap(unmade(GridMap, **{**right, "share": cells, "uncertainty": cells, **changes}))
+
+
+def planned(**changes: Any) -> Planned:
+    """A way round something."""
+    right = Plan(1.0, Pose(1.0, 2.0, 30.0), 2.5, ((0.5, 1.2), (-0.5, 2.0)), 3.2, 0.4)
+    return Planned(right._replace(**changes))
 
 
 CORRIDOR = vars(Settings().corridor)
@@ -400,6 +408,22 @@ WRONG: dict[str, Any] = {
     "a map of the ground with too few cells": ground(share=b"1"),
     "a map of the ground with too many cells": ground(uncertainty=b"1" * 40_001),
     "a map of the ground of a text": ground(share="text"),
+    "a way planned in the future": planned(at=AHEAD),
+    "a way planned at no time": planned(at=NAN),
+    "a way that begins nowhere": planned(pose=Pose(0.0, 0.0, INF)),
+    "a way that leads on for ever": planned(clear=INF),
+    "a way that is longer than the ground is known": planned(arcs=((0.0, 7.0),), clear=7.0),
+    "a way of other length than its arcs": planned(clear=3.0),
+    "a way without arcs that leads somewhere": planned(arcs=()),
+    "a way of three arcs": planned(arcs=((0.0, 1.0),) * 3, clear=3.0),
+    "a way of an arc without a length": planned(arcs=((0.0,),)),
+    "a way of no arcs at all": planned(arcs=None),
+    "a way that turns on the spot": planned(arcs=((50.0, 3.2),)),
+    "a way that turns by no number": planned(arcs=((NAN, 3.2),)),
+    "a way backwards": planned(arcs=((0.0, -1.0), (0.0, 4.2))),
+    "a mission's way that leads back": planned(route_clear=-1.0),
+    "a way wider than the grid": planned(gap=50.0),
+    "a way of no width": planned(gap=NAN),
     "a failure of bytes": Failed(b"text"),  # type: ignore[arg-type]
 }
 
@@ -425,6 +449,9 @@ def test_what_cannot_be_true_is_refused(wrong: Any) -> None:
         Logged(40, "name", "text"),
         moved(lean=(3.0, -2.0), pose=Pose(5.0, -6.0, 90.0), reach=5.5),
         ground(),
+        planned(),
+        planned(arcs=((0.5, 3.2),)),
+        planned(arcs=(), clear=0.0, gap=0.0),
         Failed("text"),
     ],
 )

@@ -13,7 +13,7 @@ import pytest
 from msgspec import structs
 
 from anytraverse.answers import AnswerOutcome
-from anytraverse.frame import Frame
+from anytraverse.frame import Frame, Pose
 from anytraverse.history import Entry, History, Place
 from anytraverse.judging import Settings
 from anytraverse.memory import resumed_memory
@@ -24,6 +24,7 @@ from companion.cameras.newest import CameraState, CameraStatus
 from companion.config import Config
 from companion.config.radio import LinkSection
 from companion.config.web import WebSection
+from companion.guide.plan import Errand, Outline, Plan, Route
 from companion.sim.loopback_vision import LoopbackVision
 from companion.system.watchdog import SILENT_AFTER
 from companion.tasks import VISION
@@ -49,6 +50,7 @@ from companion.vision.messages import (
     FrameJudged,
     Logged,
     Model,
+    Planned,
     Ready,
     Restore,
     Scenes,
@@ -816,6 +818,18 @@ def test_where_it_is_is_told_some_five_times_a_second(stage: Stage) -> None:
     told = [one for one in stage.child.requests if isinstance(one, Situation)]
     assert told[0] == Situation(Place(1.0, 2.0), rate=10.0)
     assert 9 <= len(told) <= 11
+
+
+def test_what_ways_are_planned_for_is_told_and_what_was_planned_comes_back(stage: Stage) -> None:
+    errand = Errand(Route(((0.0, 0.0), (9.0, 0.0)), 3.0), Outline(0.6, 0.3, 1.5), 1.0)
+    stage.clock.now += 1.0
+    stage.vision.situation(Place(), None, stage.clock.now, moving=True, errand=errand)
+    stage.child.live(CameraStatus(), None)
+    stage.turn()
+    assert [one.errand for one in stage.child.requests if isinstance(one, Situation)] == [errand]
+    made = Planned(Plan(1.0, Pose(1.0, 2.0, 3.0), 2.0, ((0.5, 3.0),), 3.0, 0.4))
+    stage.child.report(made)
+    assert [one.report for one in stage.vision.poll(stage.clock.now)] == [made]
 
 
 def test_each_new_report_of_the_lean_is_told_at_once(stage: Stage) -> None:

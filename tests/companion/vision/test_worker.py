@@ -23,6 +23,7 @@ from anytraverse.judging import Settings, Thresholds
 from anytraverse.memory import first_memory
 from anytraverse.operations import Operation, SetWord, Tap
 from anytraverse.roi import RoiFigures
+from companion.guide.plan import Errand, Outline, Route
 from companion.vehicle.motion import MotionReport
 from companion.vision import pictures
 from companion.vision.memory_copy import updated
@@ -33,6 +34,7 @@ from companion.vision.messages import (
     Drawn,
     FrameJudged,
     GroundMap,
+    Planned,
     Restore,
     Situation,
     Tune,
@@ -316,6 +318,50 @@ def test_a_grid_that_fails_costs_no_frame(
     assert in_metres(stage) == []
     assert "no grid" in caplog.text
     assert stage.look().assessment.maps is not None
+
+
+ERRAND = Errand(Route(((-1.0, 0.0), (20.0, 0.0)), 3.0), Outline(0.6, 0.3, 1.5), 1.0)
+
+
+def ways(stage: Stage) -> list[Planned]:
+    """What is planned with a frame, after three seconds of a drive."""
+    in_metres(stage)
+    at, found = time.monotonic() - 0.2, []
+    for number in range(2):
+        motion = MotionReport(at + 0.2 * number, 0.0, 0.0, 0.0, 0.0, Pose(3.0 + 0.2 * number, 0.0, 0.0), 1.0)
+        stage.worker.handle(Situation(Place(), motion=motion, errand=ERRAND))
+        seen = stage.look(age=time.monotonic() - motion.at).assessment
+        stage.worker.remember_ground(seen)
+        found.append(stage.worker.plan(seen))
+    return [one for one in found if one is not None]
+
+
+def test_a_way_is_planned_with_each_frame_while_there_is_an_errand(stage: Stage) -> None:
+    sooner, later = (one.content for one in ways(stage))
+    assert later.at == pytest.approx(sooner.at + 0.2)
+    assert later.pose.x == pytest.approx(sooner.pose.x + 0.2)
+    assert later.clear > 2.0
+    assert later.route_clear > 2.0
+    stage.worker.handle(Situation(Place()))
+    assert stage.worker.plan(stage.look().assessment) is None
+
+
+def test_no_way_is_planned_with_a_frame_that_has_a_fault(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stage.worker, "_camera_faults", lambda *_: [Finding.fault("too dark")])
+    assert ways(stage) == []
+
+
+def test_planning_that_fails_costs_no_frame_and_is_logged_once(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise ValueError("no way")
+
+    monkeypatch.setattr("companion.vision.worker.plan", fails)
+    assert ways(stage) == []
+    assert caplog.text.count("no way could be planned after frame") == 1
 
 
 @pytest.mark.parametrize("frame_id", [2, 77])

@@ -10,11 +10,11 @@ from companion.calls.reason_filter import PASSABLE
 from companion.config import Config
 from companion.config.guiding import guide_lacks, outline, stops_in
 from companion.guide.plan import Errand, Plan
+from companion.guide.route import MissionRoute
 from companion.guide.rules import Circumstances, Guide, GuideAnswer, GuideState
 from companion.link.link import Link
 from companion.vehicle import ardupilot
 from companion.vehicle.motion import pose_at
-from companion.vehicle.route import MissionRoute
 from companion.wire import notices
 from companion.wire.ids import INFO, WARNING, Policy
 

@@ -21,7 +21,7 @@ _GOES_ON = frozenset(
 )
 
 
-class Setting(Enum):
+class ItemSetting(Enum):
     """What became of the newest `CurrentItem.set`."""
 
     NONE = "none"
@@ -40,36 +40,36 @@ class CurrentItem:
     def __init__(self, outbox: Outbox) -> None:
         self._outbox = outbox
         self.item = 0
-        self.state = Setting.NONE
+        self.state = ItemSetting.NONE
         self._since = self._asked_at = -math.inf
         self._tries = 0
 
     def set(self, item: int, now: float) -> None:
         """Begin to make `item` the current one; it replaces one that waits. The next `tick` sends it."""
-        self.item, self.state = item, Setting.WAITS
+        self.item, self.state = item, ItemSetting.WAITS
         self._since, self._asked_at, self._tries = now, -math.inf, 0
 
     @property
     def waits(self) -> bool:
         """Whether the newest item is not set yet, and not refused."""
-        return self.state is Setting.WAITS
+        return self.state is ItemSetting.WAITS
 
     def cancel(self) -> None:
         """Send no more; one that was sent may still take effect."""
-        self.state = Setting.NONE
+        self.state = ItemSetting.NONE
         self._outbox.forget("set item")
 
     def tick(self, vehicle: Vehicle | None, now: float) -> None:
         """Look whether the item is the current one, and send the command anew where it is due."""
-        if self.state is not Setting.WAITS:
+        if self.state is not ItemSetting.WAITS:
             return
         mission = None if vehicle is None else vehicle.mission
         if mission is not None and mission.at >= self._since and mission.item == self.item:
-            self.state = Setting.SET
+            self.state = ItemSetting.SET
         elif now - self._asked_at < TIMEOUT:
             pass
         elif self._tries >= TRIES or vehicle is None:
-            self.state = Setting.UNANSWERED
+            self.state = ItemSetting.UNANSWERED
         else:
             self._asked_at, self._tries = now, self._tries + 1
             message, to = (
@@ -81,5 +81,5 @@ class CurrentItem:
     def answered(self, message: Any) -> None:
         """Take a COMMAND_ACK of our autopilot to us. That it was accepted is not believed until it shows."""
         ours = message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and self._tries > 0
-        if ours and self.state is Setting.WAITS and message.result not in _GOES_ON:
-            self.state = Setting.REFUSED
+        if ours and self.state is ItemSetting.WAITS and message.result not in _GOES_ON:
+            self.state = ItemSetting.REFUSED

@@ -89,8 +89,8 @@ class SimulatedMission:
     def set_current(self, number: int) -> bool:
         """Makes an item the current one. False: there is none of this number, or it is home or the jump.
 
-        What lies before it in its round counts as passed. What the rover has driven
-        past is passed again as soon as it drives the mission.
+        What lies before it in its round counts as passed. What the rover has driven past is passed again as
+        soon as it drives the mission.
         """
         if not self.counts_from <= number < self.counts_from + self._items:
             return False

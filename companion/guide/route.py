@@ -7,9 +7,9 @@ from collections import deque
 from collections.abc import Sequence
 
 from anytraverse.frame import Pose
+from companion.guide import legs
+from companion.guide.legs import LONGEST, Leg, Place
 from companion.guide.plan import Route
-from companion.vehicle import legs
-from companion.vehicle.legs import LONGEST, Leg, Place
 from companion.vehicle.mission import MissionItem
 from companion.vehicle.motion import MotionReport, pose_at
 from companion.vehicle.state import Vehicle

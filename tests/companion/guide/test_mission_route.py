@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from anytraverse.frame import Pose
+from companion.guide import legs
 from companion.guide.plan import Route
-from companion.vehicle import legs
+from companion.guide.route import MissionRoute, route
 from companion.vehicle.mission import MissionItem
 from companion.vehicle.motion import MotionReport
-from companion.vehicle.route import MissionRoute, route
 from companion.vehicle.state import METRES_PER_DEGREE, Mission, MissionState, Vehicle
 
 HERE = (47.0, 8.0)

@@ -61,12 +61,19 @@ class FilmedField:
         """Film a frame. at: seconds. travelled: metres driven. tilt: how the rover leans."""
         self._pose = pose
         image, self.labels = self._camera.render(pose, at, tilt)
-        place = Place(
+        return DriveFrame(f"{self._name}{at:.2f} s", at, lambda: image, self.place(pose), travelled)
+
+    def look_back(self, labels: Labels, pose: Pose) -> None:
+        """Let an earlier frame be the newest one. pose: where it was taken."""
+        self.labels, self._pose = labels, pose
+
+    def place(self, pose: Pose) -> Place:
+        """Return a pose as the autopilot reports it."""
+        return Place(
             pose.y / _METRES_PER_DEGREE,
             (pose.x + self._east_m) / _METRES_PER_DEGREE,
             (90.0 - math.degrees(pose.heading)) % 360.0,
         )
-        return DriveFrame(f"{self._name}{at:.2f} s", at, lambda: image, place, travelled)
 
     def put_back(self) -> None:
         """Put all things back that were taken away."""

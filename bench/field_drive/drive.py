@@ -1,0 +1,209 @@
+"""Drives one route under one policy: the simulated rover, the companion's rules, a stand-in for the wire."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from random import Random
+
+import cv2
+import numpy as np
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.errors import AnyTraverseError
+from anytraverse.memory import first_memory
+from anytraverse.operations import SetWord, Tap
+from bench.calls.engines import of_the_field
+from bench.calls.field import DRIVABLE, FilmedField
+from bench.field_drive.autopilot import ScriptedAutopilot
+from bench.field_drive.eyes import JUDGED, Eyes, Filmed
+from bench.field_drive.operator_model import BY_HAND, STOOD, TAKEN, OperatorModel
+from bench.field_drive.scoring import DriveResult, Score
+from bench.field_drive.trails import VEHICLE, FieldRoute, make_route
+from bench.virtual_time import Clock, virtual_time
+from companion.calls.decisions import CallOpened, Decision, HoldRenamed, HoldStarted, SetMode
+from companion.calls.machine import OperatorCalls
+from companion.calls.policy import PolicyState
+from companion.config import Config
+from companion.config.stopping import Stopping, judge_stopping
+from companion.daemon.settings.runtime import call_numbers
+from companion.desk.drives.judge import DriveJudge
+from companion.desk.exchange.truth import TruePerceiver
+from companion.sim.field.motion import Motion as RoverMotion
+from companion.sim.field.rover import STANDSTILL, Body, Rover
+from companion.vehicle import ardupilot
+from companion.vision.warm_up import judging_settings, load_engine
+from companion.wire.answers import Answer
+from companion.wire.ids import Motion, Policy
+
+RATE, SPEED = 5.0, 1.2
+"""Frames/s that are judged, and m/s of the mission."""
+TICK = 0.04
+"""s from one turn of the companion to the next."""
+LONGEST = 600.0
+"""s after which a drive ends."""
+POLICIES = {"report": Policy.REPORT, "hold": Policy.HOLD}
+
+
+def field_config(*, puddles: bool) -> Config:
+    """Return the demo's configuration for a vehicle 0.6 m wide, with words for gravel and puddles."""
+    config = of_the_field(RATE, SPEED)
+    words = {**config.words, "gravel": 1.0, "puddle": 1.0 if puddles else -1.0}
+    mount = replace(config.mount, width=VEHICLE, front=VEHICLE / 2)
+    return replace(config, mount=mount, words=words)
+
+
+def stopping(latency: float) -> float:
+    """Return the metres to standstill from when a thing can be seen, as `companion check` has them."""
+    config = field_config(puddles=False)
+    judged = judge_stopping(replace(config, camera=replace(config.camera, latency=JUDGED + latency)))
+    assert isinstance(judged, Stopping)
+    return judged.needs
+
+
+def engine_of(config: Config, *, truth: bool) -> AnyTraverse:
+    """Return an engine with a new memory. truth: it perceives by the true labels."""
+    cv2.setNumThreads(1)
+    if not truth:
+        return load_engine(config, None)[0]
+    perceiver = TruePerceiver()
+    settings = judging_settings(config, perceiver)
+    return AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, config.preferences))
+
+
+class FieldDrive:
+    """One drive. Times are those of the clock in s, lengths in m."""
+
+    def __init__(
+        self, route: FieldRoute, film: FilmedField, policy: str, clock: Clock, *, truth: bool
+    ) -> None:
+        config = field_config(puddles=route.puddles)
+        self._route, self._film, self._clock, self._policy = route, film, clock, policy
+        self._engine = engine_of(config, truth=truth)
+        random = Random(f"{route.seed} {policy}")
+        motion = RoverMotion(route.world.trail, route.seed, swing=math.radians(route.swing))
+        self._rover = Rover(
+            route.world.trail, cruise_speed=SPEED, body=Body(radius=VEHICLE / 2), motion=motion
+        )
+        self._autopilot = ScriptedAutopilot(self._rover, random)
+        self._eyes = Eyes(self._engine, film, self._rover, clock, rate=RATE, late=route.latency)
+        numbers = call_numbers(config, self._engine.settings)
+        self._calls = OperatorCalls(numbers, PolicyState(POLICIES[policy]), clock.now)
+        judge = DriveJudge(config, self._engine)
+        self._operator = OperatorModel(film, judge, random, puddles=route.puddles)
+        self._score = Score(policy, route)
+        self._stands = 0.0
+        self._gone = set[str]()
+        """Ids of what has appeared: it may have been taken away since."""
+        self._newest: Filmed | None = None
+
+    def run(self) -> DriveResult:
+        """Drive to the end of the route, or until it stands before what nobody takes away."""
+        begun, stood = self._clock.now, False
+        while self._progress < self._route.metres and not stood:
+            self._clock.now += TICK
+            self._appear()
+            for answer in self._autopilot.step():
+                self._obey(self._calls.mode_answered(answer, self._clock.now))
+            self._rover.step(TICK)
+            self._watch()
+            self._turn()
+            stood = self._help() or self._clock.now - begun > LONGEST
+        found = self._score.ended(stood=stood, seconds=self._clock.now - begun)
+        found.overrides = self._autopilot.overrides
+        return found
+
+    @property
+    def _progress(self) -> float:
+        return self._rover.progress
+
+    def _appear(self) -> None:
+        """Put down what the rover is near enough to."""
+        world, front = self._route.world, self._progress + self._rover.body.radius
+        for one in self._route.placed:
+            (thing, *_), away = one.things, one.s - self._route.begin - front
+            near = one.appears is not None and 0.0 < away - thing.radius <= one.appears
+            if near and thing.id not in world.things and thing.id not in self._gone:
+                world.add(thing)
+                self._gone.add(thing.id)
+
+    def _watch(self) -> None:
+        rover, trail = self._rover, self._route.world.trail
+        self._score.touched(self._route.world.contact(rover.x, rover.y, rover.body.radius))
+        s, aside = trail.nearest(rover.x, rover.y)
+        edge = float(trail.half_width(np.array(s))) - abs(aside) - rover.body.radius
+        self._score.moved(self._progress, edge)
+        self._stands = self._stands + TICK if rover.speed < STANDSTILL else 0.0
+
+    def _turn(self) -> None:
+        """Let the companion take in what has come, and decide."""
+        now, calls = self._clock.now, self._calls
+        for filmed, judged in self._eyes.look():
+            self._obey(calls.assessed(judged.assessment, now), filmed)
+        self._obey(calls.vehicle_reported(self._autopilot.report(now), now))
+        self._obey(calls.tick(now))
+        self._score.id_is(calls.current_id, self._progress)
+
+    def _obey(self, decisions: list[Decision], filmed: Filmed | None = None) -> None:
+        for one in decisions:
+            match one:
+                case SetMode():
+                    self._autopilot.request(one)
+                case HoldStarted():
+                    self._score.held(self._progress)
+                case HoldRenamed(old):
+                    self._score.renamed(old)
+                case CallOpened(call):
+                    self._newest = filmed or self._newest
+                    assert self._newest is not None
+                    self._film.look_back(self._newest.labels, self._newest.pose)
+                    self._operator.called(call, self._newest.frame, self._clock.now)
+        self._newest = filmed or self._newest
+
+    def _help(self) -> bool:
+        """Let operator and helper act. Return whether the rover has ended here."""
+        now, current = self._clock.now, self._calls.current_id
+        way = self._score.in_way(self._progress)
+        room = way is not None and way.room and not self._score.touches(way)
+        said = self._operator.says(current, way is not None, room, self._stands, now)
+        if said is not None:
+            self._answer(said)
+        if self._operator.thinks:
+            return False
+        if way is not None and not room and self._stands >= TAKEN:
+            for thing in way.things:
+                self._route.world.remove(thing.id)
+            self._score.result.taken += 1
+            self._stands = 0.0
+        elif way is None and self._stands >= BY_HAND and self._autopilot.mode != ardupilot.AUTO:
+            self._autopilot.by_hand(ardupilot.AUTO)
+            self._score.result.by_hand += 1
+            self._stands = 0.0
+        return way is not None and self._stands >= STOOD
+
+    def _answer(self, said: Answer) -> None:
+        now, call, go = self._clock.now, self._calls.call, said.motion is Motion.GO
+        operations = tuple(one for one in said.operations if isinstance(one, SetWord | Tap))
+        seen = call.seen.observation if call is not None and call.seen is not None else None
+        place = call.place if call is not None else self._film.place(self._rover.pose)
+        try:
+            outcome = self._engine.answer(operations, now, call=seen, call_id=said.target, go=go, place=place)
+        except AnyTraverseError:  # what it cannot learn is said without words
+            operations, motion = (), Motion.NONE
+            outcome = self._engine.answer((), now, call=seen, call_id=said.target, go=False, place=place)
+            said = replace(said, motion=motion)
+        _, decisions = self._calls.apply_answer(said.target, said.motion, operations, outcome, now)
+        self._obey(decisions)
+
+
+def drive_all(seed: int, policies: tuple[str, ...], *, truth: bool) -> list[DriveResult]:
+    """Drive one seed's route under each of the policies."""
+    route, found = make_route(seed, stopping), list[DriveResult]()
+    drivable = (*DRIVABLE, *(["puddle"] if route.puddles else []))
+    film, there = FilmedField(route.world, drivable=drivable), dict(route.world.things)
+    for policy in policies:
+        route.world.things = dict(there)
+        route.world.revision += 1
+        with virtual_time() as clock:
+            found.append(FieldDrive(route, film, policy, clock, truth=truth).run())
+    return found

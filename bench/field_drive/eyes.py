@@ -1,0 +1,89 @@
+"""Sees for a simulated rover: frames, late as its seed has it, and how it leans and moves, as the wire tells.
+
+The frames are judged and marked in the grid by the vision process's own `Worker`, in this process.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from anytraverse.engine import AnyTraverse
+from anytraverse.frame import Frame
+from bench.calls.field import FilmedField
+from bench.virtual_time import Clock
+from companion.desk.drives.drive import DriveFrame
+from companion.desk.exchange.truth import TruePerceiver
+from companion.sim.field.render import Bytes
+from companion.sim.field.rover import Rover
+from companion.sim.field.trail import Pose
+from companion.vehicle.motion import LeanFilter, MotionReport, Odometry
+from companion.vision.messages import FrameJudged, Situation
+from companion.vision.worker import Worker
+
+JUDGED = 0.05
+"""s that judging takes, beside the latency of the seed."""
+_ATTITUDES = 0.25
+"""s from one report of ATTITUDE to the next."""
+
+
+class Filmed(NamedTuple):
+    """A frame on its way. due: s at which it has been judged. pose: of the rover in the world."""
+
+    due: float
+    frame: DriveFrame
+    number: int
+    labels: Bytes
+    pose: Pose
+
+
+class Eyes:
+    """Camera, motion reports and `Worker` of one drive. Times are those of the clock."""
+
+    def __init__(
+        self, engine: AnyTraverse, film: FilmedField, rover: Rover, clock: Clock, *, rate: float, late: float
+    ) -> None:
+        """late: s beside those of judging."""
+        self._engine, self._film, self._rover, self._clock = engine, film, rover, clock
+        self.worker = Worker(engine, 0)
+        self._period, self._late = 1.0 / rate, JUDGED + late
+        self._next = self._told = clock.now
+        self._on_way: deque[Filmed] = deque()
+        self._frames = 0
+        self._lean, self._odometry = LeanFilter(), Odometry()
+        self._compass = 90.0 - math.degrees(rover.heading)
+        self.motion: MotionReport | None = None
+
+    def look(self) -> Iterator[tuple[Filmed, FrameJudged]]:
+        """Tell how the rover moves, film, and yield what has been judged by now."""
+        now = self._clock.now
+        if now >= self._told - 1e-9:
+            self._told += _ATTITUDES
+            self._tell_motion(now)
+        if now >= self._next - 1e-9:
+            self._next += self._period
+            self._frames += 1
+            rover, pose = self._rover, self._rover.pose
+            frame = self._film.frame(pose, now, rover.distance, rover.attitude.tilt)
+            self._on_way.append(Filmed(now + self._late, frame, self._frames, self._film.labels, pose))
+        while self._on_way and self._on_way[0].due <= now + 1e-9:
+            one = self._on_way.popleft()
+            assert one.frame.image is not None
+            if isinstance(self._engine.perceiver, TruePerceiver):
+                self._engine.perceiver.show(one.labels)
+            judged = self.worker.judge(Frame(one.number, one.frame.at, one.frame.image))
+            yield one, judged
+            self.worker.remember_ground(judged.assessment)
+
+    def _tell_motion(self, now: float) -> None:
+        rover, attitude = self._rover, self._rover.attitude
+        angles = math.degrees(attitude.pitch), math.degrees(attitude.roll)
+        rates = math.degrees(attitude.pitch_rate), math.degrees(attitude.roll_rate)
+        compass = 90.0 - math.degrees(rover.heading)
+        turning = math.remainder(compass - self._compass, 360.0) / _ATTITUDES
+        self._compass = compass
+        report = self._odometry.take(self._lean.take(now, angles, rates), compass, turning, rover.speed)
+        self.motion = report
+        self.worker.handle(Situation(self._film.place(rover.pose), motion=report))

@@ -1,0 +1,73 @@
+"""Models who answers: an operator who sees what is asked, and somebody on the trail who takes things away.
+
+- `THINK` s after a call opened the operator names what it shows by its true word. It says go where nothing is
+  in the way; and where what is in the way has room beside it, and the answer forbids to drive over it.
+- What leaves no room, or was touched, is taken away once the rover has stood for `TAKEN` s. Then it gets a go.
+- What leaves room is never taken away. Who stands before it for `STOOD` s after all was said has ended there.
+- A rover that stands for `BY_HAND` s with nothing in the way is set to AUTO by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from random import Random
+
+from anytraverse.operations import SetWord, Tap
+from bench.calls.field import DRIVABLE, FilmedField
+from bench.calls.operators import WordOperator
+from companion.calls.decisions import Call
+from companion.desk.drives.drive import DriveFrame
+from companion.desk.drives.judge import DriveJudge
+from companion.wire.answers import Answer, AnyOperation
+from companion.wire.ids import Motion
+
+THINK = (2.0, 5.0)
+TAKEN, STOOD, BY_HAND = 8.0, 14.0, 8.0
+AGAIN = 5.0
+"""s after which a go is given again."""
+
+
+class OperatorModel:
+    """The operator of one drive. Times in s."""
+
+    def __init__(self, film: FilmedField, judge: DriveJudge, random: Random, *, puddles: bool) -> None:
+        """judge: holds the engine. puddles: whether they are drivable."""
+        self._names = WordOperator(film.operator, (*DRIVABLE, *(["puddle"] if puddles else [])), taps=False)
+        self._judge, self._random = judge, random
+        self._waits: tuple[float, int, tuple[AnyOperation, ...]] | None = None
+        self._go_at = -AGAIN
+
+    def called(self, call: Call, frame: DriveFrame, now: float) -> None:
+        """Look at a call that opened with this frame."""
+        said = self._names(self._judge, call, frame)
+        operations = said.operations
+        if self._judge.engine.perceiver.model_id == "truth":  # it learns no words for things
+            operations = tuple(one for one in operations if isinstance(one, SetWord))
+        self._waits = now + self._random.uniform(*THINK), call.id, operations
+
+    def says(self, current: int, way: bool, room: bool, stands: float, now: float) -> Answer | None:
+        """Return what is said now, None for nothing.
+
+        current: the id of the open call or hold, 0 for none. way: something is in the way. room: it leaves
+        room. stands: s for which the rover has stood.
+        """
+        if self._waits is not None and now >= self._waits[0]:
+            (_, number, operations), self._waits = self._waits, None
+            if number == current:
+                go = not way or (room and _forbids(operations))
+                self._go_at = now if go else self._go_at
+                return Answer(number, Motion.GO if go else Motion.NONE, operations)
+        if current and self._waits is None and not way and stands > THINK[0] and now >= self._go_at + AGAIN:
+            self._go_at = now
+            return Answer(current, Motion.GO)
+        return None
+
+    @property
+    def thinks(self) -> bool:
+        """Whether an answer is to come."""
+        return self._waits is not None
+
+
+def _forbids(operations: Sequence[AnyOperation]) -> bool:
+    weights = [one.weight for one in operations if isinstance(one, SetWord | Tap)]
+    return bool(weights) and max(weights) < 0.0

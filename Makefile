@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo console test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-ground bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
+.PHONY: help demo console test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-ground bench-field bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -69,6 +69,9 @@ bench-perception: ready-dev ## how far the perceiver may be trusted, at home and
 
 bench-ground: ready-dev ## how well the ground is known in metres, by a frame and by the grid (a quarter of an hour); ARGS=--quick
 	@$(PYTHON_IN_VENV) -m bench.ground $(ARGS)
+
+bench-field: ready-dev ## drive 50 random trails by report, hold and guide: contacts, ways, calls; ARGS="--runs 8", --truth
+	@$(PYTHON_IN_VENV) -m bench.field_drive $(ARGS)
 
 bench-power: ready-dev ## kill the companion at 500 points of its writes, and cut its power at 200; ARGS="--kills 20 --cuts 20"
 	@$(PYTHON_IN_VENV) -m bench.faults.power_loss $(ARGS)

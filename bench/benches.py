@@ -131,6 +131,21 @@ _CALLS = (
     Quoted("real/word/calls_per_100", "real frames, words", "calls per 100 frames", LESS),
     Quoted("real/word/second_pass_per_100", "the same frames again", "calls per 100 frames", LESS),
 )
+_FIELD_DRIVE = (
+    *(
+        Quoted(f"{name}/contacts", f"things touched that could be seen in time, {name}", "", LESS)
+        for name in ("hold", "guide")
+    ),
+    *(
+        Quoted(f"{name}/route_share", f"share of the routes that was driven, {name}", "", MORE)
+        for name in ("hold", "guide")
+    ),
+    Quoted("guide/passed_share", "things with room that were passed without a call", "", MORE),
+    *(
+        Quoted(f"{name}/needless_stops_per_100m", f"stops for nothing, {name}", "per 100 m", LESS)
+        for name in ("hold", "guide")
+    ),
+)
 
 BENCHES = {
     "growth-words": _growth("words", "a frame by the number of words, 1 to 16: time and memory", (3, 0.3)),
@@ -198,6 +213,13 @@ BENCHES = {
             Quoted("range_error_90/5", "error at 5 m, a swing of 2 degrees, 90 %", "m", LESS),
             Quoted("ms_metres_50", "the figures of a region in metres, median", "ms of CPU", LESS),
         ),
+    ),
+    "field-drive": Bench(
+        "bench.field_drive",
+        "random trails with things on them under each policy: contacts, how far it comes, what it asks",
+        (50, 3),
+        quick=("--runs", "2"),
+        figures=_FIELD_DRIVE,
     ),
     "false-stops": Bench(
         "bench.false_stops",

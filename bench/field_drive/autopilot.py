@@ -1,4 +1,4 @@
-"""Stands in for autopilot, script and wire: a mode request takes its time, and is compared before it is set."""
+"""Stands in for autopilot, script and wire: a request for a mode takes its time, and is compared first."""
 
 from __future__ import annotations
 

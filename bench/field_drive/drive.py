@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from random import Random
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from bench.field_drive.eyes import JUDGED, Eyes, Filmed
 from bench.field_drive.operator_model import BY_HAND, STOOD, TAKEN, OperatorModel
 from bench.field_drive.scoring import DriveResult, Score
 from bench.field_drive.trails import VEHICLE, FieldRoute, make_route
-from bench.virtual_time import Clock, virtual_time
+from bench.virtual_time import Clock
 from companion.calls.decisions import CallOpened, Decision, HoldRenamed, HoldStarted, SetMode
 from companion.calls.machine import OperatorCalls
 from companion.calls.policy import PolicyState
@@ -196,14 +197,18 @@ class FieldDrive:
         self._obey(decisions)
 
 
-def drive_all(seed: int, policies: tuple[str, ...], *, truth: bool) -> list[DriveResult]:
-    """Drive one seed's route under each of the policies."""
+def drive_all(
+    seed: int, policies: tuple[str, ...], *, truth: bool, metres: float | None = None
+) -> list[DriveResult]:
+    """Drive one seed's route under each of the policies. metres: of its begin only."""
     route, found = make_route(seed, stopping), list[DriveResult]()
+    route = route if metres is None else replace(route, metres=metres)
     drivable = (*DRIVABLE, *(["puddle"] if route.puddles else []))
     film, there = FilmedField(route.world, drivable=drivable), dict(route.world.things)
     for policy in policies:
         route.world.things = dict(there)
         route.world.revision += 1
-        with virtual_time() as clock:
+        clock = Clock()
+        with mock.patch("time.monotonic", clock):
             found.append(FieldDrive(route, film, policy, clock, truth=truth).run())
     return found

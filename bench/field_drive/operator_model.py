@@ -2,7 +2,7 @@
 
 - `THINK` s after a call opened the operator names what it shows by its true word. It says go where nothing is
   in the way; and where what is in the way has room beside it, and the answer forbids to drive over it.
-- What leaves no room, or was touched, is taken away once the rover has stood for `TAKEN` s. Then it gets a go.
+- What leaves no room, or was touched, is taken away once the rover has stood for `TAKEN` s; then go is said.
 - What leaves room is never taken away. Who stands before it for `STOOD` s after all was said has ended there.
 - A rover that stands for `BY_HAND` s with nothing in the way is set to AUTO by hand.
 """
@@ -54,7 +54,7 @@ class OperatorModel:
         if self._waits is not None and now >= self._waits[0]:
             (_, number, operations), self._waits = self._waits, None
             if number == current:
-                go = not way or (room and _forbids(operations))
+                go = not way or (room and forbids(operations))
                 self._go_at = now if go else self._go_at
                 return Answer(number, Motion.GO if go else Motion.NONE, operations)
         if current and self._waits is None and not way and stands > THINK[0] and now >= self._go_at + AGAIN:
@@ -68,6 +68,7 @@ class OperatorModel:
         return self._waits is not None
 
 
-def _forbids(operations: Sequence[AnyOperation]) -> bool:
+def forbids(operations: Sequence[AnyOperation]) -> bool:
+    """Whether words say of all that they name that it is not drivable."""
     weights = [one.weight for one in operations if isinstance(one, SetWord | Tap)]
     return bool(weights) and max(weights) < 0.0

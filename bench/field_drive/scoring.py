@@ -18,8 +18,8 @@ IN_FRONT, BEHIND = 7.0, 0.5
 class DriveResult:
     """What came of one drive under one policy. Lengths in m.
 
-    route, driven: metres of the route, and how far along it the rover came by itself. contacts, late_contacts:
-    ids of what it touched, those of what was late apart. rooms, passed: things with room that were not late,
+    route, driven: metres of the route, and how far along it the rover came. contacts, late_contacts: ids of
+    what it touched, those of what was late apart. rooms, passed: things with room that were not late,
     and those of them that it passed without a touch and without asking about them. asked: calls, and holds
     that nobody was called for. stood: it ended standing. needless: stops with nothing in the way. edge: least
     distance from its side to the path's edge, below 0 off the path. takeovers: AUTO to GUIDED by itself.
@@ -75,7 +75,11 @@ class Score:
         """Return what is next on the route, at most so far ahead, and still there; None for nothing."""
         for one in self._route.placed:
             away = one.s - self._route.begin - progress
-            if -BEHIND <= away <= within and not one.drivable and one.things[0].id in self._route.world.things:
+            if (
+                -BEHIND <= away <= within
+                and not one.drivable
+                and one.things[0].id in self._route.world.things
+            ):
                 return one
         return None
 
@@ -140,7 +144,9 @@ def figures(found: Sequence[DriveResult]) -> dict[str, Any] | None:
         "passed_share": round(sum(one.passed for one in found) / rooms, 3) if rooms else None,
         "asked": sum(one.asked for one in found),
         "stood": sum(one.stood for one in found),
-        "needless_stops_per_100m": round(100 * sum(one.needless for one in found) / driven, 2) if driven else None,
+        "needless_stops_per_100m": round(100 * sum(one.needless for one in found) / driven, 2)
+        if driven
+        else None,
         "edge_min_m": round(min(one.edge for one in found), 2),
         "takeovers": sum(one.takeovers for one in found),
         "human_overrides": sum(one.overrides for one in found),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from random import Random
+from typing import cast
 from unittest import mock
 
 import cv2
@@ -21,15 +22,20 @@ from bench.field_drive.eyes import JUDGED, Eyes, Filmed
 from bench.field_drive.operator_model import BY_HAND, STOOD, TAKEN, OperatorModel
 from bench.field_drive.scoring import DriveResult, Score
 from bench.field_drive.trails import VEHICLE, FieldRoute, make_route
+from bench.field_drive.wire import WireStandIn, waypoints
 from bench.virtual_time import Clock
 from companion.calls.decisions import CallOpened, Decision, HoldRenamed, HoldStarted, SetMode
 from companion.calls.machine import OperatorCalls
 from companion.calls.policy import PolicyState
 from companion.config import Config
-from companion.config.stopping import Stopping, judge_stopping
+from companion.config.stopping import Stopping, judge_stopping, longest_brake
+from companion.daemon.guiding import GuideService
 from companion.daemon.settings.runtime import call_numbers
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.exchange.truth import TruePerceiver
+from companion.guide.plan import Plan
+from companion.guide.rules import GuideAnswer
+from companion.link.link import Link
 from companion.sim.field.motion import Motion as RoverMotion
 from companion.sim.field.rover import STANDSTILL, Body, Rover
 from companion.vehicle import ardupilot
@@ -43,20 +49,32 @@ TICK = 0.04
 """s from one turn of the companion to the next."""
 LONGEST = 600.0
 """s after which a drive ends."""
-POLICIES = {"report": Policy.REPORT, "hold": Policy.HOLD}
+POLICIES = {"report": Policy.REPORT, "hold": Policy.HOLD, "guide": Policy.GUIDE}
 
 
-def field_config(*, puddles: bool) -> Config:
-    """Return the demo's configuration for a vehicle 0.6 m wide, with words for gravel and puddles."""
+def field_config(policy: str = "hold", *, puddles: bool = False) -> Config:
+    """Return the demo's configuration for a vehicle 0.6 m wide, with words for gravel and puddles.
+
+    The script on its autopilot brakes before it holds. puddles: whether they are drivable.
+    """
     config = of_the_field(RATE, SPEED)
     words = {**config.words, "gravel": 1.0, "puddle": 1.0 if puddles else -1.0}
     mount = replace(config.mount, width=VEHICLE, front=VEHICLE / 2)
-    return replace(config, mount=mount, words=words)
+    body = Body()
+    stops = replace(
+        config.stopping,
+        hold_by="brake",
+        brake_time_constant=1.0 / body.stopping,
+        brake_braking=body.stopping_rest,
+    )
+    radius = body.wheelbase / math.tan(body.max_steering)
+    guide, call = replace(config.guide, radius=radius), replace(config.call, policy=policy)
+    return replace(config, mount=mount, words=words, stopping=stops, guide=guide, call=call)
 
 
 def stopping(latency: float) -> float:
     """Return the metres to standstill from when a thing can be seen, as `companion check` has them."""
-    config = field_config(puddles=False)
+    config = field_config()
     judged = judge_stopping(replace(config, camera=replace(config.camera, latency=JUDGED + latency)))
     assert isinstance(judged, Stopping)
     return judged.needs
@@ -78,7 +96,7 @@ class FieldDrive:
     def __init__(
         self, route: FieldRoute, film: FilmedField, policy: str, clock: Clock, *, truth: bool
     ) -> None:
-        config = field_config(puddles=route.puddles)
+        config = field_config(policy, puddles=route.puddles)
         self._route, self._film, self._clock, self._policy = route, film, clock, policy
         self._engine = engine_of(config, truth=truth)
         random = Random(f"{route.seed} {policy}")
@@ -86,10 +104,13 @@ class FieldDrive:
         self._rover = Rover(
             route.world.trail, cruise_speed=SPEED, body=Body(radius=VEHICLE / 2), motion=motion
         )
-        self._autopilot = ScriptedAutopilot(self._rover, random)
+        self._autopilot = ScriptedAutopilot(self._rover, random, longest_brake(config))
+        items = waypoints(route.world.trail, route.begin, route.metres)
+        self._wire = WireStandIn(self._autopilot, items)
         self._eyes = Eyes(self._engine, film, self._rover, clock, rate=RATE, late=route.latency)
         numbers = call_numbers(config, self._engine.settings)
         self._calls = OperatorCalls(numbers, PolicyState(POLICIES[policy]), clock.now)
+        self._guide = GuideService(config, cast(Link, self._wire), self._calls)
         judge = DriveJudge(config, self._engine)
         self._operator = OperatorModel(film, judge, random, puddles=route.puddles)
         self._score = Score(policy, route)
@@ -105,13 +126,16 @@ class FieldDrive:
             self._clock.now += TICK
             self._appear()
             for answer in self._autopilot.step():
-                self._obey(self._calls.mode_answered(answer, self._clock.now))
+                if isinstance(answer, GuideAnswer):
+                    self._guide.answered(answer, self._clock.now)
+                else:
+                    self._obey(self._calls.mode_answered(answer, self._clock.now))
             self._rover.step(TICK)
             self._watch()
             self._turn()
             stood = self._help() or self._clock.now - begun > LONGEST
         found = self._score.ended(stood=stood, seconds=self._clock.now - begun)
-        found.overrides = self._autopilot.overrides
+        found.overrides, found.takeovers = self._autopilot.overrides, self._autopilot.takeovers
         return found
 
     @property
@@ -139,10 +163,18 @@ class FieldDrive:
     def _turn(self) -> None:
         """Let the companion take in what has come, and decide."""
         now, calls = self._clock.now, self._calls
-        for filmed, judged in self._eyes.look():
-            self._obey(calls.assessed(judged.assessment, now), filmed)
+        if self._eyes.feel(quick=self._wire.quick):
+            self._wire.heard(self._eyes.motion, now)
         self._obey(calls.vehicle_reported(self._autopilot.report(now), now))
+        for filmed, report in self._eyes.look():
+            if isinstance(report, Plan):
+                self._guide.planned(report, now)
+            else:
+                self._obey(calls.assessed(report.assessment, now), filmed)
+        self._guide.tick(now)
+        self._eyes.errand = self._guide.errand
         self._obey(calls.tick(now))
+        self._autopilot.target(self._wire.setpoints.target)
         self._score.id_is(calls.current_id, self._progress)
 
     def _obey(self, decisions: list[Decision], filmed: Filmed | None = None) -> None:

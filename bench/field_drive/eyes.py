@@ -16,6 +16,7 @@ from bench.calls.field import FilmedField
 from bench.virtual_time import Clock
 from companion.desk.drives.drive import DriveFrame
 from companion.desk.exchange.truth import TruePerceiver
+from companion.guide.plan import Errand, Plan
 from companion.sim.field.render import Bytes
 from companion.sim.field.rover import Rover
 from companion.sim.field.trail import Pose
@@ -25,8 +26,11 @@ from companion.vision.worker import Worker
 
 JUDGED = 0.05
 """s that judging takes, beside the latency of the seed."""
-_ATTITUDES = 0.25
-"""s from one report of ATTITUDE to the next."""
+_ATTITUDES, _QUICK = 0.25, 0.1
+"""s from one report of ATTITUDE and position to the next, as usual and while they are wanted quickly."""
+
+
+Sight = tuple["Filmed", FrameJudged | Plan]
 
 
 class Filmed(NamedTuple):
@@ -49,19 +53,26 @@ class Eyes:
         self._engine, self._film, self._rover, self._clock = engine, film, rover, clock
         self.worker = Worker(engine, 0)
         self._period, self._late = 1.0 / rate, JUDGED + late
-        self._next = self._told = clock.now
+        self._next = self._told = self._felt = clock.now
         self._on_way: deque[Filmed] = deque()
         self._frames = 0
         self._lean, self._odometry = LeanFilter(), Odometry()
         self._compass = 90.0 - math.degrees(rover.heading)
         self.motion: MotionReport | None = None
+        self.errand: Errand | None = None
+        """What is to be planned."""
 
-    def look(self) -> Iterator[tuple[Filmed, FrameJudged]]:
-        """Tell how the rover moves, film, and yield what has been judged by now."""
+    def feel(self, *, quick: bool) -> bool:
+        """Note how the rover moves. Return whether a report of that has come."""
         now = self._clock.now
-        if now >= self._told - 1e-9:
-            self._told += _ATTITUDES
-            self._tell_motion(now)
+        if now < self._told - 1e-9:
+            return False
+        self._tell_motion(now, _QUICK if quick else _ATTITUDES)
+        return True
+
+    def look(self) -> Iterator[Sight]:
+        """Film, and yield what has been judged by now, and planned after it."""
+        now = self._clock.now
         if now >= self._next - 1e-9:
             self._next += self._period
             self._frames += 1
@@ -73,17 +84,26 @@ class Eyes:
             assert one.frame.image is not None
             if isinstance(self._engine.perceiver, TruePerceiver):
                 self._engine.perceiver.show(one.labels)
+            self._tell()
             judged = self.worker.judge(Frame(one.number, one.frame.at, one.frame.image))
             yield one, judged
             self.worker.remember_ground(judged.assessment)
+            planned = self.worker.plan(judged.assessment)
+            if planned is not None:
+                yield one, planned.content
 
-    def _tell_motion(self, now: float) -> None:
+    def _tell_motion(self, now: float, period: float) -> None:
         rover, attitude = self._rover, self._rover.attitude
         angles = math.degrees(attitude.pitch), math.degrees(attitude.roll)
         rates = math.degrees(attitude.pitch_rate), math.degrees(attitude.roll_rate)
         compass = 90.0 - math.degrees(rover.heading)
-        turning = math.remainder(compass - self._compass, 360.0) / _ATTITUDES
-        self._compass = compass
+        turned = math.remainder(compass - self._compass, 360.0)
+        turning = turned / (now - self._felt) if now > self._felt else 0.0
+        self._compass, self._felt, self._told = compass, now, now + period
         report = self._odometry.take(self._lean.take(now, angles, rates), compass, turning, rover.speed)
         self.motion = report
-        self.worker.handle(Situation(self._film.place(rover.pose), motion=report))
+        self._tell()
+
+    def _tell(self) -> None:
+        place = self._film.place(self._rover.pose)
+        self.worker.handle(Situation(place, motion=self.motion, errand=self.errand))

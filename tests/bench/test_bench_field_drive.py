@@ -172,7 +172,7 @@ def test_figures_of_several_drives_are_shares_of_all_their_metres() -> None:
 
 def test_a_mode_is_set_late_and_only_out_of_the_mode_that_was_meant() -> None:
     rover = Rover(Trail(1))
-    autopilot = ScriptedAutopilot(rover, Random(1))
+    autopilot = ScriptedAutopilot(rover, Random(1), 0.0)
     autopilot.request(SetMode(ardupilot.HOLD, ardupilot.AUTO, 1))
     assert not list(autopilot.step())
     rover.step(SLOWEST + STEP)

@@ -230,13 +230,18 @@ class FieldDrive:
 
 
 def drive_all(
-    seed: int, policies: tuple[str, ...], *, truth: bool, metres: float | None = None
+    seed: int,
+    policies: tuple[str, ...],
+    *,
+    truth: bool,
+    metres: float | None = None,
+    size: tuple[int, int] = (320, 240),
 ) -> list[DriveResult]:
-    """Drive one seed's route under each of the policies. metres: of its begin only."""
+    """Drive one seed's route under each of the policies. metres: of its begin only. size: of the picture."""
     route, found = make_route(seed, stopping), list[DriveResult]()
     route = route if metres is None else replace(route, metres=metres)
     drivable = (*DRIVABLE, *(["puddle"] if route.puddles else []))
-    film, there = FilmedField(route.world, drivable=drivable), dict(route.world.things)
+    film, there = FilmedField(route.world, drivable=drivable, size=size), dict(route.world.things)
     for policy in policies:
         route.world.things = dict(there)
         route.world.revision += 1

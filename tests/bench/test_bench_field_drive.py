@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from itertools import pairwise
 from random import Random
 
@@ -27,7 +26,9 @@ from bench.field_drive.trails import (
     room_beside,
 )
 from companion.calls.decisions import SetMode
-from companion.sim.field.rover import STEP, Rover
+from companion.calls.mode_monitor import ModeAnswer
+from companion.guide.rules import GuideAnswer
+from companion.sim.field.rover import STEP, MotorDrive, Rover
 from companion.sim.field.trail import Trail
 from companion.vehicle import ardupilot
 
@@ -191,21 +192,67 @@ def test_only_words_that_all_forbid_forbid() -> None:
     assert not forbids([])
 
 
-def test_a_true_drive_stops_before_the_first_thing_under_hold_and_touches_it_under_report() -> None:
-    seed = next(
-        seed
-        for seed in SEEDS
-        if (first := make_route(seed, stopping).placed[0]).room
-        and not first.drivable
-        and first.appears is None
+def test_a_request_to_guide_is_granted_out_of_auto_and_ends_out_of_our_own_guided_alone() -> None:
+    rover = Rover(Trail(1))
+    autopilot = ScriptedAutopilot(rover, Random(1), 2.0)
+    there, back = SetMode(ardupilot.GUIDED, ardupilot.AUTO), SetMode(ardupilot.AUTO, ardupilot.GUIDED)
+    autopilot.request(there, guide=True)
+    rover.step(SLOWEST + STEP)
+    assert list(autopilot.step()) == [GuideAnswer(ardupilot.GUIDED, done=True)]
+    autopilot.target((0.5, 10.0))
+    assert rover.drive is MotorDrive.TARGET
+    autopilot.request(back, guide=True)
+    rover.step(SLOWEST + STEP)
+    assert list(autopilot.step()) == [GuideAnswer(ardupilot.AUTO, done=True)]
+    autopilot.by_hand(ardupilot.GUIDED)
+    autopilot.request(back, guide=True)
+    rover.step(SLOWEST + STEP)
+    assert list(autopilot.step()) == [GuideAnswer(ardupilot.AUTO, done=None)]
+    assert (autopilot.mode, autopilot.takeovers, autopilot.overrides) == (ardupilot.GUIDED, 1, 0)
+
+
+def test_a_hold_out_of_our_guided_leaves_it_brakes_and_then_holds() -> None:
+    rover = Rover(Trail(1), cruise_speed=1.0)
+    autopilot = ScriptedAutopilot(rover, Random(1), 2.0)
+    autopilot.request(SetMode(ardupilot.GUIDED, ardupilot.AUTO), guide=True)
+    rover.step(2.0)
+    list(autopilot.step())
+    autopilot.target((1.0, 0.0))
+    autopilot.request(SetMode(ardupilot.HOLD, ardupilot.GUIDED, 3))
+    rover.step(SLOWEST + STEP)
+    assert [one.mode for one in autopilot.step()] == [ardupilot.HOLD]
+    shown = [autopilot.report(0.0).mode for _ in range(3)]
+    assert shown == [ardupilot.GUIDED, ardupilot.HOLD, ardupilot.GUIDED]
+    autopilot.target((1.0, 0.0))
+    assert rover.drive is MotorDrive.STOP
+    rover.step(3.0)
+    assert list(autopilot.step()) == [ModeAnswer(ardupilot.HOLD, accepted=True)]
+    assert autopilot.mode == ardupilot.HOLD
+
+
+def test_the_script_stops_where_targets_do_not_come() -> None:
+    rover = Rover(Trail(1), cruise_speed=1.0)
+    autopilot = ScriptedAutopilot(rover, Random(1), 2.0)
+    autopilot.request(SetMode(ardupilot.GUIDED, ardupilot.AUTO), guide=True)
+    for _ in range(200):
+        rover.step(STEP)
+        list(autopilot.step())
+    assert autopilot.mode == ardupilot.HOLD
+
+
+def test_by_true_labels_hold_stops_before_the_first_thing_which_report_touches_and_guide_passes(
+    routes: list[FieldRoute],
+) -> None:
+    route = next(one for one in routes if one.placed[0].kind == "round")
+    metres = route.placed[0].s - route.begin + 2.0
+    report, hold, guide = drive_all(
+        route.seed, ("report", "hold", "guide"), truth=True, metres=metres, size=(160, 120)
     )
-    report, hold = drive_all(seed, ("report", "hold"), truth=True, metres=20.0)
-    assert report.contacts
-    assert report.driven == pytest.approx(20.0)
-    assert not hold.contacts
-    assert hold.stood
-    assert hold.asked >= 1
-    assert math.isfinite(hold.edge)
+    assert len(report.contacts) == 1
+    assert report.driven == pytest.approx(metres)
+    assert (hold.contacts, hold.stood, hold.asked) == ([], True, 1)
+    assert hold.driven < metres - 2.0
+    assert (guide.contacts, guide.stood, guide.asked, guide.takeovers) == ([], False, 0, 1)
 
 
 def test_the_last_line_is_one_json_object(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from anytraverse.grid import CELL, SIDE, LocalGrid
 from anytraverse.ground import RELIABLE, GroundCamera
 from companion.guide.plan import Outline, Plan, Route
-from companion.guide.tree import STEP, TIGHTEST, Tree, points_of, tree_of
+from companion.guide.tree import STEP, TIGHTEST, ArcTree, points_of, tree_of
 from companion.guide.way import ahead_of, clear_along, direction
 
 Floats = NDArray[np.float64]
@@ -136,7 +136,7 @@ def _free(grid: LocalGrid, outline: Outline, blind: float) -> Mask:
     return free
 
 
-def _laid(grid: LocalGrid, free: Mask, course: Floats, outline: Outline) -> tuple[Tree, Layer, Layer]:
+def _laid(grid: LocalGrid, free: Mask, course: Floats, outline: Outline) -> tuple[ArcTree, Layer, Layer]:
     """Return the tree, and for each point the m from there to what is not free, and to the mission's way."""
     tree, ahead = tree_of(outline.radius), outline.front - outline.width / 2
     shown = free[_SHOWN, _SHOWN].astype(np.uint8)

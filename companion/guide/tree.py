@@ -22,8 +22,8 @@ _FIRST, _SECOND, _SWITCHES = 23, 9, (1.2, 2.4)
 """Curvatures of the first and of the second arc, and m after which it begins."""
 
 
-class Tree(NamedTuple):
-    """Ways from the lens.
+class ArcTree(NamedTuple):
+    """All the ways from the lens.
 
     points: (n, steps, 2), m ahead and to the left. headings: (n, steps), rad to the left.
     noses: (n, steps, 2), where these point to, 1 m long. arcs: (n, 3): curvature of the first and of the
@@ -37,18 +37,18 @@ class Tree(NamedTuple):
 
 
 @lru_cache(8)
-def tree_of(radius: float) -> Tree:
+def tree_of(radius: float) -> ArcTree:
     """Return all ways of a vehicle whose tightest turn has this radius in m."""
     one, other = (np.linspace(-1.0, 1.0, count) for count in (_FIRST, _SECOND))
     pairs = np.meshgrid(one * np.abs(one) / radius, other * np.abs(other) / radius, _SWITCHES)
     arcs = np.stack([each.ravel() for each in pairs], axis=1)
     points, headings = points_of(arcs, np.arange(0.0, RELIABLE + STEP / 2, STEP))
     noses = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
-    return Tree(points.astype(np.float32), headings.astype(np.float32), noses.astype(np.float32), arcs)
+    return ArcTree(points.astype(np.float32), headings.astype(np.float32), noses.astype(np.float32), arcs)
 
 
 def points_of(arcs: Floats, ways: Floats) -> tuple[Floats, Floats]:
-    """Return points (n, steps, 2) and headings (n, steps) after so many m of arcs, see `Tree`."""
+    """Return points (n, steps, 2) and headings (n, steps) after so many m of arcs, see `ArcTree`."""
     first, second, switch = arcs.T[..., np.newaxis]
     early, late = np.minimum(ways, switch), np.maximum(ways - switch, 0.0)
     x, y = _arc(first, early)

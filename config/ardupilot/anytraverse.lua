@@ -22,6 +22,20 @@ one of zero speed ArduPilot would add the pilot's throttle. HOLD is set at once 
 a boat (it would loiter), or a target of somebody else's was seen in the last 5 s. A target or a mode that somebody
 else commands meanwhile takes over, and nothing more is set. A loss of the companion brakes for the time told last.
 
+Guiding: a companion that may drive round what is in the way asks for GUIDED out of AUTO and, in the end, for AUTO
+again, by the same command with 65536 for the id. It is answered IN_PROGRESS, and the last answer follows when guiding
+ends: ACCEPTED, by the companion's own request or a HOLD of this script's; TEMPORARILY_REJECTED, somebody took over.
+GUIDED is set only while armed, where the last heartbeat said that it guides (bit 28), targets can be heard, and none of
+somebody else's was seen in the last 5 s; AUTO only out of the GUIDED that was set so and is nobody else's since.
+A HOLD within brakes as out of AUTO: since that GUIDED has a target, HOLD is set and GUIDED entered anew, which has
+none. It may expect the mode that guiding changed within the last second: the two may have crossed. The targets
+(message 84) are the companion's, at 5 Hz or more. Where none comes for 0.7 s, or the rover is disarmed, this script
+brakes and holds, even if heartbeats come, in each policy and where it is switched off: what it began, it ends. A target
+that comes while it brakes ends that in HOLD. A mode, a target or GUIDED that somebody else commands takes over, and a
+HOLD that is asked for within a second of that is not set. A restart of scripting forgets that it guides, since GUIDED
+may be a human's by then: AUTO is refused, HOLD is set at once, the companion's silence counts as in every GUIDED, and
+without targets ArduPilot stops after 3 s by itself.
+
 It acts only where the companion may: when the last policy that its heartbeat told is "hold". One that was heard in
 policy hold and falls silent is a loss; in report, shadow or off its silence and its faults stop nobody, nor does
 the feed. ATS_POLICY 1 has it act in report and shadow too, ATS_NEED 1 in every policy and without any.
@@ -32,14 +46,15 @@ A hold of this script's that outlasts its cause is said every 10 s, until somebo
 On the wire a program's mode change looks like a person's: one that insists on AUTO by itself gets through too.
 
 Install: copy this file to APM/scripts on the SD card; SCR_ENABLE 1; SCR_HEAP_SIZE 122880 or more;
-SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 6000; reboot. The parameters ATS_* are
+SCR_VM_I_COUNT 10000 (the default) or more, since a flood of frames takes 7200; reboot. The parameters ATS_* are
 there when it runs, "Policy hold: loss of companion will be held" (or the like) is its first text, said again when
 the policy changes; without a companion it stays silent and harmless, unless ATS_NEED asks for one.
 Test it on blocks: policy hold, in AUTO, armed, pull the companion's cable. The wheels stop.
 
 | parameter   | default | unit | meaning                                                                           |
 |-------------|---------|------|-----------------------------------------------------------------------------------|
-| ATS_ENABLE  | 1       |      | 0: the script stops nobody and repeats no texts; it still sets what is asked for  |
+| ATS_ENABLE  | 1       |      | 0: the script stops nobody and repeats no texts; it still sets what is asked for, |
+|             |         |      | and stops whom it guides where no targets come                                    |
 | ATS_TIMEOUT | 1.5     | s    | silence that counts as dead, 1.2 to 10. Heartbeats come once a second: below 2.1  |
 |             |         |      | one that is lost stops the rover. 0.5 s more are 1 m more at 2 m/s                |
 | ATS_MODES   | 33792   | bits | guarded modes, 2^mode added up: AUTO 1024 and GUIDED 32768, the default; FOLLOW   |
@@ -94,6 +109,7 @@ local policy, asked, guarding = REPORT, false, false
 local fault_accepted, mode_ms, last_mode = false, 0, nil
 local hold_id, hold_reason, pressed = nil, nil, false -- the companion's HOLD that stands; a human commanded HOLD within
 local brake = { told_ms = 0, target_ms = 0 } -- the time to brake that was told; since a target was seen
+local guide = { silent_ms = 0, changed_ms = LONGEST_MS } -- since a target of ours; since it set AUTO or GUIDED
 local running
 local echoed_ms = LONGEST_MS
 local failures, resorted = 0, false
@@ -119,6 +135,7 @@ do
   local ACCEPTED, CHANGED, DENIED, FAILED, IN_PROGRESS = 0, 1, 2, 4, 5
   local RESUMABLE = { [10] = true, [15] = true }
   local LONGEST_BRAKE, STANDS, TARGET_MS = 4, 0.1, 5000 -- s, m/s
+  local GUIDE_ID, LOST_MS, CROSSED_MS = 65536, 700, 1000 -- ids of holds have 16 bits
   local answered = {}
 
   local function answer(channel, serial, result)
@@ -136,12 +153,22 @@ do
     return brake.told_ms > 0 and brake.target_ms >= TARGET_MS and not boat and speed() >= STANDS
   end
 
-  local function end_brake(result)
-    local serial = brake.serial
-    brake.left_ms, brake.serial = nil, nil
+  local function answer_last(of, result) -- to a request that was answered IN_PROGRESS
+    local serial = of.serial
+    of.serial = nil
     if not serial then return end
     if answered[serial] then answered[serial] = result end
-    answer(brake.channel, serial, result)
+    answer(of.channel, serial, result)
+  end
+
+  local function end_brake(result)
+    brake.left_ms = nil
+    answer_last(brake, result)
+  end
+
+  local function end_guiding(result)
+    guide.on = false
+    answer_last(guide, result)
   end
 
   local function is_ours(mode) return vehicle:get_mode() == mode and vehicle:get_control_mode_reason() == BY_SCRIPT end
@@ -156,22 +183,46 @@ do
     vehicle:set_mode(HOLD)
     if is_ours(GUIDED) then return end -- it was refused: again in the next cycle
     if not is_ours(HOLD) then return end_brake(CHANGED) end -- a human was faster
-    hold_id, hold_reason, pressed = brake.id, BY_SCRIPT, false
+    hold_id, hold_reason, pressed = brake.id, BY_SCRIPT, brake.pressed or false
     end_brake(ACCEPTED)
   end
 
+  -- Whether guiding has lost its targets. It ends as it is where somebody set a mode.
+  function guide.has_lost()
+    if not guide.on then return false end
+    if is_ours(GUIDED) then return guide.silent_ms > LOST_MS or not arming:is_armed() end
+    -- The companion's own HOLD may have gone past this script.
+    local own = vehicle:get_mode() == HOLD and not pressed and vehicle:get_control_mode_reason() == hold_reason
+    end_guiding(own and ACCEPTED or CHANGED)
+    return false
+  end
+
+  -- A request and a change that guiding has just made may cross: then the mode before it may be the expected one.
+  local function is_expected(mode, expected)
+    if mode == expected then return true end
+    local pair = mode == AUTO and expected == GUIDED or mode == GUIDED and expected == AUTO
+    return pair and guide.changed_ms <= CROSSED_MS and is_ours(mode) and not brake.taken
+  end
+
   -- The calls that compare and set stand side by side: nothing can hold the autopilot's loop between them.
-  function set_hold(expected)
+  local function hold_or_brake(expected)
     local brakes = may_brake()
     local mode = vehicle:get_mode()
-    if expected and mode ~= expected then return CHANGED end
-    if brakes and mode == AUTO then
+    if expected and not is_expected(mode, expected) then return CHANGED end
+    local anew = brakes and guide.on and is_ours(GUIDED)
+    local began = millis()
+    if anew then
+      vehicle:set_mode(HOLD) -- this GUIDED has a target, and one that is entered anew has none
+      if not is_ours(HOLD) and not is_ours(GUIDED) then return CHANGED end -- a human was faster
+      anew = is_ours(HOLD)
+    end
+    if anew or brakes and mode == AUTO then
       vehicle:set_mode(GUIDED)
       if is_ours(GUIDED) then
-        brake.left_ms, brake.id = brake.told_ms, nil
+        brake.left_ms, brake.id, brake.began, brake.anew, brake.pressed = brake.told_ms, nil, began, anew, false
         return IN_PROGRESS
       end
-      if vehicle:get_mode() ~= AUTO then return CHANGED end -- a human was faster
+      if vehicle:get_mode() ~= (anew and HOLD or AUTO) then return CHANGED end -- a human was faster
     end
     vehicle:set_mode(HOLD)
     if vehicle:get_mode() ~= HOLD then return FAILED end
@@ -179,6 +230,40 @@ do
     if vehicle:get_control_mode_reason() ~= BY_SCRIPT then return CHANGED end
     hold_id, hold_reason, pressed = nil, BY_SCRIPT, false
     return ACCEPTED
+  end
+
+  function set_hold(expected)
+    if guide.on and not is_ours(GUIDED) then end_guiding(CHANGED) end
+    local result = hold_or_brake(expected)
+    if guide.on and (brake.left_ms or not is_ours(GUIDED)) then
+      end_guiding(result == CHANGED and CHANGED or ACCEPTED)
+    end
+    return result
+  end
+
+  -- AUTO becomes GUIDED in which the companion's targets count, and such a GUIDED becomes AUTO.
+  local function set_guiding(expected, mode)
+    local ours = guide.on and is_ours(GUIDED)
+    if mode == GUIDED and expected == AUTO then
+      -- Where somebody else's targets come, or none would be heard, GUIDED would be theirs.
+      if not guide.asked or silent_ms > patience_ms() or brake.target_ms < TARGET_MS then return FAILED end
+      if ours then return IN_PROGRESS end
+      if vehicle:get_mode() ~= AUTO then return CHANGED end
+      vehicle:set_mode(GUIDED)
+      if is_ours(GUIDED) then
+        guide.on, guide.silent_ms, guide.changed_ms = true, 0, 0
+        return IN_PROGRESS
+      end
+      return vehicle:get_mode() == AUTO and FAILED or CHANGED
+    end
+    if mode ~= AUTO or expected ~= GUIDED then return FAILED end
+    if not ours then return CHANGED end
+    vehicle:set_mode(AUTO)
+    if is_ours(GUIDED) then return FAILED end -- it was refused
+    local result = is_ours(AUTO) and ACCEPTED or CHANGED
+    guide.changed_ms = 0
+    end_guiding(result)
+    return result
   end
 
   local function resume(mode)
@@ -190,12 +275,14 @@ do
 
   local function set_requested(id, expected, mode)
     if not arming:is_armed() then return FAILED end
+    if id == GUIDE_ID then return set_guiding(expected, mode) end
     if RESUMABLE[mode] then
       -- Without an id it is this script's own HOLD, for a loss that is over: the companion's did not reach it.
       if not hold_reason or hold_id and hold_id ~= id then return FAILED end
       return resume(mode)
     end
     if mode ~= HOLD then return FAILED end
+    if guide.taken and mode_ms < CROSSED_MS then return CHANGED end -- it may have been asked for before that
     local result = ACCEPTED
     if brake.left_ms then
       brake.left_ms, result = math.min(brake.left_ms, brake.told_ms), IN_PROGRESS
@@ -221,14 +308,23 @@ do
       table.insert(answered, serial)
       if #answered > REMEMBERED then answered[table.remove(answered, 1)] = nil end
     end
-    if result == IN_PROGRESS and brake.left_ms then brake.serial, brake.channel = serial, channel end
+    local job = id == GUIDE_ID and guide.on and guide or id ~= GUIDE_ID and brake.left_ms and brake
+    if result == IN_PROGRESS and job then job.serial, job.channel = serial, channel end
     answer(channel, serial, result)
   end
 
-  -- Whoever commands a target, or GUIDED, while this script brakes has the rover: GUIDED is theirs now.
+  -- Whoever commands a target, or GUIDED, while this script brakes or guides has the rover: GUIDED is theirs now.
   function hear_target()
     brake.target_ms, brake.taken, mode_ms = 0, true, 0
+    guide.taken = guide.taken or guide.on
     end_brake(CHANGED)
+    end_guiding(CHANGED)
+  end
+
+  -- One that comes while this script brakes makes the rover drive: HOLD at once.
+  function guide.hear(age_ms, at)
+    guide.silent_ms = age_ms
+    if brake.left_ms and (at - brake.began):toint() > 0 then brake.left_ms = 0 end
   end
 end
 
@@ -242,6 +338,7 @@ do
     [39] = 254, [73] = 38, [82] = 49, [84] = 143, [86] = 5 }
   local HEARD = { HEARTBEAT, COMMAND_LONG, SET_MODE, COMMAND_INT, STATUSTEXT } -- where places lack, the first ones
   local TARGETS = { [84] = 50, [86] = 50, [82] = 36, [39] = 32, [73] = 32 } -- messages; where they name their vehicle
+  local LOCAL_TARGET = 84
   local ITEMS, MOVES = { [39] = true, [73] = true }, { [192] = true, [213] = true } -- DO_REPOSITION, SET_YAW_SPEED
   local REQUEST_MS, MAX_WAITING = 1000, 8
   local BY_GCS = 2 -- a companion's own DO_SET_MODE counts as a ground station's
@@ -281,7 +378,7 @@ do
     -- One that starts has no eyes yet: after a crash it must not pass for the one that drove.
     if now == STARTING and (watched or is_on("NEED")) then return end
     seen, state, policy, silent_ms = true, now, custom_mode >> 24 & 3, age_ms
-    fault_accepted = custom_mode >> 26 & 1 == 1
+    fault_accepted, guide.asked = custom_mode >> 26 & 1 == 1, custom_mode >> 28 & 1 == 1
     watched = watched or now ~= STARTING
   end
 
@@ -298,6 +395,7 @@ do
   local function hear_hold_command(content, ours)
     if not ours then
       pressed = true
+      brake.pressed = brake.anew -- it may have come between the HOLD and the GUIDED that this brake began with
     elseif not pressed and vehicle:get_mode() == HOLD and vehicle:get_control_mode_reason() == BY_GCS then
       hold_id, hold_reason = string.unpack("<f", content, 25), BY_GCS
     end
@@ -307,7 +405,7 @@ do
   local function purpose(raw, start, id, ours, echoes)
     if id == HEARTBEAT then return ours and "heartbeat" end
     if id == STATUSTEXT then return ours and echoes and raw:byte(start) <= ERROR and "text" end
-    local others = brake.left_ms and not ours
+    local others = (brake.left_ms or guide.on) and not ours
     if id == SET_MODE then
       local mode, target = string.unpack("<I4B", raw, start)
       if target ~= own_system and target ~= 0 then return nil end
@@ -316,10 +414,13 @@ do
     local place = TARGETS[id] or 30 -- both commands have it at one place
     local target = raw:byte(start + place)
     if target ~= own_system and target ~= 0 then return nil end
+    if ours and id == LOCAL_TARGET then
+      return (guide.on or brake.left_ms) and not guide.checked and "own target"
+    end
     local command = string.unpack("<H", raw, start + 28)
     local moves = MOVES[command]
     if TARGETS[id] then moves = not ITEMS[id] or raw:byte(start + 35) == 2 end -- 2: an item that is a target
-    if moves and not ours and not brake.left_ms then brake.target_ms = 0 end -- seen is enough: no time for a checksum
+    if moves and not ours and not others then brake.target_ms = 0 end -- seen is enough: no time for a checksum
     if moves or TARGETS[id] then return moves and others and "target" end
     if command == MODE_REQUEST then return ours and "request" end
     if command ~= DO_SET_MODE then return nil end
@@ -343,6 +444,7 @@ do
   end
 
   function listen()
+    guide.checked = false
     local echoes, patience, checked = is_on("ECHO") and is_on("ENABLE"), patience_ms(), 0
     for _ = 1, QUEUE do
       if checked == MAX_CHECKED then return end
@@ -355,7 +457,8 @@ do
       local age_ms = what and (millis() - at):toint() or -1
       -- What waited longer than the time-out, as behind a restart of scripting, is no news.
       if age_ms >= 0 and age_ms <= (what == "request" and REQUEST_MS or patience) then
-        checked = checked + 1
+        -- A target of ours takes nobody's turn: one a cycle is checked beside the others.
+        if what == "own target" then guide.checked = true else checked = checked + 1 end
         local content = payload(raw, start, id, system, component)
         if not content then what = nil end
         if what == "heartbeat" then hear_heartbeat(content, age_ms) end
@@ -363,6 +466,7 @@ do
         if what == "request" and #requests < MAX_WAITING then table.insert(requests, { content, channel, at }) end
         if what == "hold command" then hear_hold_command(content, ours) end
         if what == "target" then hear_target() end
+        if what == "own target" then guide.hear(age_ms, at) end
       end
     end
     local due = requests
@@ -432,10 +536,10 @@ end
 local tell, watch_mode, guard
 do
   local RETRY_MS, STEADY_MS, STANDS_MS = 1000, 5000, 10000
+  local STOPPED = "guiding stopped"
   local held, held_from, accepted, warned = false, nil, false, nil
   local stands = nil -- what the hold that still stands was for
   local tries, wait_ms, well_ms = 0, 0, 0
-  local auth_id
   local told_policy, told, told_ms = nil, nil, 0
 
   local function tell_policy()
@@ -445,13 +549,18 @@ do
       .. (guarding and "will be held" or "is not held"))
   end
 
-  local function allow_arming(reason)
-    if not auth_id and reason then auth_id = arming:get_aux_auth_id() end
-    if not auth_id then return end
-    if reason then
-      arming:set_aux_auth_failed(auth_id, reason)
-    else
-      arming:set_aux_auth_passed(auth_id)
+  local allow_arming
+  do
+    local auth_id
+
+    function allow_arming(reason)
+      if not auth_id and reason then auth_id = arming:get_aux_auth_id() end
+      if not auth_id then return end
+      if reason then
+        arming:set_aux_auth_failed(auth_id, reason)
+      else
+        arming:set_aux_auth_passed(auth_id)
+      end
     end
   end
 
@@ -485,6 +594,7 @@ do
     elseif not is_guarded(mode) then
       tries, wait_ms = 0, 0
       if mode ~= HOLD then stands = nil end
+      held = held or mode == HOLD and stands == STOPPED
       if held and mode == HOLD then return say_held(reason) end
       if not held and warned ~= reason then
         warned = reason
@@ -515,9 +625,23 @@ do
   function watch_mode(dt)
     local mode = vehicle:get_mode()
     mode_ms = mode == last_mode and later(mode_ms, dt) or 0
-    if mode ~= last_mode then brake.taken = false end
+    if mode ~= last_mode then brake.taken, guide.taken = false, false end
     last_mode = mode
     if mode ~= HOLD then hold_id, hold_reason, pressed = nil, nil, false end
+  end
+
+  function guide.watch()
+    if not guide.has_lost() then return end
+    set_hold(nil)
+    if mode_now() == HOLD then held_from, stands = GUARDABLE[10], STOPPED end -- else again in the next cycle
+  end
+
+  local function say_stands()
+    if mode_now() ~= HOLD or not arming:is_armed() then stands = nil end
+    if stands ~= STOPPED then
+      return WARNING, stands and "HOLD since " .. stands .. ": set " .. held_from .. " by hand" or nil, STANDS_MS
+    end
+    return CRITICAL, brake.left_ms and "Braking: " .. STOPPED or "HOLD: " .. STOPPED .. ". AUTO drives on", STANDS_MS
   end
 
   -- What there is to say, having done what can be done.
@@ -527,8 +651,10 @@ do
     running = is_running()
     guarding = running and guards()
     if not running then
-      held, accepted, warned, stands, tries, wait_ms = false, false, nil, nil, 0, 0
+      held, accepted, warned, tries, wait_ms = false, false, nil, 0, 0
       allow_arming(nil)
+      if stands == STOPPED then return say_stands() end
+      stands = nil
       return WARNING, was_running ~= nil and "Companion guard is off: ATS_ENABLE or switch" or nil
     end
     tell_policy()
@@ -543,8 +669,7 @@ do
     end
     held, warned, tries, wait_ms = false, nil, 0, 0
     if not stands then return nil end
-    if mode_now() ~= HOLD or not arming:is_armed() then stands = nil end
-    return WARNING, stands and "HOLD since " .. stands .. ": set " .. held_from .. " by hand" or nil, STANDS_MS
+    return say_stands()
   end
 end
 
@@ -574,9 +699,11 @@ local function update()
   if dt < 0 or dt > LONGEST_MS then dt = LONGEST_MS end
   silent_ms, echoed_ms = later(silent_ms, dt), later(echoed_ms, dt)
   brake.target_ms = later(brake.target_ms, dt)
+  guide.silent_ms, guide.changed_ms = later(guide.silent_ms, dt), later(guide.changed_ms, dt)
   pcall(watch_mode, dt) -- before it listens: what a frame means depends on the mode
   local has_places, full = pcall(register)
   local hears, deaf = pcall(listen)
+  pcall(guide.watch)
   pcall(go_on_braking, dt)
   local sound, severity, text, every_ms = pcall(guard, dt, hears and has_places)
   failures = sound and 0 or failures + 1

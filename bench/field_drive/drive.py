@@ -22,6 +22,7 @@ from bench.field_drive.eyes import JUDGED, Eyes, Filmed
 from bench.field_drive.operator_model import BY_HAND, STOOD, TAKEN, OperatorModel
 from bench.field_drive.scoring import DriveResult, Score
 from bench.field_drive.trails import VEHICLE, FieldRoute, make_route
+from bench.field_drive.truth import NamingPerceiver
 from bench.field_drive.wire import WireStandIn, waypoints
 from bench.virtual_time import Clock
 from companion.calls.decisions import CallOpened, Decision, HoldRenamed, HoldStarted, SetMode
@@ -32,7 +33,6 @@ from companion.config.stopping import Stopping, judge_stopping, longest_brake
 from companion.daemon.guiding import GuideService
 from companion.daemon.settings.runtime import call_numbers
 from companion.desk.drives.judge import DriveJudge
-from companion.desk.exchange.truth import TruePerceiver
 from companion.guide.plan import Plan
 from companion.guide.rules import GuideAnswer
 from companion.link.link import Link
@@ -85,7 +85,7 @@ def engine_of(config: Config, *, truth: bool) -> AnyTraverse:
     cv2.setNumThreads(1)
     if not truth:
         return load_engine(config, None)[0]
-    perceiver = TruePerceiver()
+    perceiver = NamingPerceiver()
     settings = judging_settings(config, perceiver)
     return AnyTraverse(perceiver, settings, first_memory(perceiver.model_id, config.preferences))
 
@@ -198,7 +198,9 @@ class FieldDrive:
         now, current = self._clock.now, self._calls.current_id
         way = self._score.in_way(self._progress)
         room = way is not None and way.room and not self._score.touches(way)
-        said = self._operator.says(current, way is not None, room, self._stands, now)
+        call = self._calls.call
+        asks = call is not None and not call.answered
+        said = self._operator.says(current, self._stands, now, way=way is not None, room=room, asks=asks)
         if said is not None:
             self._answer(said)
         if self._operator.thinks:

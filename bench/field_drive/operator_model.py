@@ -1,7 +1,8 @@
 """Models who answers: an operator who sees what is asked, and somebody on the trail who takes things away.
 
-- `THINK` s after a call opened the operator names what it shows by its true word. It says go where nothing is
-  in the way; and where what is in the way has room beside it, and the answer forbids to drive over it.
+- `THINK` s after a call opened the operator taps what it asks about and names it by its true word, and names
+  the kinds of ground in a new place. It says go where nothing is in the way; and where what is in the way has
+  room beside it, and the answer forbids to drive over it. A hold without a call gets a go there as well.
 - What leaves no room, or was touched, is taken away once the rover has stood for `TAKEN` s; then go is said.
 - What leaves room is never taken away. Who stands before it for `STOOD` s after all was said has ended there.
 - A rover that stands for `BY_HAND` s with nothing in the way is set to AUTO by hand.
@@ -32,7 +33,7 @@ class OperatorModel:
 
     def __init__(self, film: FilmedField, judge: DriveJudge, random: Random, *, puddles: bool) -> None:
         """judge: holds the engine. puddles: whether they are drivable."""
-        self._names = WordOperator(film.operator, (*DRIVABLE, *(["puddle"] if puddles else [])), taps=False)
+        self._names = WordOperator(film.operator, (*DRIVABLE, *(["puddle"] if puddles else [])), taps=True)
         self._judge, self._random = judge, random
         self._waits: tuple[float, int, tuple[AnyOperation, ...]] | None = None
         self._go_at = -AGAIN
@@ -41,15 +42,17 @@ class OperatorModel:
         """Look at a call that opened with this frame."""
         said = self._names(self._judge, call, frame)
         operations = said.operations
-        if self._judge.engine.perceiver.model_id == "truth":  # it learns no words for things
-            operations = tuple(one for one in operations if isinstance(one, SetWord))
+        if self._judge.engine.perceiver.model_id == "truth":  # it learns nothing by taps
+            operations = tuple(_without_tap(one) for one in operations)
         self._waits = now + self._random.uniform(*THINK), call.id, operations
 
-    def says(self, current: int, way: bool, room: bool, stands: float, now: float) -> Answer | None:
+    def says(
+        self, current: int, stands: float, now: float, *, way: bool, room: bool, asks: bool
+    ) -> Answer | None:
         """Return what is said now, None for nothing.
 
-        current: the id of the open call or hold, 0 for none. way: something is in the way. room: it leaves
-        room. stands: s for which the rover has stood.
+        current: the id of the open call or hold, 0 for none. stands: s for which the rover has stood. way:
+        something is in the way. room: it leaves room. asks: a call is open, and no answer has covered it.
         """
         if self._waits is not None and now >= self._waits[0]:
             (_, number, operations), self._waits = self._waits, None
@@ -57,7 +60,8 @@ class OperatorModel:
                 go = not way or (room and forbids(operations))
                 self._go_at = now if go else self._go_at
                 return Answer(number, Motion.GO if go else Motion.NONE, operations)
-        if current and self._waits is None and not way and stands > THINK[0] and now >= self._go_at + AGAIN:
+        goes = not way or (room and not asks)
+        if current and self._waits is None and goes and stands > THINK[0] and now >= self._go_at + AGAIN:
             self._go_at = now
             return Answer(current, Motion.GO)
         return None
@@ -66,6 +70,10 @@ class OperatorModel:
     def thinks(self) -> bool:
         """Whether an answer is to come."""
         return self._waits is not None
+
+
+def _without_tap(operation: AnyOperation) -> AnyOperation:
+    return SetWord(operation.word, operation.weight) if isinstance(operation, Tap) else operation
 
 
 def forbids(operations: Sequence[AnyOperation]) -> bool:

@@ -19,9 +19,9 @@ from bench.calls.engines import of_the_field
 from bench.calls.field import DRIVABLE, FilmedField
 from bench.field_drive.autopilot import ScriptedAutopilot
 from bench.field_drive.eyes import JUDGED, Eyes, Filmed
-from bench.field_drive.operator_model import BY_HAND, STOOD, TAKEN, OperatorModel
+from bench.field_drive.operator_model import BY_HAND, IN_VIEW, STOOD, TAKEN, OperatorModel
 from bench.field_drive.scoring import DriveResult, Score
-from bench.field_drive.trails import VEHICLE, FieldRoute, make_route
+from bench.field_drive.trails import VEHICLE, FieldRoute, Placed, make_route
 from bench.field_drive.truth import NamingPerceiver
 from bench.field_drive.wire import WireStandIn, waypoints
 from bench.virtual_time import Clock
@@ -200,7 +200,8 @@ class FieldDrive:
         room = way is not None and way.room and not self._score.touches(way)
         call = self._calls.call
         asks = call is not None and not call.answered
-        said = self._operator.says(current, self._stands, now, way=way is not None, room=room, asks=asks)
+        sees = room and way is not None and self._stands > 0.0 and self._before(way) >= IN_VIEW
+        said = self._operator.says(current, self._stands, now, way=way is not None, room=sees, asks=asks)
         if said is not None:
             self._answer(said)
         if self._operator.thinks:
@@ -215,6 +216,11 @@ class FieldDrive:
             self._score.result.by_hand += 1
             self._stands = 0.0
         return way is not None and self._stands >= STOOD
+
+    def _before(self, one: Placed) -> float:
+        """Return the m from the rover's front to the thing."""
+        front = self._progress + self._rover.body.radius
+        return one.s - self._route.begin - front - one.things[0].radius
 
     def _answer(self, said: Answer) -> None:
         now, call, go = self._clock.now, self._calls.call, said.motion is Motion.GO

@@ -1,8 +1,9 @@
 """Models who answers: an operator who sees what is asked, and somebody on the trail who takes things away.
 
 - `THINK` s after a call opened the operator taps what it asks about and names it by its true word, and names
-  the kinds of ground in a new place. It says go where nothing is in the way; and where what is in the way has
-  room beside it, and the answer forbids to drive over it. A hold without a call gets a go there as well.
+  the kinds of ground in a new place. Go is said where nothing is in the way. Before what has room beside it
+  go is said to a rover that stands, where that was named as not drivable, and is `IN_VIEW` m ahead or more:
+  what is nearer is below the picture, and a mission that goes on would drive over it.
 - What leaves no room, or was touched, is taken away once the rover has stood for `TAKEN` s; then go is said.
 - What leaves room is never taken away. Who stands before it for `STOOD` s after all was said has ended there.
 - A rover that stands for `BY_HAND` s with nothing in the way is set to AUTO by hand.
@@ -24,6 +25,7 @@ from companion.wire.ids import Motion
 
 THINK = (2.0, 5.0)
 TAKEN, STOOD, BY_HAND = 8.0, 14.0, 8.0
+IN_VIEW = 1.2
 AGAIN = 5.0
 """s after which a go is given again."""
 
@@ -52,7 +54,8 @@ class OperatorModel:
         """Return what is said now, None for nothing.
 
         current: the id of the open call or hold, 0 for none. stands: s for which the rover has stood. way:
-        something is in the way. room: it leaves room. asks: a call is open, and no answer has covered it.
+        something is in the way. room: it has room beside it, and is in view. asks: a call is open, and no
+        answer has covered it.
         """
         if self._waits is not None and now >= self._waits[0]:
             (_, number, operations), self._waits = self._waits, None

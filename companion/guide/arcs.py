@@ -57,12 +57,14 @@ def plan(
     at: float,
     *,
     blind: float,
+    unsure: float = 1.0,
     before: Plan | None = None,
 ) -> Plan | None:
     """Return the best way over the grid as it is; None where it has no pose, or a value is unusable.
 
     speed: m/s at which it would be driven. at: the frame's capture, monotonic s. blind: see `blind_of`.
-    before: the plan of the last frame, which is kept to while there is nothing better.
+    unsure: the uncertainty above which ground is not free, whatever word explains it. before: the plan of the
+    last frame, which is kept to while there is nothing better.
     """
     pose = grid.pose
     if pose is None or not _usable(outline, speed, at, route.corridor):
@@ -70,7 +72,7 @@ def plan(
     course = ahead_of(route.points, pose)
     if course is None:
         return None
-    free, half = _free(grid, outline, blind), outline.width / 2
+    free, half = _free(grid, outline, blind, unsure), outline.width / 2
     route_clear, blocked = clear_along(grid, free, course, pose, half + MARGIN)
     told = Plan(at, pose, float(np.clip(route_clear - outline.front, 0.0, RELIABLE)), blocked)
     tree, room, off = _laid(grid, free, course, outline)
@@ -121,12 +123,12 @@ def _usable(outline: Outline, *others: float) -> bool:
     return sizes and TIGHTEST <= outline.radius < math.inf and all(0.0 <= one < math.inf for one in others)
 
 
-def _free(grid: LocalGrid, outline: Outline, blind: float) -> Mask:
-    """Return which cells are free: drivable, or unknown and under the vehicle or below the picture.
+def _free(grid: LocalGrid, outline: Outline, blind: float, unsure: float) -> Mask:
+    """Return which cells are free: surely drivable, or unknown and under the vehicle or below the picture.
 
     Of the latter only straight ahead, as wide as the vehicle and its margins.
     """
-    free, side = grid.drivable, outline.width / 2 + MARGIN + CELL
+    free, side = grid.drivable & (grid.uncertainty <= unsure), outline.width / 2 + MARGIN + CELL
     if blind <= RELIABLE:
         reach = min(SIDE // 2, math.ceil((blind + side) / CELL))
         near = np.arange(SIDE // 2 - reach, SIDE // 2 + reach)

@@ -169,7 +169,8 @@ class Guide:
             self.state = GuideState.OFF
             return Orders()
         self.state = GuideState.READY
-        blocked = bool(self._plans) and self._plans[-1].route_blocked
+        # In two plans, since a cell of the grid may be wrong for once.
+        blocked = len(self._plans) == PLANS and all(plan.route_blocked for plan in list(self._plans)[-2:])
         if (blocked or c.shows) and not c.asks and self._may_take(c):
             self._enter(GuideState.TAKING, c.now)
             self._requested_at = math.inf
@@ -231,8 +232,8 @@ class Guide:
             self.stuck = self.stuck or "not allowed"
             return Orders()
         if c.asks:
-            self.stuck = self.stuck or "stopped"
-        elif self.state is GuideState.TAKING and c.now - self._requested_at > TAKEN_WITHIN:
+            return Orders(STAND)  # it is held for that anyway
+        if self.state is GuideState.TAKING and c.now - self._requested_at > TAKEN_WITHIN:
             self.stuck = self.stuck or "no take-over"
         elif c.mode_at is None or c.now - min(c.motion_at, c.position_at) > MOTION_LOST or c.pose is None:
             self.stuck = self.stuck or "motion lost"

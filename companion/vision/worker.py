@@ -155,7 +155,16 @@ class Worker:
         try:
             blind = blind_of(ground.camera, outline.width)
             at = seen.frame.captured_at
-            self._planned = plan(self._grid, route, outline, speed, at, blind=blind, before=before)
+            self._planned = plan(
+                self._grid,
+                route,
+                outline,
+                speed,
+                at,
+                blind=blind,
+                unsure=self._engine.settings.thresholds.roi,
+                before=before,
+            )
         except Exception:  # without a plan the vehicle stops, or stands
             self._log_failure(seen.frame, "no way could be planned after frame %d")
         return None if self._planned is None else Planned(self._planned)

@@ -170,8 +170,8 @@ def test_what_it_drives_round_stops_nobody_and_nothing_else_is_passed() -> None:
     assert rover.guide.passes
     rover.guided()
     assert rover.guide.passes
-    rover.turn(asks=True)
-    assert not rover.guide.passes
+    assert rover.turn(asks=True) == Orders(STAND)
+    assert rover.stuck == ""
 
 
 def test_it_drives_slower_where_less_of_the_way_is_clear_and_never_faster_than_allowed() -> None:

@@ -54,11 +54,15 @@ def test_the_first_ground_that_is_not_free_over_the_whole_width_ends_it() -> Non
     grid.move(pose, 1.0)
     free = np.ones_like(grid.known)
     course = course_of((0.0, 0.0), (9.0, 0.0))
-    assert clear_along(grid, free, course, pose, 0.6) == RELIABLE
+    assert clear_along(grid, free, course, pose, 0.6) == (RELIABLE, False)
     ((row,), (column,), _) = grid.cells(np.array([[3.05, 0.55]]))
     free[row, column] = False
-    assert clear_along(grid, free, course, pose, 0.6) == pytest.approx(3.0, abs=CELL)
-    assert clear_along(grid, free, course, pose, 0.45) == RELIABLE
+    clear, blocked = clear_along(grid, free, course, pose, 0.6)
+    assert clear == pytest.approx(3.0, abs=CELL)
+    assert not blocked
+    grid.age[row, column] = 0.0
+    assert clear_along(grid, free, course, pose, 0.6)[1], "it was seen, and is not drivable"
+    assert clear_along(grid, free, course, pose, 0.45) == (RELIABLE, False)
 
 
 def test_one_that_is_beside_the_way_comes_back_to_it_before_what_is_there() -> None:
@@ -67,7 +71,7 @@ def test_one_that_is_beside_the_way_comes_back_to_it_before_what_is_there() -> N
     free = np.ones_like(grid.known)
     ((row,), (column,), _) = grid.cells(np.array([[4.05, 0.05]]))
     free[row, column] = False
-    found = clear_along(grid, free, course_of((-5.0, 0.0), (9.0, 0.0), pose=pose), pose, 0.6)
+    found, _ = clear_along(grid, free, course_of((-5.0, 0.0), (9.0, 0.0), pose=pose), pose, 0.6)
     assert 4.0 < found < 5.0, "its own way there is longer"
 
 

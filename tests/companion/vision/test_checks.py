@@ -147,7 +147,9 @@ def ground(**changes: Any) -> GroundMap:
 
 def planned(**changes: Any) -> Planned:
     """A way round something."""
-    right = Plan(1.0, Pose(1.0, 2.0, 30.0), 2.5, ((0.5, 1.2), (-0.5, 2.0)), 3.2, 0.4)
+    right = Plan(
+        1.0, Pose(1.0, 2.0, 30.0), 2.5, route_blocked=True, arcs=((0.5, 1.2), (-0.5, 2.0)), clear=3.2, gap=0.4
+    )
     return Planned(right._replace(**changes))
 
 
@@ -422,6 +424,7 @@ WRONG: dict[str, Any] = {
     "a way that turns by no number": planned(arcs=((NAN, 3.2),)),
     "a way backwards": planned(arcs=((0.0, -1.0), (0.0, 4.2))),
     "a mission's way that leads back": planned(route_clear=-1.0),
+    "a way that may be blocked": planned(route_blocked=None),
     "a way wider than the grid": planned(gap=50.0),
     "a way of no width": planned(gap=NAN),
     "a failure of bytes": Failed(b"text"),  # type: ignore[arg-type]

@@ -827,7 +827,7 @@ def test_what_ways_are_planned_for_is_told_and_what_was_planned_comes_back(stage
     stage.child.live(CameraStatus(), None)
     stage.turn()
     assert [one.errand for one in stage.child.requests if isinstance(one, Situation)] == [errand]
-    made = Planned(Plan(1.0, Pose(1.0, 2.0, 3.0), 2.0, ((0.5, 3.0),), 3.0, 0.4))
+    made = Planned(Plan(1.0, Pose(1.0, 2.0, 3.0), 2.0, arcs=((0.5, 3.0),), clear=3.0, gap=0.4))
     stage.child.report(made)
     assert [one.report for one in stage.vision.poll(stage.clock.now)] == [made]
 

@@ -338,8 +338,8 @@ def ways(stage: Stage) -> list[Planned]:
 
 def test_a_way_is_planned_with_each_frame_while_there_is_an_errand(stage: Stage) -> None:
     sooner, later = (one.content for one in ways(stage))
-    assert later.at == pytest.approx(sooner.at + 0.2)
-    assert later.pose.x == pytest.approx(sooner.pose.x + 0.2)
+    assert later.at == pytest.approx(sooner.at + 0.2, abs=0.1)
+    assert 2.5 < sooner.pose.x < later.pose.x < 3.5
     assert later.clear > 2.0
     assert later.route_clear > 2.0
     stage.worker.handle(Situation(Place()))

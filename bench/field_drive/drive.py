@@ -36,6 +36,7 @@ from companion.desk.drives.judge import DriveJudge
 from companion.guide.plan import Plan
 from companion.guide.rules import GuideAnswer
 from companion.link.link import Link
+from companion.sim.demo.config import BRAKE_BRAKING, BRAKE_TIME_CONSTANT
 from companion.sim.field.motion import Motion as RoverMotion
 from companion.sim.field.rover import STANDSTILL, Body, Rover
 from companion.vehicle import ardupilot
@@ -64,8 +65,8 @@ def field_config(policy: str = "hold", *, puddles: bool = False) -> Config:
     stops = replace(
         config.stopping,
         hold_by="brake",
-        brake_time_constant=1.0 / body.stopping,
-        brake_braking=body.stopping_rest,
+        brake_time_constant=BRAKE_TIME_CONSTANT,
+        brake_braking=BRAKE_BRAKING,
     )
     radius = body.wheelbase / math.tan(body.max_steering)
     guide, call = replace(config.guide, radius=radius), replace(config.call, policy=policy)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
+from anytraverse.ground import RELIABLE
 from companion.config.schema import Config
 from companion.config.stopping import Stopping, judge_stopping
+from companion.guide.motion import SPARE, STOPS_IN
 from companion.guide.plan import Outline
 
 
@@ -14,7 +18,10 @@ def outline(config: Config) -> Outline | None:
 
 
 def guide_lacks(config: Config) -> str:
-    """Return the setting that policy guide needs and that is missing, "" for none."""
+    """Return the setting that policy guide needs, "" where it has all.
+
+    What it drives round must be seen before the way to a standstill: ground is told `RELIABLE` m ahead.
+    """
     for missing, what in (
         (config.mount.height is None, "[mount] height"),
         (config.mount.width is None, "[mount] width"),
@@ -24,6 +31,10 @@ def guide_lacks(config: Config) -> str:
     ):
         if missing:
             return what
+    sees = RELIABLE - config.mount.front
+    fits = math.floor(10.0 * (sees - SPARE) / max(STOPS_IN, stops_in(config))) / 10.0
+    if (config.stopping.speed or 0.0) > fits:
+        return f"[stopping] speed = {fits:g} or less"
     return ""
 
 

@@ -85,7 +85,9 @@ class GuideService:
         route = self._mission.update(vehicle, self._link.mission.items, now) if allowed else None
         told = (None, 0.0) if route is None or pose is None else route.at(pose)
         self.errand = (
-            Errand(route, outline, self._speed) if route is not None and outline is not None else None
+            Errand(route, outline, self._guide.far(self._speed))
+            if route is not None and outline is not None
+            else None
         )
         known = calls.monitor.known(now) and not calls.monitor.heartbeat_lost(now)
         position_at = vehicle.position_at if vehicle is not None else None

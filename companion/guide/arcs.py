@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -38,8 +38,6 @@ _SHORTEST = 0.3
 """m: a shorter way is none."""
 _ENDS = 0.25
 """m by which ways may end sooner than the best one."""
-_BRAKES, _DELAY, _BEYOND = 1.0, 0.5, 2.0
-"""m/s² and s: how the vehicle stops. m beyond it that are worth a detour."""
 _COMFORT = 0.3
 """m of room beside the margin that are better than none."""
 _OLD, _FAR = 1.0, 2.0
@@ -49,25 +47,32 @@ _SHOWN = slice(SIDE // 2 - 70, SIDE // 2 + 70)
 _NONE: Any = None
 
 
+class Unsure(NamedTuple):
+    """Ground is too uncertain where a tile of it, `tile` m wide, is so by more than `limit` in the mean."""
+
+    limit: float
+    tile: float
+
+
 def plan(
     grid: LocalGrid,
     route: Route,
     outline: Outline,
-    speed: float,
+    far: float,
     at: float,
     *,
     blind: float,
-    unsure: float = 1.0,
+    unsure: Unsure | None = None,
     before: Plan | None = None,
 ) -> Plan | None:
     """Return the best way over the grid as it is; None where it has no pose, or a value is unusable.
 
-    speed: m/s at which it would be driven. at: the frame's capture, monotonic s. blind: see `blind_of`.
-    unsure: the uncertainty above which ground is not free, whatever word explains it. before: the plan of the
-    last frame, which is kept to while there is nothing better.
+    far: as of `Errand`. at: the frame's capture, monotonic s. blind: see `blind_of`.
+    unsure: what is too uncertain to be free, whatever word explains it; None: nothing is. before: the plan of
+    the last frame, which is kept to while there is nothing better.
     """
     pose = grid.pose
-    if pose is None or not _usable(outline, speed, at, route.corridor):
+    if pose is None or not _usable(outline, far, at, route.corridor):
         return None
     course = ahead_of(route.points, pose)
     if course is None:
@@ -86,7 +91,7 @@ def plan(
     last = passable.argmin(axis=1) - 1
     progress = tree.points @ (math.cos(aim), math.sin(aim))
     reached = np.where(last > 0, progress[np.arange(len(last)), last], 0.0)
-    enough = min(float(reached.max()), _DELAY * speed + speed * speed / (2.0 * _BRAKES) + _BEYOND)
+    enough = min(float(reached.max()), far)
     if enough < max(_SHORTEST, blind - half):  # it would end on ground that was never seen
         return told
     ones = np.flatnonzero(reached >= enough - _ENDS)
@@ -123,12 +128,12 @@ def _usable(outline: Outline, *others: float) -> bool:
     return sizes and TIGHTEST <= outline.radius < math.inf and all(0.0 <= one < math.inf for one in others)
 
 
-def _free(grid: LocalGrid, outline: Outline, blind: float, unsure: float) -> Mask:
+def _free(grid: LocalGrid, outline: Outline, blind: float, unsure: Unsure | None) -> Mask:
     """Return which cells are free: surely drivable, or unknown and under the vehicle or below the picture.
 
     Of the latter only straight ahead, as wide as the vehicle and its margins.
     """
-    free, side = grid.drivable & (grid.uncertainty <= unsure), outline.width / 2 + MARGIN + CELL
+    free, side = grid.drivable & ~_too_uncertain(grid, unsure), outline.width / 2 + MARGIN + CELL
     if blind <= RELIABLE:
         reach = min(SIDE // 2, math.ceil((blind + side) / CELL))
         near = np.arange(SIDE // 2 - reach, SIDE // 2 + reach)
@@ -136,6 +141,18 @@ def _free(grid: LocalGrid, outline: Outline, blind: float, unsure: float) -> Mas
         below = (np.abs(around[..., 1]) <= side) & (around[..., 0] >= -side) & (around[..., 0] <= blind)
         free[near[0] :, near[0] :][: len(near), : len(near)] |= below & ~grid.known[near][:, near]
     return free
+
+
+def _too_uncertain(grid: LocalGrid, unsure: Unsure | None) -> Mask:
+    """Return which cells are the middle of a tile of known ground that is too uncertain."""
+    if unsure is None:
+        return np.zeros((SIDE, SIDE), np.bool_)
+    known, size = grid.known.astype(np.float32), max(1, round(unsure.tile / CELL))
+    amount, count = (
+        cv2.boxFilter(layer, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for layer in (grid.uncertainty * known, known)
+    )
+    return np.asarray(amount > unsure.limit * count)
 
 
 def _laid(grid: LocalGrid, free: Mask, course: Floats, outline: Outline) -> tuple[ArcTree, Layer, Layer]:

@@ -48,11 +48,11 @@ class Outline(NamedTuple):
 
 
 class Errand(NamedTuple):
-    """What plans are made for. speed: m/s at which the vehicle would follow them."""
+    """What plans are made for. far: m over which a way should be clear; where one is, a longer one is no better."""
 
     route: Route
     outline: Outline
-    speed: float
+    far: float
 
 
 class Plan(NamedTuple):

@@ -31,6 +31,8 @@ CLEAR_FOR = 2.0
 """s for which the mission's way must be clear before the mission has the vehicle again."""
 ALONG = 20.0
 """Degrees by which the heading may differ from the leg's then."""
+_FARTHER = 1.0
+"""m beyond the way to a standstill over which a plan should be clear, so that a detour begins in time."""
 _WORTH = 4.0
 """m of the way beyond a standstill that must be left for a take-over."""
 _AGAIN, _TRIES = 0.5, 6
@@ -133,6 +135,10 @@ class Guide:
         """Whether the vehicle's mode is ours, or is about to be."""
         return self.state in (GuideState.TAKING, GuideState.GUIDING, GuideState.BACK)
 
+    def far(self, speed: float) -> float:
+        """Return the m over which a way should be clear at this speed in m/s: to a standstill, and some more."""
+        return self._stops_in * speed + SPARE + _FARTHER
+
     def planned(self, plan: Plan) -> None:
         """Take in a plan. One that is older than the newest is ignored."""
         if self._plans and plan.at <= self._plans[-1].at:
@@ -150,8 +156,6 @@ class Guide:
             self.stuck = "no take-over"
         elif done and mode == GUIDED and self.state is GuideState.TAKING:
             self._enter(GuideState.GUIDING, now)
-        elif done and mode == AUTO and self.state is GuideState.BACK:
-            self._enter(GuideState.READY, now)
 
     def tick(self, c: Circumstances) -> Orders:
         """Decide."""

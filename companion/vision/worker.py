@@ -16,11 +16,12 @@ from anytraverse.findings import check_age
 from anytraverse.frame import Frame
 from anytraverse.grid import LocalGrid
 from anytraverse.grid_map import GridMap
+from anytraverse.ground import GroundRegion
 from anytraverse.history import Place
 from anytraverse.memory import Memory
 from anytraverse.perception import weak_words
 from anytraverse.roi import sectors
-from companion.guide.arcs import blind_of, plan
+from companion.guide.arcs import Unsure, blind_of, plan
 from companion.guide.plan import Plan
 from companion.vehicle.motion import MotionReport, lean_at, pose_at
 from companion.vision import pictures
@@ -151,7 +152,7 @@ class Worker:
         self._planned = None
         if errand is None or ground is None or Reason.FAULT in seen.reasons:
             return None
-        route, outline, speed = errand
+        route, outline, far = errand
         try:
             blind = blind_of(ground.camera, outline.width)
             at = seen.frame.captured_at
@@ -159,15 +160,20 @@ class Worker:
                 self._grid,
                 route,
                 outline,
-                speed,
+                far,
                 at,
                 blind=blind,
-                unsure=self._engine.settings.thresholds.roi,
+                unsure=self._unsure(ground),
                 before=before,
             )
         except Exception:  # without a plan the vehicle stops, or stands
             self._log_failure(seen.frame, "no way could be planned after frame %d")
         return None if self._planned is None else Planned(self._planned)
+
+    def _unsure(self, ground: GroundRegion) -> Unsure:
+        """Return what is called for where it stands in the region, too."""
+        limits = self._engine.settings.thresholds
+        return Unsure(limits.roi if limits.tile is None else min(limits.tile, limits.roi), ground.tile)
 
     def _mark_ground(self, seen: Assessment) -> None:
         ground, frame = self._engine.settings.metres, seen.frame

@@ -13,6 +13,7 @@ from anytraverse.grid import LocalGrid
 from anytraverse.ground import GroundCamera
 from companion.guide.arcs import blind_of, plan
 from companion.guide.plan import Outline, Plan, Route
+from companion.guide.rules import Guide
 from companion.guide.tree import points_of
 
 CAMERA = GroundCamera.pinhole(1.0, 7.0, 75.0, 4 / 3, front=0.3)
@@ -91,7 +92,9 @@ def ride(trail: Trail, hertz: float, seconds: float, speed: float = 1.5, start: 
             taken = at
             grid.update(trail.maps(pose), CAMERA, pose, at)
             before = ridden.plans[-1] if ridden.plans else None
-            made = plan(grid, ROUTE, OUTLINE, speed, at, blind=BLIND, before=before)
+            made = plan(
+                grid, ROUTE, OUTLINE, Guide(OUTLINE.radius, 1.0).far(speed), at, blind=BLIND, before=before
+            )
             assert made is not None
             ridden.plans.append(made)
             waiting.append(made)

@@ -20,6 +20,8 @@ from tests.companion.guide.rides import BLIND, CAMERA, OUTLINE, ROUTE, way
 
 NAN, INF = math.nan, math.inf
 HALF = OUTLINE.width / 2
+FAR = 3.875
+"""m, as of `Errand`."""
 START = Pose(0.05, 0.05, 0.0)
 """In the middle of a cell, so that the grid has a mirror."""
 DISCS = st.lists(
@@ -50,7 +52,7 @@ def route(pose: Pose, corridor: float = 3.0, turn: float = 0.0) -> Route:
 
 
 def made(grid: LocalGrid, told: Route = ROUTE, outline: Outline = OUTLINE, **given: float) -> Plan:
-    found = plan(grid, told, outline, given.get("speed", 1.5), 1.0, blind=given.get("blind", BLIND))
+    found = plan(grid, told, outline, given.get("far", FAR), 1.0, blind=given.get("blind", BLIND))
     assert found is not None
     return found
 
@@ -124,10 +126,10 @@ def test_the_side_of_the_last_plan_is_kept_to() -> None:
     grid = known(discs=[(3.5, 0.0, 0.3, False)])
     for side in (1.0, -1.0):
         before = made(known(discs=[(3.5, -0.4 * side, 0.3, False)]), route(START))
-        kept = plan(grid, route(START), OUTLINE, 1.5, 1.1, blind=BLIND, before=before)
+        kept = plan(grid, route(START), OUTLINE, FAR, 1.1, blind=BLIND, before=before)
         assert kept is not None
         assert kept.arcs[0][0] * side > 0.0
-        late = plan(grid, route(START), OUTLINE, 1.5, 3.0, blind=BLIND, before=before)
+        late = plan(grid, route(START), OUTLINE, FAR, 3.0, blind=BLIND, before=before)
         assert late == made(grid, route(START))._replace(at=3.0), "an old plan says nothing"
 
 
@@ -168,24 +170,24 @@ def test_a_vehicle_that_stands_nearer_than_its_margin_may_leave_but_come_no_near
     [(), ((0.0, 0.0),), ((0.0, 0.0), (0.0, 0.0)), ((0.0, NAN), (5.0, 0.0)), ((0.0, 0.0), (1e30, INF))],
 )
 def test_a_route_that_leads_nowhere_has_no_plan(points: tuple[tuple[float, float], ...]) -> None:
-    assert plan(known(), Route(points, 3.0), OUTLINE, 1.5, 1.0, blind=BLIND) is None
+    assert plan(known(), Route(points, 3.0), OUTLINE, FAR, 1.0, blind=BLIND) is None
 
 
 @pytest.mark.parametrize("wrong", [NAN, INF, -1.0, 0.0])
 def test_impossible_vehicles_have_no_plan(wrong: float) -> None:
     grid = known()
     for outline in (OUTLINE._replace(width=wrong), OUTLINE._replace(radius=wrong)):
-        assert plan(grid, ROUTE, outline, 1.5, 1.0, blind=BLIND) is None
+        assert plan(grid, ROUTE, outline, FAR, 1.0, blind=BLIND) is None
     if wrong != 0.0:
-        assert plan(grid, ROUTE, OUTLINE._replace(front=wrong), 1.5, 1.0, blind=BLIND) is None
+        assert plan(grid, ROUTE, OUTLINE._replace(front=wrong), FAR, 1.0, blind=BLIND) is None
         assert plan(grid, ROUTE, OUTLINE, wrong, 1.0, blind=BLIND) is None
-        assert plan(grid, ROUTE._replace(corridor=wrong), OUTLINE, 1.5, 1.0, blind=BLIND) is None
-    assert plan(grid, ROUTE, OUTLINE, 1.5, 1.0, blind=NAN) is not None
+        assert plan(grid, ROUTE._replace(corridor=wrong), OUTLINE, FAR, 1.0, blind=BLIND) is None
+    assert plan(grid, ROUTE, OUTLINE, FAR, 1.0, blind=NAN) is not None
 
 
 def test_a_grid_without_a_pose_has_no_plan_and_one_that_knows_nothing_no_arcs() -> None:
     grid = LocalGrid()
-    assert plan(grid, ROUTE, OUTLINE, 1.5, 1.0, blind=BLIND) is None
+    assert plan(grid, ROUTE, OUTLINE, FAR, 1.0, blind=BLIND) is None
     grid.move(START, 1.0)
     found = made(grid)
     assert found.arcs == ()
@@ -200,5 +202,5 @@ def test_a_camera_that_sees_no_ground_has_no_ground_below_its_picture() -> None:
 def test_a_very_long_route_takes_no_longer() -> None:
     grid, points = known(), tuple((0.1 * number, math.sin(number)) for number in range(100_000))
     began = time.process_time()
-    assert plan(grid, Route(points, 3.0), OUTLINE, 1.5, 1.0, blind=BLIND) is not None
+    assert plan(grid, Route(points, 3.0), OUTLINE, FAR, 1.0, blind=BLIND) is not None
     assert time.process_time() - began < 0.5

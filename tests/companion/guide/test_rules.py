@@ -286,6 +286,7 @@ def test_the_mission_has_the_vehicle_again_behind_the_thing() -> None:
     behind_it(rover)
     assert [orders.request for orders in rover.all if orders.request] == [(GUIDED, AUTO), (AUTO, GUIDED)]
     rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
+    rover.turn(0.1)
     rover.turn(mode=AUTO)
     assert rover.state is GuideState.READY
     assert rover.guide.passes

@@ -48,7 +48,7 @@ class Outline(NamedTuple):
 
 
 class Errand(NamedTuple):
-    """What plans are made for. far: m over which a way should be clear; where one is, a longer one is no better."""
+    """What plans are made for. far: m over which a way should be clear: a longer one is no better."""
 
     route: Route
     outline: Outline

@@ -136,7 +136,7 @@ class Guide:
         return self.state in (GuideState.TAKING, GuideState.GUIDING, GuideState.BACK)
 
     def far(self, speed: float) -> float:
-        """Return the m over which a way should be clear at this speed in m/s: to a standstill, and some more."""
+        """Return the m over which a way should be clear at this speed, m/s: to a standstill, and more."""
         return self._stops_in * speed + SPARE + _FARTHER
 
     def planned(self, plan: Plan) -> None:

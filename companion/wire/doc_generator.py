@@ -24,11 +24,14 @@ def numbers_markdown() -> str:
     """Format a table with one row for each kind of number."""
     rows = ["| number | values |", "|---|---|"]
     for name, numbers in NUMBERS.items():
-        # Python 3.10 lists the flag 0, too.
-        listed = (one for one in numbers if one.value or not isinstance(one, Flag))
-        values = (f"{one.value} {str(one.name).lower().replace('_', ' ')}" for one in listed)
-        rows.append(f"| {name} | {', '.join(values)} |")
+        rows.append(f"| {name} | {_listed(numbers)} |")
     return "\n".join(rows) + "\n"
+
+
+def _listed(numbers: type[IntEnum] | type[IntFlag]) -> str:
+    # Python 3.10 lists the flag 0, too.
+    listed = (one for one in numbers if one.value or not isinstance(one, Flag))
+    return ", ".join(f"{one.value} {str(one.name).lower().replace('_', ' ')}" for one in listed)
 
 
 class Line(NamedTuple):
@@ -56,7 +59,7 @@ LINES: dict[str, Line] = {
         "uncertainty of the ROI's worst tile that calls; -2: not judged", "", _THRESHOLD.format("tile"), _KEPT
     ),
     "AT_THR_TRAV": Line("drivable share below which it is blocked", "", "0.4, `[thresholds] trav`", _KEPT),
-    "AT_POLICY": Line("0 report, 1 shadow, 2 hold, 3 off", "", "`[call] policy`", "off only"),
+    "AT_POLICY": Line(_listed(Policy), "", "`[call] policy`", "off only"),
     f"{WORD_PREFIX}<WORD>": Line("weight of a word; -2: not in use", "", "`[words]`", _KEPT),
     "AT_SHD_HOLDS": Line("would-be holds; set to 0 to count anew", "", "0", _KEPT),
     "AT_SHD_HOURS": Line("in which they were counted; read-only", "h", "0", _KEPT),

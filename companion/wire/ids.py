@@ -198,11 +198,19 @@ def heartbeat_mode(
 
 
 def read_heartbeat_mode(custom_mode: int) -> HeartbeatMode:
-    """Unpack a heartbeat's custom_mode. Raises ValueError for a state of a later version."""
+    """Unpack a heartbeat's custom_mode.
+
+    Raises ValueError for a state of a later version, and for policy guide where bits 24-25 do not say hold.
+    """
+    policy = Policy(custom_mode >> 24 & 3)
+    if custom_mode >> 29 & 1:
+        if policy is not Policy.HOLD:
+            raise ValueError(f"policy guide is a kind of hold, and this says {policy.name.lower()}")
+        policy = Policy.GUIDE
     return HeartbeatMode(
         State(custom_mode & 0xFF),
         custom_mode >> 8 & 0xFFFF,
-        Policy.GUIDE if custom_mode >> 29 & 1 else Policy(custom_mode >> 24 & 3),
+        policy,
         bool(custom_mode >> 26 & 1),
         bool(custom_mode >> 27 & 1),
         bool(custom_mode >> 28 & 1),

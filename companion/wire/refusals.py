@@ -79,6 +79,7 @@ TEXTS: tuple[tuple[str, str], ...] = (
     (notices.hold_outruns(4.0, 1.3), "policy hold: it drives 4 m/s, 1.3 m/s would do"),
     (notices.hold_unchecked(), "policy hold: nobody can say whether it stops in time"),
     (notices.hold_infrared(), "policy hold: plants are pink, and the perceiver is not trained for that"),
+    (notices.guide_lacks("[guide] radius"), "policy guide: a setting that it needs is missing"),
     (notices.switch_wins("RC7"), "a policy by radio while the remote control's switch says off"),
     (notices.other_version(), "a TUNNEL answer of another layout version"),
     (notices.refused('"7" has no weight'), "anything else: what follows says why"),

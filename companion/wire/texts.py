@@ -121,10 +121,15 @@ def no_way(number: int, kind: Kind = Kind.HOLD) -> str:
 
 
 def no_room(text: str) -> str:
-    """Say in the text of a call or hold, too, that it cannot be passed: what leaves room is driven round."""
-    number, told = text.split(" ", 1)
-    longer = f"{number} no room, {told}"
-    return fit(longer if len(longer.encode()) <= MAX_TEXT else longer.rsplit(": ", 1)[0])
+    """Say in the text of a call or hold, too, that it cannot be passed: what leaves room is driven round.
+
+    Where both do not fit, the answers are left out, and then the last of the figures.
+    """
+    number, _, told = text.partition(" ")
+    longer = ", ".join(part for part in (f"{number} no room".lstrip(), told) if part)
+    unasked = longer.rsplit(": ", 1)[0]
+    forms = (longer, unasked, unasked.rsplit(", ", 1)[0])
+    return next((fit(form) for form in forms if len(form.encode(errors="replace")) <= MAX_TEXT), fit(longer))
 
 
 def clear(kind: Kind, number: int) -> str:

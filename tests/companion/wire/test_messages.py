@@ -24,10 +24,12 @@ def test_everything_to_the_ground_is_paid_from_a_budget() -> None:
 
 def test_the_heartbeat_and_the_hold_go_first_then_the_call() -> None:
     order = sorted((row for row in TABLE if row.priority is not None), key=lambda row: row.priority or 0)
-    assert [row.name for row in order][:6] == [
+    assert [row.name for row in order][:8] == [
         "heartbeat",
         "hold",
         "resume",
+        "guide",
+        "target",
         "setpoint",
         "sticks",
         "call text",

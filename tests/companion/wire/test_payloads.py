@@ -240,6 +240,12 @@ def test_each_flag_of_the_heartbeat_has_a_bit_of_its_own() -> None:
     assert heartbeat_mode(State.OK, 7, Policy.GUIDE) == none | 1 << 29
 
 
+@pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW, Policy.OFF])
+def test_a_heartbeat_that_guides_without_a_hold_is_refused(policy: Policy) -> None:
+    with pytest.raises(ValueError, match=f"says {policy.name.lower()}"):
+        read_heartbeat_mode(heartbeat_mode(State.OK, 7, policy) | 1 << 29)
+
+
 def test_the_hash_of_the_words_knows_no_order_but_every_weight() -> None:
     assert words_hash({"a": 1.0, "b": -1.0}) == words_hash({"b": -1.0, "a": 1.0})
     assert words_hash({"a": 1.0}) != words_hash({"a": 0.9})

@@ -15,7 +15,7 @@ from companion.wire.ids import MAX_TEXT, Kind, Outcome, Policy
 FRAME = "yellow frame"
 NUMBER = st.integers(0, 0xFFFF)
 FIGURE = st.none() | st.floats()
-FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text", "most", "why"}
+FREE = {"what", "word", "reason", "mode", "parameter", "allowed", "text", "most", "why", "setting"}
 ARGUMENTS: dict[str, st.SearchStrategy[object]] = {
     "connection": st.from_regex(r"[a-z][a-z0-9_-]{0,11}", fullmatch=True),
     "call": NUMBER,
@@ -147,6 +147,21 @@ def test_texts_say_what_happened_and_what_to_do() -> None:
     assert texts.still_new(7, 0.62, 0.85) == "C7 stays open: new place, .62, .85 needed"
     assert texts.hold_failed(Kind.HOLD, 9) == "H9 HOLD FAILED: STOP BY HAND"
     assert texts.closed(Kind.CALL, 7, Outcome.ACCEPTED) == "C7 closed: accepted this once"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("H9 blocked 12% drivable: waiting", "H9 no room, blocked 12% drivable: waiting"),
+        ("C7 unknown thing ahead: go/stay/word", "C7 no room, unknown thing ahead: go/stay/word"),
+        ("C7 unknown 39% in it, over 30% calls: go/word", "C7 no room, unknown 39% in it, over 30% calls"),
+        ("C7 unknown 92% in yellow frame, over 85% calls", "C7 no room, unknown 92% in yellow frame"),
+        ("H9", "H9 no room"),
+        ("", "no room"),
+    ],
+)
+def test_that_there_is_no_room_is_told_before_the_answers_and_the_last_figure(text: str, told: str) -> None:
+    assert texts.no_room(text) == told
 
 
 @pytest.mark.parametrize("figure", [None, float("nan"), float("inf")])

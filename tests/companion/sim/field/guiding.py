@@ -69,7 +69,7 @@ class Guiding:
         self.ask(0, 0, hold=0)
 
     def beat(self, state: State = State.OK) -> None:
-        mode = heartbeat_mode(state, 7, self.board.policy, guiding=self.guides, guide=True)
+        mode = heartbeat_mode(state, 7, self.board.policy, guiding=self.guides) | 1 << 29
         self.hears(mavlink.MAVLink_heartbeat_message(18, 8, 0, mode, 4, 3))
 
     def hears(self, message: Any, mav: Any = None) -> None:

@@ -65,6 +65,7 @@ def test_good_parameters_raise_nothing() -> None:
         (ARDUPILOT, "AVOID_BACKUP_SPD", 0.75, Verdict.WARN, "backs up"),
         (ARDUPILOT, "ATS_TIMEOUT", 5, Verdict.WARN, "set 1.5"),
         (ARDUPILOT, "ATS_FAULT", 0, Verdict.WARN, "set 1"),
+        (ARDUPILOT, "FLTMODE_GCSBLOCK", 129, Verdict.WARN, "subtract 128"),
         (ARDUPILOT, "SERIAL2_OPTIONS", 1032, Verdict.WARN, "subtract 1024"),
         (ARDUPILOT, "MAV3_OPTIONS", 3, Verdict.WARN, "subtract 2"),
         (PX4, "MAV_2_FORWARD", 0, Verdict.WARN, "set 1"),
@@ -81,6 +82,21 @@ def test_one_bad_value_is_one_finding_with_what_to_do(
     good = GOOD if autopilot == ARDUPILOT else GOOD_PX4
     (found,) = judge(autopilot, Facts({**good, name: float(value)}), holds=True)
     assert (found.check, found.verdict) == (f"{name} {value:g}", verdict)
+    assert told in found.text
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [("OA_TYPE", 1, "plans round obstacles, too"), ("AVOID_ENABLE", 3, "stops for what its own sensor sees")],
+)
+def test_an_autopilot_that_avoids_by_itself_is_in_the_way_of_policy_guide_alone(
+    name: str, value: float, told: str
+) -> None:
+    values = {**GOOD, "AVOID_ENABLE": 1.0, name: float(value)}
+    for policy in ("report", "shadow", "hold"):
+        assert judge(ARDUPILOT, Facts(values, policy=policy), holds=True) == []
+    (found,) = judge(ARDUPILOT, Facts(values, policy="guide"), holds=True)
+    assert (found.check, found.verdict) == (f"{name} {value:g}", Verdict.WARN)
     assert told in found.text
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from MAVProxy.modules.lib import mp_module
 
-from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID
+from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, Policy
 from gcs_plugin.client.client import OperatorClient
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import TextOutput
@@ -38,14 +38,14 @@ HELP = """\
   at picture                   fetch what the call saw, to tap in it; `at picture 7`, `7 large`, `7 raw`
   at picture ground            fetch what is known of the ground round the rover, from above
   at incident 7                have a file of call 7 packed on the rover; `at cancel incident 7`: no more
-  at policy hold               what the companion may do: report, shadow, hold, or off: nobody watches
+  at policy hold               what the companion may do: report, shadow, hold, guide; off: nobody watches
   at rover 2 go                for one of several rovers; `at rover 2` alone stays with it
   at status | calls | words    what is known; `anytraverse` is the long form of `at`""".splitlines()
 _BETWEEN_CHANGES = re.compile(r"(?<=\d),(?=\s)")
 _MOTIONS = ["go", "stay", "look"]
 _COMPLETIONS = [
     "<status|calls|words|help|go|stay|look>",
-    "policy <report|shadow|hold|off>",
+    f"policy <{'|'.join(policy.name.lower() for policy in Policy)}>",
     "other place (AT_CALL)",
     "answer (AT_CALL) <go|stay|look>",
     "picture (AT_CALL) <large|raw>",

@@ -51,7 +51,7 @@ class StateFile:
     """What counts now, of /state.json. words: weight by word. open_call: None for no call or hold.
 
     given: weight by word, of those that are out of use and were given before. tapped: those in use that were
-    tapped in pictures.
+    tapped in pictures. guide_refused: "" where policy guide would be given, None where that is not told.
     """
 
     starting: bool
@@ -63,6 +63,7 @@ class StateFile:
     known_place: KnownPlace | None
     open_call: CallReport | None
     hold_refused: str
+    guide_refused: str | None
     held_by: str
     model: str
     version: str
@@ -100,6 +101,7 @@ def state_from(told: Mapping[str, Any]) -> StateFile:
         known_place=_known_place(told.get("known_place")),
         open_call=_open_call(told, settings, words),
         hold_refused=text_of(told.get("hold_refused")),
+        guide_refused=None if told.get("guide_refused") is None else text_of(told["guide_refused"]),
         held_by=text_of(told.get("held_by")),
         model=text_of(told.get("model")),
         version=text_of(told.get("version")),

@@ -88,4 +88,5 @@ def _policy(raw: Any) -> Policy:
     try:
         return Policy[str(raw).upper()]
     except KeyError as error:
-        raise RequestError("policy is one of report, shadow, hold, off") from error
+        names = ", ".join(policy.name.lower() for policy in Policy)
+        raise RequestError(f"policy is one of {names}") from error

@@ -98,6 +98,8 @@ class RoverDesk:
             "elsewhere": rover.state is State.HOLDING and not rover.current_id,
             "current": rover.current_id,
             "policy": "" if rover.policy is None else plain(rover.policy),
+            "offers_guide": rover.policy is Policy.GUIDE or (state is not None and state.guide_refused == ""),
+            "guiding": rover.guiding,
             "signs": rover.signs,
             "position": None if rover.position is None else plain(rover.position),
             "vehicle": None if rover.vehicle is None else plain(rover.vehicle),

@@ -1,7 +1,7 @@
 """Parses what an operator types into a command. Pure: it knows words, not rovers.
 
     [rover N] [call id] [changes] [go | stay | look]
-    [rover N] policy report | shadow | hold | off
+    [rover N] policy report | shadow | hold | guide | off
     [rover N] picture [call id] [large | raw]
     [rover N] picture ground
     [rover N] [cancel] incident [call id]
@@ -113,4 +113,5 @@ def _policy(name: str | None) -> Policy:
     try:
         return Policy[(name or "").upper()]
     except KeyError:
-        raise CommandError("which policy? Write it as `policy hold`; or report, shadow, off") from None
+        names = ", ".join(policy.name.lower() for policy in Policy)
+        raise CommandError(f"which policy? Write it as `policy hold`; there are {names}") from None

@@ -83,7 +83,7 @@ HELP = """\
   forget bush              take a word out of use; `forget call 7`: what call 7 taught; `new episode`: all
   other place              the place that "matches" is another one: its words go, and it matches so no more
   bush: -1, go             any change, and drive on; also `tap drum -1 go`
-  policy hold              what the companion may do: `report`, `shadow`, `hold`, or `off`: nobody watches
+  policy hold              what it may do: `report`, `shadow`, `hold`, `guide`; `off`: nobody watches
   picture                  fetch what the call saw, to tap in it; `picture 7`, `7 large`, `7 raw`
   picture ground           fetch what is known of the ground round the rover, from above
   incident 7               have what is known of call 7 packed into a file; `incident`: of the last minute

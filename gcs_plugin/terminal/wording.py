@@ -31,6 +31,7 @@ _POLICY_MEANINGS = {
     Policy.SHADOW: "it calls, holds nothing, and counts what it would have held",
     Policy.HOLD: "it holds the vehicle, and drives on only after a go",
     Policy.OFF: "nobody watches the trail, and a hold is let go",
+    Policy.GUIDE: "it holds, and drives round what leaves room",
 }
 _HOLDING = {True: "vehicle held", False: "vehicle not held"}
 _ADDED_REASONS = {
@@ -194,6 +195,8 @@ def status_lines(rover: TrackedRover, now: float) -> list[str]:
         lines.append(f"  policy   {rover.policy.name.lower()}")
     if rover.braking:
         lines.append("  hold     under way: the autopilot's script brakes first, in GUIDED")
+    if rover.guiding:
+        lines.append("  guiding  it drives round something, in GUIDED, and gives AUTO back then")
     if rover.fault_accepted:
         lines.append("  fault    holds nobody now: driven on by hand (20 s, 10 m at most) or mission over")
     summary, counters = rover.summary, rover.counters

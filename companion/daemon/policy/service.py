@@ -95,6 +95,11 @@ class PolicyService:
         """Why a request for hold would be refused, as a STATUSTEXT; "" where it would not."""
         return self._refuses(Policy.HOLD)
 
+    @property
+    def guide_refused(self) -> str:
+        """The same for guide."""
+        return self._refuses(Policy.GUIDE)
+
     def _refuses(self, policy: Policy) -> str:
         """Return why a request for hold or guide would be refused, as a STATUSTEXT; "" where it would not.
 

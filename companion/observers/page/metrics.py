@@ -12,10 +12,11 @@ from prometheus_client.registry import Collector, CollectorRegistry
 
 from companion.observers.page.news import FRESH, WELL, News
 from companion.pages.access import WrongTokens
+from companion.wire.ids import Policy
 
 _PREFIX = "anytraverse_"
 _STATES = (*sorted(WELL), "fault", "starting")
-_POLICIES = ("report", "shadow", "hold", "off")
+_POLICIES = tuple(policy.name.lower() for policy in Policy)
 _VERDICTS = ("pass", "skip", "warn", "fail")
 
 

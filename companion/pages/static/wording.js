@@ -13,6 +13,7 @@ export const POLICIES = {
   report: "report: it calls and holds nothing",
   shadow: "shadow: it calls, and counts what it would have held",
   hold: "hold: it may hold the vehicle",
+  guide: "guide: it holds, and drives round what leaves room",
   off: "off: nobody watches the way",
 };
 

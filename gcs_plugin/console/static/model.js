@@ -29,6 +29,7 @@ export function facts(rover, time) {
     ["received", `${size(link.bytes)}${link.rate ? `, files at ${size(link.rate)} a second` : ""}`],
     ["picture", ahead ? `${ahead.frame_age} ms old when told` : ""],
     ["held by", rover.held_by],
+    ["guiding", rover.guiding ? "it drives round something, in GUIDED" : ""],
     ["computer", rover.computer],
     ["shadow", rover.shadow],
     ["perceiver", rover.model],
@@ -37,6 +38,9 @@ export function facts(rover, time) {
 }
 
 export const mode = ({ vehicle }) => (vehicle ? `${vehicle.mode}, ${vehicle.armed ? "armed" : "disarmed"}.` : "");
+
+// Guide is for rovers that have all that it needs.
+export const offered = (rover, policy) => policy !== "guide" || rover.offers_guide;
 
 export const policyText = (policy) => POLICIES[policy] ?? policy;
 

@@ -10,9 +10,7 @@ import { KnownPlace } from "./place.js";
 import { Fan, TimePlot } from "./plots.js";
 import { Track } from "./track.js";
 import { Words } from "./words.js";
-import { clock } from "./wording.js";
-
-const POLICIES = ["report", "shadow", "hold", "off"];
+import { POLICIES, clock } from "./wording.js";
 
 export class RoverView {
   constructor(system, send, say) {
@@ -52,7 +50,7 @@ export class RoverView {
         box("Rover and link", this.facts),
         box("Timeline", this.timeline)),
       this.past);
-    this.policy.append(...POLICIES.map((policy) => element("button", { type: "button", value: policy, onclick: () => send("policy", { rover: system, policy }) }, policy)));
+    this.policy.append(...Object.keys(POLICIES).map((policy) => element("button", { type: "button", value: policy, onclick: () => send("policy", { rover: system, policy }) }, policy)));
   }
 
   show(rover, { points, entries, track, corners, time, several }) {
@@ -72,7 +70,10 @@ export class RoverView {
     this.words.show(rover);
     this.place.show(rover.known_place);
     this.ground.show(rover.ground, time);
-    for (const button of this.policy.children) button.setAttribute("aria-pressed", String(button.value === rover.policy));
+    for (const button of this.policy.children) {
+      button.hidden = !model.offered(rover, button.value);
+      button.setAttribute("aria-pressed", String(button.value === rover.policy));
+    }
     showText(this.policyText, rover.policy ? model.policyText(rover.policy) : "Its policy is not known yet.");
     showFacts(this.facts, model.facts(rover, time));
     this.showFaults(rover);

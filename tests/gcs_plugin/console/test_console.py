@@ -137,6 +137,30 @@ def test_before_a_call_state_words_and_policy_are_known(desk: Desk) -> None:
     assert rover["calls"] == []
 
 
+def test_policy_guide_is_offered_where_the_rover_would_give_it(desk: Desk) -> None:
+    desk.until(lambda: bool(desk.rover()["words_known"]))
+    assert not desk.rover()["offers_guide"], "a companion that does not tell of it has no such policy"
+
+
+@pytest.mark.parametrize(("refused", "offered"), [("", True), ("GUIDE refused: set [guide] radius", False)])
+def test_policy_guide_is_offered_by_what_the_rover_says(desk: Desk, refused: str, offered: bool) -> None:
+    desk.state |= {"guide_refused": refused, "model": "told anew"}
+    desk.link.link.set_state(ids.State.BLOCKED, 0, ids.Policy.HOLD)
+    desk.until(lambda: desk.rover()["model"] == "told anew")
+    assert desk.rover()["offers_guide"] is offered
+    assert "guide is asked for" in desk.post("policy", policy="guide")
+
+
+def test_a_rover_in_policy_guide_shows_it_and_that_it_drives_round_something(desk: Desk) -> None:
+    desk.link.link.set_state(ids.State.OK, 0, ids.Policy.GUIDE)
+    desk.run(2.0)
+    rover = desk.rover()
+    assert (rover["policy"], rover["offers_guide"], rover["guiding"]) == ("guide", True, False)
+    desk.link.link.set_state(ids.State.OK, 0, ids.Policy.GUIDE, guiding=True)
+    desk.run(2.0)
+    assert desk.rover()["guiding"]
+
+
 def test_a_call_comes_with_its_picture_its_reason_and_what_to_do(desk: Desk) -> None:
     desk.announce()
     desk.run(0.5)

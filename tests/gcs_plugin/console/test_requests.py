@@ -53,6 +53,7 @@ def test_a_tap_with_a_name_and_a_motion_is_one_answer() -> None:
 
 def test_policies_undoing_and_files_are_requests() -> None:
     assert read("policy", policy="hold") == SetPolicyRequest(Policy.HOLD)
+    assert read("policy", policy="guide") == SetPolicyRequest(Policy.GUIDE)
     assert read("undo", call=7) == UndoRequest(7)
     assert read("fetch", what="large", call=7) == FileRequest("large", 7)
     assert read("fetch", what="ground") == FileRequest("ground", 0)

@@ -59,6 +59,7 @@ BOX = (0.4, 0.55, 0.6, 0.8)
         ("rover 2", (2, Select())),
         ("rover 2 status", (2, Show("status"))),
         ("policy hold", (None, SetPolicy(Policy.HOLD))),
+        ("policy guide", (None, SetPolicy(Policy.GUIDE))),
         ("rover 2 Policy  OFF", (2, SetPolicy(Policy.OFF))),
         ("policy: -1", (None, Answer(0, Motion.NONE, (SetWord("policy", -1.0),)))),
         ("calls", (None, Show("calls"))),

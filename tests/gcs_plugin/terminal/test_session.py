@@ -211,7 +211,9 @@ def test_a_policy_goes_to_the_rover_that_is_meant(desk: Make) -> None:
     at.type("rover 2 policy off")
     assert [rover.policies_asked for rover in at.rovers] == [[], [ids.Policy.OFF]]
     at.type("policy fast")
-    assert at.paper.problems == ["which policy? Write it as `policy hold`; or report, shadow, off"]
+    assert at.paper.problems == [
+        "which policy? Write it as `policy hold`; there are report, shadow, hold, off, guide"
+    ]
 
 
 def test_before_any_rover_is_heard_a_line_says_so(desk: Make) -> None:

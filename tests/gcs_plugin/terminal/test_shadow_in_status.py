@@ -45,6 +45,16 @@ def test_the_status_says_that_the_script_brakes_for_the_hold() -> None:
     assert not any("brakes first" in line for line in status_lines(rover, 0.0))
 
 
+def test_the_status_says_that_the_companion_drives_round_something() -> None:
+    rover = TrackedRover(1)
+    rover.handle_state(heartbeat_mode(State.OK, 0, Policy.GUIDE, guiding=True), 0.0)
+    lines = status_lines(rover, 0.0)
+    assert "  policy   guide" in lines
+    assert any(line.startswith("  guiding  ") for line in lines)
+    rover.handle_state(heartbeat_mode(State.OK, 0, Policy.GUIDE), 0.0)
+    assert not any("guiding" in line for line in status_lines(rover, 0.0))
+
+
 def test_the_status_says_that_a_human_drives_on_in_spite_of_the_fault() -> None:
     rover = TrackedRover(1)
     rover.handle_state(heartbeat_mode(State.FAULT, 0, Policy.HOLD), 0.0)

@@ -60,6 +60,7 @@ def test_health_metrics_and_documents_say_what_was_told(stage: Stage) -> None:
         'anytraverse_state{state="ok"} 1.0',
         'anytraverse_state{state="fault"} 0.0',
         'anytraverse_policy{policy="hold"} 1.0',
+        'anytraverse_policy{policy="guide"} 0.0',
         "# TYPE anytraverse_frames_judged_total counter",
         "anytraverse_frames_judged_total 7.0",
         'anytraverse_checks{verdict="warn"} 1.0',

@@ -177,13 +177,12 @@ def test_a_mode_is_set_late_and_only_out_of_the_mode_that_was_meant() -> None:
     autopilot.request(SetMode(ardupilot.HOLD, ardupilot.AUTO, 1))
     assert not list(autopilot.step())
     rover.step(SLOWEST + STEP)
-    assert [one.accepted for one in autopilot.step()] == [True]
+    assert list(autopilot.step()) == [ModeAnswer(ardupilot.HOLD, accepted=True)]
     autopilot.by_hand(ardupilot.AUTO)
     autopilot.request(SetMode(ardupilot.GUIDED, ardupilot.HOLD, 1))
     rover.step(SLOWEST + STEP)
-    (answer,) = autopilot.step()
-    assert (answer.accepted, answer.by_hand, autopilot.mode) == (False, True, ardupilot.AUTO)
-    assert autopilot.overrides == 0
+    assert list(autopilot.step()) == [ModeAnswer(ardupilot.GUIDED, accepted=False, by_hand=True)]
+    assert (autopilot.mode, autopilot.overrides) == (ardupilot.AUTO, 0)
 
 
 def test_only_words_that_all_forbid_forbid() -> None:

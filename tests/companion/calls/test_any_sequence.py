@@ -182,7 +182,7 @@ class Calls(RuleBasedStateMachine):
 
     @invariant()
     def no_hold_without_the_hold_policy(self) -> None:
-        assert self.scene.calls.hold is None or self.scene.calls.policy is Policy.HOLD
+        assert self.scene.calls.hold is None or self.scene.calls.policy.holds
 
     @invariant()
     def nothing_is_open_when_off(self) -> None:
@@ -212,13 +212,13 @@ class Calls(RuleBasedStateMachine):
         accepted = calls.reason_filter.standing_faults(self.scene.now) and Reason.FAULT not in (
             calls.reason_filter.reasons(self.scene.now)
         )
-        if calls.policy is Policy.HOLD and drives and late and not accepted:
+        if calls.policy.holds and drives and late and not accepted:
             assert calls.hold is not None
 
     @invariant()
     def an_autopilot_that_falls_silent_is_a_fault_where_the_rover_is_to_be_held(self) -> None:
         calls, heard = self.scene.calls, self.heard_at > float("-inf")
-        if calls.policy is not Policy.HOLD or not heard:
+        if not calls.policy.holds or not heard:
             assert calls.reasons(self.scene.now) == calls.reason_filter.reasons(self.scene.now)
         elif self.scene.now - self.heard_at > 3.0:
             assert calls.state(self.scene.now) is State.FAULT
@@ -276,7 +276,7 @@ class Calls(RuleBasedStateMachine):
                 assert self.armed, "a hold that may not stand on is handed over, once it is given up"
                 assert self.hold is None
             case SetMode(mode):
-                assert self.scene.calls.policy is Policy.HOLD
+                assert self.scene.calls.policy.holds
                 assert self.hold is not None
                 assert self.armed
                 assert self.scene.now - self.heard_at <= SILENCE

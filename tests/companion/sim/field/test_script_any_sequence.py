@@ -83,7 +83,7 @@ class Witness:
         if self.need:
             return False
         off = policy is Policy.OFF or state is State.OFF
-        return off or not (self.every_policy or policy is Policy.HOLD)
+        return off or not (self.every_policy or policy.holds)
 
     def check(self) -> None:
         board = self.board

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from random import Random
 from typing import cast
@@ -36,10 +37,10 @@ from companion.desk.drives.judge import DriveJudge
 from companion.guide.plan import Plan
 from companion.guide.rules import GuideAnswer
 from companion.link.link import Link
-from companion.sim.demo.config import BRAKE_BRAKING, BRAKE_TIME_CONSTANT
 from companion.sim.field.motion import Motion as RoverMotion
 from companion.sim.field.rover import STANDSTILL, Body, Rover
 from companion.vehicle import ardupilot
+from companion.vehicle.brakes import Measured, fit
 from companion.vision.warm_up import judging_settings, load_engine
 from companion.wire.answers import Answer
 from companion.wire.ids import Motion, Policy
@@ -61,16 +62,23 @@ def field_config(policy: str = "hold", *, puddles: bool = False) -> Config:
     config = of_the_field(RATE, SPEED)
     words = {**config.words, "gravel": 1.0, "puddle": 1.0 if puddles else -1.0}
     mount = replace(config.mount, width=VEHICLE, front=VEHICLE / 2)
-    body = Body()
+    body, brake = Body(), fit(_brakes(Body()), "brake")
     stops = replace(
         config.stopping,
         hold_by="brake",
-        brake_time_constant=BRAKE_TIME_CONSTANT,
-        brake_braking=BRAKE_BRAKING,
+        brake_time_constant=brake.time_constant,
+        brake_braking=brake.braking,
     )
     radius = body.wheelbase / math.tan(body.max_steering)
     guide, call = replace(config.guide, radius=radius), replace(config.call, policy=policy)
     return replace(config, mount=mount, words=words, stopping=stops, guide=guide, call=call)
+
+
+def _brakes(body: Body) -> Iterator[Measured]:
+    """Yield stops of the simulated rover by the brake in GUIDED, from several speeds."""
+    linear, rest = body.stopping, body.stopping_rest
+    for speed in (0.4, 0.8, 1.2, 1.6):
+        yield Measured(speed, speed / linear - rest / linear**2 * math.log(1.0 + linear * speed / rest))
 
 
 def stopping(latency: float) -> float:

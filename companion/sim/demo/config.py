@@ -80,11 +80,9 @@ delay = {delay:g}
 {brake}"""
 _BRAKE = """\
 hold_by = "brake"
-brake_time_constant = {time_constant:g}
-brake_braking = {braking:g}
+brake_time_constant = 0.81
+brake_braking = 1.57
 """
-BRAKE_TIME_CONSTANT, BRAKE_BRAKING = 0.81, 1.57
-"""s and m/s2: of ArduPilot Rover's brake in its own simulation (docs/autopilots.md)."""
 _RADIUS = 1.2
 """m: of the tightest turn that is planned; the simulated rover's own is 0.88."""
 _TO_THE_AUTOPILOT = 0.1
@@ -155,5 +153,5 @@ def _of_the_field(speed: float, *, guide: bool) -> str:
         braking=found.braking,
         delay=_TO_THE_AUTOPILOT,
         width=f"width = {2 * body.radius:g}\n" if guide else "",
-        brake=_BRAKE.format(time_constant=BRAKE_TIME_CONSTANT, braking=BRAKE_BRAKING) if guide else "",
+        brake=_BRAKE if guide else "",
     )

@@ -138,9 +138,9 @@ class ReasonFilter:
         if not active and now - self._ok_at > self.numbers.freshness:
             # Frames come, but none is OK: what the newest one shows counts now, debounced or not.
             active |= self._not_accepted or {Reason.FAULT}
-        if self.no_way:
-            active.add(Reason.BLOCKED)
-        return frozenset(active - PASSABLE if self.passes else active)
+        if self.passes:
+            active -= PASSABLE
+        return frozenset(active | {Reason.BLOCKED} if self.no_way else active)
 
     @property
     def shows_passable(self) -> bool:

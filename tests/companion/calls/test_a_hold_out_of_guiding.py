@@ -1,0 +1,103 @@
+"""While the companion drives round something, what stands in the region stops nobody; a hold returns to AUTO."""
+
+from __future__ import annotations
+
+import pytest
+
+from anytraverse.assessment import Reason
+from companion.calls.decisions import HoldMoved, SetMode
+from companion.calls.hold import HoldEvent, HoldState
+from companion.calls.mode_monitor import ModeAnswer
+from companion.calls.snapshot import snapshot
+from companion.wire.ids import Policy
+from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, MANUAL, Scene
+
+
+def guided() -> Scene:
+    """A rover that the companion drives round a drum in GUIDED. The test plays the script."""
+    scene = Scene(Policy.GUIDE, mode=AUTO)
+    scene.autopilot.brake, scene.autopilot.compares, scene.autopilot.deaf = 2.0, True, True
+    scene.run(2.0, CLEAR)
+    scene.calls.monitor.guided_out_of = AUTO
+    scene.calls.reason_filter.passes = True
+    scene.autopilot.mode = GUIDED
+    scene.run(1.0, DRUM)
+    return scene
+
+
+def shows(scene: Scene, mode: int, seconds: float = 0.1) -> list[HoldEvent]:
+    scene.autopilot.mode = mode
+    return [one.event for one in scene.run(seconds, DRUM) if isinstance(one, HoldMoved)]
+
+
+def stopped() -> Scene:
+    """No way is left, and the hold was just commanded."""
+    scene = guided()
+    scene.calls.reason_filter.passes, scene.calls.reason_filter.no_way = False, True
+    scene.run(0.05, DRUM)
+    return scene
+
+
+def test_what_is_driven_round_neither_calls_nor_holds() -> None:
+    scene = guided()
+    scene.run(5.0, DRUM)
+    assert scene.calls.hold is None
+    assert scene.calls.call is None
+    assert scene.calls.reason_filter.shows_passable
+
+
+def test_what_was_passed_over_counts_at_once_where_it_is_driven_round_no_more() -> None:
+    scene = guided()
+    scene.calls.reason_filter.passes = False
+    scene.run(0.05)
+    assert scene.calls.hold is not None
+    assert scene.calls.call is not None
+
+
+def test_where_no_way_is_left_it_is_held_whatever_the_region_shows() -> None:
+    scene = guided()
+    scene.run(1.0, CLEAR)
+    scene.calls.reason_filter.no_way = True
+    scene.run(0.05, CLEAR)
+    assert scene.calls.reasons(scene.now) == {Reason.BLOCKED}
+    assert scene.calls.hold is not None
+
+
+def test_the_hold_is_commanded_out_of_guided_and_returns_to_auto() -> None:
+    scene = stopped()
+    wanted = [one for _, one in scene.log if isinstance(one, SetMode)]
+    assert [(one.mode, one.expected) for one in wanted] == [(HOLD, GUIDED)]
+    assert shows(scene, HOLD) == [HoldEvent.CONFIRMED]
+    assert scene.calls.hold is not None
+    assert scene.calls.hold.mode_before == AUTO
+
+
+def test_the_script_s_brake_in_guided_anew_is_its_own_and_ends_in_hold() -> None:
+    scene = stopped()
+    shows(scene, HOLD)
+    assert shows(scene, GUIDED, 0.1) == []
+    answer = ModeAnswer(HOLD, accepted=True, brakes_out_of=AUTO)
+    scene.keep(scene.calls.mode_answered(answer, scene.now))
+    assert shows(scene, GUIDED, 1.5) == []
+    assert scene.calls.hold is not None
+    assert scene.calls.hold.state is HoldState.REQUESTED
+    assert shows(scene, HOLD) == [HoldEvent.CONFIRMED]
+    assert scene.calls.hold.mode_before == AUTO
+
+
+def test_guided_in_a_hold_that_stood_for_longer_is_a_human_s() -> None:
+    scene = stopped()
+    shows(scene, HOLD, 1.0)
+    assert HoldEvent.TAKEN_OVER in shows(scene, GUIDED)
+
+
+@pytest.mark.parametrize("mode", [AUTO, MANUAL])
+def test_any_other_mode_is_a_human_s(mode: int) -> None:
+    scene = stopped()
+    assert HoldEvent.TAKEN_OVER in shows(scene, mode)
+
+
+def test_a_restart_in_such_a_hold_returns_to_auto_too() -> None:
+    scene = stopped()
+    saved = snapshot(scene.calls)
+    assert saved["hold"]["mode_before"] == AUTO

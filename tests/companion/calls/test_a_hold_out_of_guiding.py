@@ -1,4 +1,4 @@
-"""While the companion drives round something, what stands in the region stops nobody; a hold returns to AUTO."""
+"""While something is driven round, what the region shows stops nobody. A hold returns to AUTO."""
 
 from __future__ import annotations
 

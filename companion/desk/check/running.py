@@ -15,6 +15,7 @@ from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
 from companion.desk.check.computer import check_space
 from companion.desk.check.here import RUNNING, is_alive, read_status, status
 from companion.desk.check.observers import told_recordings
+from companion.wire.ids import Policy
 
 WELL, FAULTY, NOT_RUNNING = 0, 1, 2
 _WIDTH = 10
@@ -77,6 +78,10 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         "policy",
         f"{said.get('policy', 'unknown')}{f'; hold cannot be given: {refused}' if refused else ''}",
     )
+    if said.get("policy") == Policy.GUIDE.name.lower():
+        guide = _table(said, "guide")
+        lacks = guide.get("lacks")
+        yield "guide", f"{guide.get('state', 'unknown')}{f': {lacks}' if lacks else ''}"
     yield "open", f"call or hold {said['current_id']}" if said.get("current_id") else "no call, no hold"
     why = camera.get("reason")
     yield (

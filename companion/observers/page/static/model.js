@@ -49,6 +49,7 @@ export function facts({ status = {}, state = {} }) {
   const { open } = state;
   const rows = [
     ["policy", status.policy && (POLICIES[status.policy] ?? status.policy) + (status.hold_refused ? `. ${status.hold_refused}` : "")],
+    ["guide", status.policy === "guide" && status.guide && [status.guide.state, status.guide.lacks].filter(Boolean).join(": ")],
     ["open", open === undefined ? "" : open ? openText(open) : "no call, no hold"],
     ["held by", status.held_by === null ? "nobody" : status.held_by],
     ["uncertainty", percent(status.roi_uncertainty)],

@@ -85,6 +85,24 @@ def test_a_companion_that_is_well_says_what_it_does(
     assert "\nsince " in told
 
 
+@pytest.mark.parametrize(
+    ("guide", "told"),
+    [
+        ({"state": "guiding", "lacks": None}, "guide       guiding\n"),
+        ({"state": "off", "lacks": "no ArduPilot rover"}, "guide       off: no ArduPilot rover\n"),
+    ],
+)
+def test_in_policy_guide_it_says_whether_it_drives_and_what_it_lacks(
+    folder: Folder, capsys: pytest.CaptureFixture[str], guide: dict[str, Any], told: str
+) -> None:
+    folder.says(policy="guide", guide=guide)
+    folder.asked()
+    assert told in capsys.readouterr().out
+    folder.says(guide={"state": "off", "lacks": "policy is not guide"})
+    folder.asked()
+    assert "\nguide " not in capsys.readouterr().out
+
+
 def test_one_that_judges_less_often_than_configured_says_why(
     folder: Folder, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -56,6 +56,15 @@ def test_a_companion_that_runs_says_what_is_open_and_what_runs(tmp_path: Path) -
     assert facts["link"] == "no autopilot is heard"
 
 
+def test_in_policy_guide_it_says_whether_it_drives_and_what_it_lacks(tmp_path: Path) -> None:
+    guide = {"state": "off", "lacks": "no ArduPilot rover"}
+    facts = dict(said(tmp_path, "model.facts(news)", news={"status": {"policy": "guide", "guide": guide}}))
+    assert facts["policy"] == "guide: it holds, and drives round what leaves room"
+    assert facts["guide"] == "off: no ArduPilot rover"
+    facts = dict(said(tmp_path, "model.facts(news)", news={"status": {"policy": "hold", "guide": guide}}))
+    assert "guide" not in facts
+
+
 @pytest.mark.parametrize("infrared", [True, False, None])
 def test_a_camera_that_shows_infrared_is_said_and_no_other(tmp_path: Path, infrared: bool | None) -> None:
     news = {"status": {"camera": {"state": "delivering", "infrared": infrared}}}

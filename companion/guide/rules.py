@@ -31,6 +31,8 @@ CLEAR_FOR = 2.0
 """s for which the mission's way must be clear before the mission has the vehicle again."""
 ALONG = 20.0
 """Degrees by which the heading may differ from the leg's then."""
+_NEAR = 1.0
+"""m before the vehicle within which something that leaves no way keeps it in a hold, seen or not."""
 _FARTHER = 1.0
 """m beyond the way to a standstill over which a plan should be clear, so that a detour begins in time."""
 _WORTH = 4.0
@@ -171,8 +173,9 @@ class Guide:
         )
         if not ready or c.held:
             self.state = GuideState.OFF
+            self.stuck = "no way round" if c.held and c.allowed and self._is_shut(c.now) else ""
             return Orders()
-        self.state = GuideState.READY
+        self.state, self.stuck = GuideState.READY, ""
         # In two plans, since a cell of the grid may be wrong for once.
         blocked = len(self._plans) == PLANS and all(plan.route_blocked for plan in list(self._plans)[-2:])
         if (blocked or c.shows) and not c.asks and self._may_take(c):
@@ -198,6 +201,13 @@ class Guide:
             for before, after in zip(self._plans, list(self._plans)[1:], strict=False)
         )
         return in_a_row and all(plan.arcs and plan.clear >= needed for plan in self._plans)
+
+    def _is_shut(self, now: float) -> bool:
+        """Whether something is known to stand right before the vehicle, maybe below the picture."""
+        newest = self._plans[-1] if self._plans else None
+        if newest is None or now - newest.at > self._freshness:
+            return False
+        return newest.route_blocked and not newest.arcs and newest.route_clear < _NEAR
 
     def _passes(self, c: Circumstances) -> bool:
         if self.stuck or not c.allowed:

@@ -339,6 +339,16 @@ def test_in_our_hold_it_passes_only_what_three_plans_have_a_way_round() -> None:
     assert not rover.guide.guides
 
 
+def test_what_stands_right_before_it_keeps_it_in_our_hold_though_the_region_does_not_show_it() -> None:
+    rover = Rover()
+    rover.plan = {"route_clear": 0.2, "route_blocked": True, "arcs": (), "clear": 0.0}
+    rover.turn(1.0, held=True, mode=HOLD, driven=0.0)
+    assert rover.stuck.startswith("no way")
+    rover.plan = {"route_clear": 2.0, "route_blocked": True, "arcs": (), "clear": 0.0}
+    rover.turn()
+    assert rover.stuck == ""
+
+
 modes = st.sampled_from([MANUAL, HOLD, AUTO, GUIDED])
 steps = st.fixed_dictionaries(
     {

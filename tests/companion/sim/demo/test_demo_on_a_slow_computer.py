@@ -84,7 +84,7 @@ def test_it_judges_less_often_until_hold_can_be_given_and_says_so(
     monkeypatch.setattr(module, "set_stage", set_stage)
     monkeypatch.setattr(Director, "play", lambda _: {"calls": 1})
     told = io.StringIO()
-    options = argparse.Namespace(seed=1, auto=True, console=False)
+    options = argparse.Namespace(seed=1, auto=True, console=False, guide=False)
     assert module._played(options, tmp_path, Story(told)) == {"calls": 1}
     assert asked == [(10.0, SPEED), (4.0, SPEED)]
     assert all(stage.closed for stage in stages)

@@ -202,6 +202,7 @@ def test_the_tally_counts_what_was_heard() -> None:
         "history_matches": 1,
         "returned_without_call": False,
         "holds": 1,
+        "driven_round": 0,
         "resumes": 1,
         "taken_over": 0,
         "blocked": 1,

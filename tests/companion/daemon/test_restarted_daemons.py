@@ -190,6 +190,7 @@ def test_the_status_file_names_what_a_person_asks_for_and_the_long_list_only_at_
         "latency_ms",
         "test_call",
         "hold_refused",
+        "guide",
         "guide_refused",
         "course",
         "px4_deadman",

@@ -17,6 +17,8 @@ _RESUME_SHOWS_LATER = 0.5
 """s beside the round trip in which a resume is shown."""
 _BRAKE_LATER = 2.0
 """s beside the round trip that a brake may show later than it can last: its request may wait on the way."""
+_CROSSED = 1.0
+"""s after a hold began in which a change of mode for guiding may still show, as the script allows it, too."""
 _LATE_REPORT_LAG = 1.2
 """Seconds after which a mode is shown: at once by HEARTBEAT, or late, see `Autopilot.reports_mode_late`."""
 
@@ -183,7 +185,7 @@ class Hold:
 
     def answered(self, answer: ModeAnswer, now: float) -> HoldEvent | None:
         """Take in the answer to a mode command, and return what that means for the hold."""
-        if answer.by_hand and (self.standing or self.braking):
+        if answer.by_hand and (self.standing or self.braking or self.guided_out_of is not None):
             return HoldEvent.TAKEN_OVER
         self.by_hand = answer.by_hand  # which mode that is, the next report shows
         if answer.brakes_out_of is not None and self.mode_before != answer.brakes_out_of:
@@ -216,6 +218,9 @@ class Hold:
             if self.guided_out_of is not None:
                 self.mode_before = self.guided_out_of
             return HoldEvent.CONFIRMED
+        if self.guided_out_of is not None and self._crossed(report):
+            self.mode_before = self.guided_out_of
+            return None
         if self._entered_anew(report, now):
             self.enter(HoldState.REQUESTED)
             self.confirmed_at = None
@@ -239,6 +244,13 @@ class Hold:
     def resume_under_way(self, now: float, round_trip: float) -> bool:
         """Whether a resume was commanded, and the autopilot may still carry it out."""
         return self.resumed_at is not None and (self.resume_taken or now - self.resumed_at <= round_trip)
+
+    def _crossed(self, report: ModeReport) -> bool:
+        """Whether our request to give GUIDED back was carried out just before the command to hold."""
+        if self.state is not HoldState.REQUESTED or report.reported_at is None:
+            return False
+        since = report.reported_at - self.started_at
+        return report.mode == self.guided_out_of != self.mode_before and since <= _CROSSED
 
     def _entered_anew(self, report: ModeReport, now: float) -> bool:
         """Whether the script has left GUIDED for this hold only to enter it anew, in which it brakes."""

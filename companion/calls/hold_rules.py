@@ -147,8 +147,7 @@ class HoldController:
         assert report.mode is not None
         assert report.autopilot is not None
         self.hold, self.go_at = Hold(number, report.autopilot.hold_mode, report.mode, now), None
-        if report.autopilot.brake_mode == report.mode:
-            self.hold.guided_out_of = self._monitor.guided_out_of
+        self.hold.guided_out_of = self._monitor.guided_out_of
         self.hold.interrupted = HeldMission().driving(report)
         self.offboard_release, self._late_resume = None, (0, -math.inf)
         return HoldStarted(self.hold, reasons)

@@ -84,6 +84,8 @@ class ReasonFilter:
         """Capture times of the newest OK frame, and of the newest frame."""
         self._ok = False
         self._debounced = {reason: Debounce(numbers.votes, numbers.window) for reason in Reason}
+        self._only_named: frozenset[Reason] = frozenset()
+        """Reasons of things that block where the newest frame does not show it."""
         self._not_accepted: frozenset[Reason] = frozenset()
         """Reasons of the newest frame that no answer accepted, and reasons of things that block the way."""
 
@@ -132,15 +134,23 @@ class ReasonFilter:
         return self.faults.standing - {Fault.VIEW} | ({Fault.VIEW} if of_view else frozenset())
 
     def _reasons_of_view(self, now: float) -> frozenset[Reason]:
-        active = {reason for reason, debounce in self._debounced.items() if debounce.active}
+        active = {reason for reason, debounce in self._debounced.items() if debounce.active} - self._passed
         if not self.fresh(now):
             active.add(Reason.FAULT)
         if not active and now - self._ok_at > self.numbers.freshness:
             # Frames come, but none is OK: what the newest one shows counts now, debounced or not.
-            active |= self._not_accepted or {Reason.FAULT}
-        if self.passes:
-            active -= PASSABLE
+            active |= (self._not_accepted - self._passed) or {Reason.FAULT}
         return frozenset(active | {Reason.BLOCKED} if self.no_way else active)
+
+    @property
+    def _passed(self) -> frozenset[Reason]:
+        """Reasons that are none now, since what causes them is driven round.
+
+        A thing that blocks where the frame does not show that it does is no such cause: no plan knows of it.
+        """
+        if not self.passes:
+            return frozenset()
+        return PASSABLE - self._only_named
 
     @property
     def shows_passable(self) -> bool:
@@ -178,8 +188,10 @@ class ReasonFilter:
         """Decide whether the frame is OK. Return what the things explain in it."""
         cover = self.things.cover(seen)
         self.newest = seen
-        self._not_accepted = seen.reasons - cover.covered | self.things.block(seen)
-        stops = self._not_accepted - PASSABLE if self.passes else self._not_accepted
+        named = self.things.block(seen)
+        self._only_named = named - seen.reasons
+        self._not_accepted = seen.reasons - cover.covered | named
+        stops = self._not_accepted - self._passed
         self._ok = bool(seen.findings) and not stops and not self._is_old(seen, now)
         self.was_ok = self.was_ok or self._ok
         if self._ok:

@@ -45,7 +45,7 @@ class GuideService:
         return self._guide.guides
 
     def planned(self, plan: Plan, now: float) -> None:
-        """Take in a plan of vision, before the frame that it belongs to is judged."""
+        """Take in a plan of vision. It comes after the frame that it belongs to."""
         self._guide.planned(plan)
         self.tick(now)
 
@@ -68,10 +68,12 @@ class GuideService:
         link.setpoints.target = orders.target
         if orders.request is not None:
             link.modes.guide(*orders.request, now)
-        if orders.item is not None and not link.current_item.waits:
+        if orders.item is None:
+            link.current_item.cancel()
+        elif not link.current_item.waits:
             link.current_item.set(orders.item, now)
         self._calls.reason_filter.passes = guide.passes
-        self._calls.reason_filter.no_way = bool(guide.stuck)
+        self._calls.reason_filter.no_way = bool(guide.stuck) and self._calls.policy.holds
         self._calls.monitor.guided_out_of = ardupilot.AUTO if guide.guides else None
         if guide.state is not self._told:
             before, self._told = self._told, guide.state
@@ -105,6 +107,7 @@ class GuideService:
             held=calls.hold is not None,
             asks=bool(calls.reasons(now) - PASSABLE),
             shows=calls.reason_filter.shows_passable,
+            accepts=bool(calls.reason_filter.things.accepted),
             item=report.mission.item if report.mission is not None else 0,
             passed=self._mission.item,
             leg=told[0],

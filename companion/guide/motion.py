@@ -24,6 +24,8 @@ _SLOWEST = 0.15
 """m/s below which it stands instead."""
 _AHEAD, _AHEAD_FOR = 0.6, 0.6
 """Pursued is the point so many m ahead, or as far as it drives in so many s."""
+_ASTRAY = 1.0
+"""m from the arcs beyond which they say nothing any more, as where the odometry began anew."""
 _STEP = 0.05
 
 
@@ -49,6 +51,8 @@ def follow(plan: Plan, pose: Pose, speed: float, stops_in: float, radius: float)
     """
     points = _points(plan)
     driven = min(range(len(points)), key=lambda n: math.hypot(points[n].x - pose.x, points[n].y - pose.y))
+    if math.hypot(points[driven].x - pose.x, points[driven].y - pose.y) > _ASTRAY:
+        return STAND
     left = plan.clear - driven * _STEP
     wanted = passing_speed(speed) if plan.gap < NARROW else speed
     wanted = min(wanted, (left - SPARE) / stops_in)

@@ -31,6 +31,8 @@ CLEAR_FOR = 2.0
 """s for which the mission's way must be clear before the mission has the vehicle again."""
 ALONG = 20.0
 """Degrees by which the heading may differ from the leg's then."""
+_AMBLES = 0.5
+"""m/s at which a vehicle that stands in a hold drives as it is taken over."""
 _NEAR = 1.0
 """m before the vehicle within which something that leaves no way keeps it in a hold, seen or not."""
 _FARTHER = 1.0
@@ -39,8 +41,10 @@ _WORTH = 4.0
 """m of the way beyond a standstill that must be left for a take-over."""
 _AGAIN, _TRIES = 0.5, 6
 """s from one request to give the vehicle back to the next, and how many of them there are."""
-_LATE = 0.3
-"""s for which the mode before a take-over may still be reported after it."""
+_ASKED = 1.0
+"""s from one question to the script whether GUIDED is still ours to the next."""
+_ABANDONED, _SLOWS = 5.0, 0.3
+"""s after which guiding that is not allowed any more has ended; s for which it asks to stand first."""
 
 
 class GuideState(str, Enum):
@@ -60,7 +64,8 @@ class Circumstances(NamedTuple):
     last; mode_at is None where they count no more. motion_at, position_at: of the newest reports; -inf for
     none. pose: where the vehicle is now, None: not known. driven, speed: m/s that it drives, and may drive at
     most. held: our hold is commanded or stands. asks: something that cannot be passed stops the vehicle.
-    shows: something in the region of interest would stop it that may have room beside it.
+    shows: something in the region of interest would stop it that may have room beside it. accepts: an
+    operator has accepted something there.
     item, passed: numbers of the mission's current item, and of the one that it should be by where the vehicle
     is. leg: direction of the mission's way in degrees counter-clockwise; None where it is not known. left: m
     of it that may be driven without the mission's mode.
@@ -79,6 +84,7 @@ class Circumstances(NamedTuple):
     held: bool
     asks: bool
     shows: bool
+    accepts: bool
     item: int
     passed: int
     leg: float | None
@@ -122,8 +128,11 @@ class Guide:
         self._radius, self._freshness = radius, freshness
         self._stops_in = max(STOPS_IN, stops_in)
         self._plans: deque[Plan] = deque(maxlen=PLANS)
-        self._since = self._requested_at = self._shown_at = -math.inf
+        self._since = self._requested_at = self._shown_at = self._asked_at = -math.inf
         self._tries = 0
+        self._given_back = False
+        """The script has set the mission's mode again, and the report of that is to come."""
+        self._not_allowed_since: float | None = None
         self._clear_since: float | None = None
         self._refused_in_mission = False
         """A human has ended it with the mission's mode. It waits until another mode was set."""
@@ -153,9 +162,14 @@ class Guide:
         if not self.guides:
             return
         if done is None:
-            self._end("by hand", refused=True)
+            if not self._given_back:
+                self._end("by hand", refused=True)
         elif not done and self.state is GuideState.TAKING:
             self.stuck = "no take-over"
+        elif not done and self.state is GuideState.GUIDING:
+            self._end("by hand", refused=True)  # the script guides no more, and its word of that was lost
+        elif done and mode == AUTO and self.state is GuideState.BACK:
+            self._given_back = True
         elif done and mode == GUIDED and self.state is GuideState.TAKING:
             self._enter(GuideState.GUIDING, now)
 
@@ -173,21 +187,23 @@ class Guide:
         )
         if not ready or c.held:
             self.state = GuideState.OFF
-            self.stuck = "no way round" if c.held and c.allowed and self._is_shut(c.now) else ""
-            return Orders()
+            shut = c.held and c.allowed and not c.accepts and self._is_shut(c.now)
+            self.stuck = "no way round" if shut else ""
+            # AUTO would turn round to a waypoint that was passed.
+            behind = c.held and c.allowed and self.ended_by == "held" and c.passed > c.item
+            return Orders(item=c.passed) if behind else Orders()
         self.state, self.stuck = GuideState.READY, ""
         # In two plans, since a cell of the grid may be wrong for once.
         blocked = len(self._plans) == PLANS and all(plan.route_blocked for plan in list(self._plans)[-2:])
-        if (blocked or c.shows) and not c.asks and self._may_take(c):
+        if ((blocked and not c.accepts) or c.shows) and not c.asks and self._may_take(c):
             self._enter(GuideState.TAKING, c.now)
             self._requested_at = math.inf
-            # The heartbeat that says so leaves before the request, which the next turn makes.
             return Orders(self._target(c))
         return Orders()
 
     def _may_take(self, c: Circumstances) -> bool:
-        known = c.mode_at is not None and c.now - c.mode_at < MODE_AGE and c.pose is not None
-        fresh = c.now - min(c.motion_at, c.position_at) < MOTION_AGE
+        known = c.mode_at is not None and c.now - c.mode_at < MODE_AGE
+        fresh = self._knows_motion(c)
         lasts = c.left > self._stops_in * c.driven + _WORTH
         return known and fresh and lasts and self._plans_clear(c.driven, c.now)
 
@@ -216,8 +232,13 @@ class Guide:
             return True
         if self.state is GuideState.READY:
             return self._may_take(c)
-        # In our hold: it may be resumed where it can be driven on from.
-        return c.held and c.leg is not None and self._plans_clear(0.5, c.now)
+        # In our hold: it may be resumed where a take-over will be possible.
+        lasts, fresh = c.left > self._stops_in * _AMBLES + _WORTH, self._knows_motion(c)
+        return c.held and c.leg is not None and lasts and fresh and self._plans_clear(_AMBLES, c.now)
+
+    @staticmethod
+    def _knows_motion(c: Circumstances) -> bool:
+        return c.pose is not None and c.now - min(c.motion_at, c.position_at) < MOTION_AGE
 
     def _follow_mode(self, c: Circumstances) -> Orders | None:
         """Follow the reported mode. Returns orders where it has ended."""
@@ -230,11 +251,11 @@ class Guide:
             # The hold brakes without a target. Nothing is streamed any more, whoever has the vehicle then.
             self._end("held", refused=False)
             return Orders()
+        if c.armed and (c.mode_at is None or c.mode_at <= self._since):
+            return None  # it was reported before this state began
         if c.mode == AUTO and self.state is GuideState.BACK and self._requested_at > -math.inf:
             self._enter(GuideState.READY, c.now)
             return Orders()
-        if c.mode == AUTO and self.state is GuideState.GUIDING and c.now - self._since <= _LATE:
-            return None
         if c.mode not in ours or not c.armed or (c.mode == GUIDED and self._requested_at == math.inf):
             self._end("by hand", refused=True)
             return Orders()
@@ -242,14 +263,13 @@ class Guide:
 
     def _drive(self, c: Circumstances) -> Orders:
         if not c.allowed:
-            # Without targets the script on the autopilot stops the vehicle, where we may not any more.
-            self.stuck = self.stuck or "not allowed"
-            return Orders()
+            return self._abandon(c)
+        self._not_allowed_since = None
         if c.asks:
             return Orders(STAND)  # it is held for that anyway
         if self.state is GuideState.TAKING and c.now - self._requested_at > TAKEN_WITHIN:
             self.stuck = self.stuck or "no take-over"
-        elif c.mode_at is None or c.now - min(c.motion_at, c.position_at) > MOTION_LOST or c.pose is None:
+        elif c.mode_at is None or c.now - min(c.motion_at, c.position_at) > MOTION_LOST:
             self.stuck = self.stuck or "motion lost"
         if self.stuck:
             return Orders(STAND)
@@ -261,13 +281,27 @@ class Guide:
             return self._give_back(c, target)
         if self._may_give_back(c):
             self._enter(GuideState.BACK, c.now)
+        elif c.now - self._asked_at >= _ASKED:
+            # Whoever takes over without a change of mode shows only to the script.
+            self._asked_at = c.now
+            return Orders(target, request=(GUIDED, AUTO))
         return Orders(target)
 
     def _take(self, c: Circumstances, target: Target) -> Orders:
-        if self._requested_at < math.inf:
+        # The heartbeat that says so leaves with the turn before.
+        if self._requested_at < math.inf or c.now <= self._since:
             return Orders(target)
         self._requested_at = c.now
         return Orders(target, request=(GUIDED, AUTO))
+
+    def _abandon(self, c: Circumstances) -> Orders:
+        """End guiding that is not allowed any more: without targets the script stops the vehicle."""
+        since = self._not_allowed_since = self._not_allowed_since or c.now
+        self.stuck = self.stuck or "not allowed"
+        if c.mode == AUTO or c.now - since > _ABANDONED:
+            self._end("not allowed", refused=False)
+            return Orders()
+        return Orders(STAND) if c.now - since <= _SLOWS else Orders()
 
     def _target(self, c: Circumstances) -> Target:
         newest = self._plans[-1] if self._plans else None
@@ -302,6 +336,8 @@ class Guide:
         return c.now - self._clear_since >= (0.0 if ends else CLEAR_FOR)
 
     def _give_back(self, c: Circumstances, target: Target) -> Orders:
+        if self._given_back:
+            return Orders(target)
         if self._plans[-1].route_blocked and math.isinf(self._requested_at):
             self._enter(GuideState.GUIDING, c.now)
             return Orders(target)
@@ -319,7 +355,9 @@ class Guide:
     def _enter(self, state: GuideState, now: float) -> None:
         self.state, self._since, self._shown_at = state, now, now
         self._requested_at, self._tries, self._clear_since = -math.inf, 0, None
+        self._asked_at, self._given_back, self._not_allowed_since = now, False, None
 
     def _end(self, why: str, *, refused: bool) -> None:
         self.state, self.stuck, self.ended_by = GuideState.OFF, "", why
+        self._given_back, self._not_allowed_since = False, None
         self._refused_in_mission = refused

@@ -170,6 +170,7 @@ class ModeCommands:
         self._hold = None
         self._outbox.forget("hold")
         self._outbox.forget("resume")
+        self._outbox.forget("guide")
         self._note_sent()
 
     def tick(self, now: float) -> None:

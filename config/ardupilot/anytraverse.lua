@@ -31,7 +31,8 @@ A HOLD within brakes as out of AUTO: since that GUIDED has a target, HOLD is set
 none. It may expect the mode that guiding changed within the last second: the two may have crossed. The targets
 (message 84) are the companion's, at 5 Hz or more. Where none comes for 0.7 s, or the rover is disarmed, this script
 brakes and holds, even if heartbeats come, in each policy and where it is switched off: what it began, it ends. A target
-that comes while it brakes ends that in HOLD. A mode, a target or GUIDED that somebody else commands takes over, and a
+that comes while it brakes ends that in HOLD. A mode, a target or GUIDED that somebody else commands takes over; where one
+more target of the companion's came after theirs, GUIDED is entered anew, and a text asks for theirs again. A
 HOLD that is asked for within a second of that is not set. A restart of scripting forgets that it guides, since GUIDED
 may be a human's by then: AUTO is refused, HOLD is set at once, the companion's silence counts as in every GUIDED, and
 without targets ArduPilot stops after 3 s by itself.
@@ -109,7 +110,8 @@ local policy, asked, guarding = REPORT, false, false
 local fault_accepted, mode_ms, last_mode = false, 0, nil
 local hold_id, hold_reason, pressed = nil, nil, false -- the companion's HOLD that stands; a human commanded HOLD within
 local brake = { told_ms = 0, target_ms = 0 } -- the time to brake that was told; since a target was seen
-local guide = { silent_ms = 0, changed_ms = LONGEST_MS } -- since a target of ours; since it set AUTO or GUIDED
+-- Since a target of ours; since it set AUTO or GUIDED; since somebody's target took over.
+local guide = { silent_ms = 0, changed_ms = LONGEST_MS, yield_ms = LONGEST_MS }
 local running
 local echoed_ms = LONGEST_MS
 local failures, resorted = 0, false
@@ -317,12 +319,24 @@ do
   function hear_target()
     brake.target_ms, brake.taken, mode_ms = 0, true, 0
     guide.taken = guide.taken or guide.on
+    if guide.on then guide.yield_ms = 0 end
     end_brake(CHANGED)
     end_guiding(CHANGED)
   end
 
+  -- One that the companion sent before it knew has replaced that of whoever took over. GUIDED that is entered anew has
+  -- none, so that the rover does not drive on by it.
+  function guide.yield()
+    guide.yield_ms = LONGEST_MS
+    if not is_ours(GUIDED) then return end
+    vehicle:set_mode(HOLD)
+    if is_ours(HOLD) then vehicle:set_mode(GUIDED) end
+    gcs:send_text(WARNING, "GUIDED is yours: send the target again")
+  end
+
   -- One that comes while this script brakes makes the rover drive: HOLD at once.
   function guide.hear(age_ms, at)
+    if not guide.on and not brake.left_ms then return guide.yield() end
     guide.silent_ms = age_ms
     if brake.left_ms and (at - brake.began):toint() > 0 then brake.left_ms = 0 end
   end
@@ -338,7 +352,7 @@ do
     [39] = 254, [73] = 38, [82] = 49, [84] = 143, [86] = 5 }
   local HEARD = { HEARTBEAT, COMMAND_LONG, SET_MODE, COMMAND_INT, STATUSTEXT } -- where places lack, the first ones
   local TARGETS = { [84] = 50, [86] = 50, [82] = 36, [39] = 32, [73] = 32 } -- messages; where they name their vehicle
-  local LOCAL_TARGET = 84
+  local LOCAL_TARGET, YIELD_MS = 84, 500
   local ITEMS, MOVES = { [39] = true, [73] = true }, { [192] = true, [213] = true } -- DO_REPOSITION, SET_YAW_SPEED
   local REQUEST_MS, MAX_WAITING = 1000, 8
   local BY_GCS = 2 -- a companion's own DO_SET_MODE counts as a ground station's
@@ -415,7 +429,8 @@ do
     local target = raw:byte(start + place)
     if target ~= own_system and target ~= 0 then return nil end
     if ours and id == LOCAL_TARGET then
-      return (guide.on or brake.left_ms) and not guide.checked and "own target"
+      local counts = guide.on or brake.left_ms or guide.yield_ms < YIELD_MS
+      return counts and not guide.checked and "own target"
     end
     local command = string.unpack("<H", raw, start + 28)
     local moves = MOVES[command]
@@ -700,6 +715,7 @@ local function update()
   silent_ms, echoed_ms = later(silent_ms, dt), later(echoed_ms, dt)
   brake.target_ms = later(brake.target_ms, dt)
   guide.silent_ms, guide.changed_ms = later(guide.silent_ms, dt), later(guide.changed_ms, dt)
+  guide.yield_ms = later(guide.yield_ms, dt)
   pcall(watch_mode, dt) -- before it listens: what a frame means depends on the mode
   local has_places, full = pcall(register)
   local hears, deaf = pcall(listen)

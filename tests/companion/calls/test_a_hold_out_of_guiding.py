@@ -91,10 +91,36 @@ def test_guided_in_a_hold_that_stood_for_longer_is_a_human_s() -> None:
     assert HoldEvent.TAKEN_OVER in shows(scene, GUIDED)
 
 
-@pytest.mark.parametrize("mode", [AUTO, MANUAL])
-def test_any_other_mode_is_a_human_s(mode: int) -> None:
+def test_any_other_mode_is_a_human_s() -> None:
+    assert HoldEvent.TAKEN_OVER in shows(stopped(), MANUAL)
     scene = stopped()
-    assert HoldEvent.TAKEN_OVER in shows(scene, mode)
+    shows(scene, GUIDED, 1.2)
+    assert HoldEvent.TAKEN_OVER in shows(scene, AUTO)
+
+
+def test_auto_that_was_requested_just_before_the_hold_is_held() -> None:
+    scene = stopped()
+    assert shows(scene, AUTO, 0.3) == []
+    assert scene.calls.hold is not None
+    assert shows(scene, HOLD) == [HoldEvent.CONFIRMED]
+    assert scene.calls.hold.mode_before == AUTO
+
+
+def test_guided_that_the_script_calls_somebody_else_s_is_not_held() -> None:
+    scene = stopped()
+    answer = ModeAnswer(HOLD, accepted=False, by_hand=True)
+    decisions = scene.keep(scene.calls.mode_answered(answer, scene.now))
+    assert [one.event for one in decisions if isinstance(one, HoldMoved)] == [HoldEvent.TAKEN_OVER]
+
+
+def test_a_named_thing_that_the_frame_does_not_show_stops_it_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = guided()
+    things = scene.calls.reason_filter.things
+    monkeypatch.setattr(things, "block", lambda _: frozenset({Reason.BLOCKED}))
+    scene.run(1.0, CLEAR)
+    assert scene.calls.hold is not None
 
 
 def test_a_restart_in_such_a_hold_returns_to_auto_too() -> None:

@@ -75,6 +75,7 @@ class Rover:
             "held": False,
             "asks": False,
             "shows": False,
+            "accepts": False,
             "item": 2,
             "passed": 2,
             "leg": 0.0,
@@ -204,9 +205,7 @@ def test_without_plans_it_is_stopped() -> None:
     assert rover.stuck
 
 
-@pytest.mark.parametrize(
-    "told", [{"motion_at": 90.0}, {"position_at": 90.0}, {"pose": None}, {"mode_at": None}]
-)
+@pytest.mark.parametrize("told", [{"motion_at": 90.0}, {"position_at": 90.0}, {"mode_at": None}])
 def test_without_knowing_how_it_moves_it_is_stopped(told: dict[str, Any]) -> None:
     rover = Rover().guided()
     assert rover.turn(**told) == Orders(STAND)
@@ -216,9 +215,12 @@ def test_without_knowing_how_it_moves_it_is_stopped(told: dict[str, Any]) -> Non
 def test_where_it_may_not_guide_any_more_nothing_is_streamed_but_it_still_says_that_it_guides() -> None:
     """The script on the autopilot then stops the vehicle, which a companion in policy off may not."""
     rover = Rover().guided()
-    assert rover.turn(allowed=False) == Orders()
+    assert rover.turn(allowed=False) == Orders(STAND)
+    assert rover.turn(0.4) == Orders()
     assert rover.guide.guides
     assert not rover.guide.passes
+    rover.turn(5.0)
+    assert not rover.guide.guides
 
 
 @pytest.mark.parametrize("mode", [MANUAL, HOLD, AUTO])
@@ -271,9 +273,58 @@ def test_a_late_report_of_the_mission_s_mode_does_not_end_it() -> None:
     rover = Rover()
     rover.turn(0.2)
     rover.guide.answered(GuideAnswer(GUIDED, done=True), rover.now)
-    rover.turn(0.1)
+    rover.turn(1.2, mode_at=rover.now)
+    del rover.told["mode_at"]
     rover.turn(1.0, mode=GUIDED)
     assert rover.state is GuideState.GUIDING
+
+
+def test_a_mode_that_is_reported_no_more_is_lost() -> None:
+    rover = Rover().guided()
+    rover.turn(mode_at=None)
+    assert rover.stuck.startswith("motion lost")
+
+
+def test_without_a_pose_it_stands_and_soon_is_stopped() -> None:
+    rover = Rover().guided()
+    assert rover.turn(pose=None) == Orders(STAND)
+    assert rover.stuck == ""
+    rover.turn(STUCK_AFTER + 2 * TURN)
+    assert rover.stuck.startswith("no way")
+
+
+def test_while_it_guides_it_asks_once_a_second_whether_guided_is_still_ours() -> None:
+    rover = Rover().guided()
+    rover.all.clear()
+    rover.turn(3.1)
+    assert [orders.request for orders in rover.all if orders.request] == [(GUIDED, AUTO)] * 3
+    rover.guide.answered(GuideAnswer(GUIDED, done=True), rover.now)
+    assert rover.state is GuideState.GUIDING
+    rover.guide.answered(GuideAnswer(GUIDED, done=False), rover.now)
+    assert not rover.guide.guides
+
+
+def test_a_second_answer_to_giving_back_is_nobody_else_s() -> None:
+    rover = Rover().guided()
+    behind_it(rover)
+    rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
+    rover.guide.answered(GuideAnswer(AUTO, done=None), rover.now)
+    rover.turn(0.7)
+    rover.turn(mode=AUTO)
+    assert rover.state is GuideState.READY
+
+
+def test_a_waypoint_that_was_passed_is_set_in_the_hold_that_ended_it() -> None:
+    rover = Rover().guided()
+    rover.turn(held=True)
+    assert rover.turn(mode=HOLD, passed=3).item == 3
+    assert rover.turn(item=3).item is None
+
+
+def test_what_an_operator_accepted_is_driven_over_by_the_mission() -> None:
+    rover = Rover()
+    rover.turn(1.0, accepts=True)
+    assert not rover.guide.guides
 
 
 def behind_it(rover: Rover, **told: Any) -> Orders:
@@ -284,7 +335,9 @@ def behind_it(rover: Rover, **told: Any) -> Orders:
 def test_the_mission_has_the_vehicle_again_behind_the_thing() -> None:
     rover = Rover().guided()
     behind_it(rover)
-    assert [orders.request for orders in rover.all if orders.request] == [(GUIDED, AUTO), (AUTO, GUIDED)]
+    requests = [orders.request for orders in rover.all if orders.request]
+    assert set(requests[:-1]) == {(GUIDED, AUTO)}
+    assert requests[-1] == (AUTO, GUIDED)
     rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
     rover.turn(0.1)
     rover.turn(mode=AUTO)
@@ -305,7 +358,7 @@ def test_a_waypoint_that_was_passed_is_set_before_the_mission_goes_on() -> None:
     rover.all.clear()
     behind_it(rover, passed=3)
     assert {orders.item for orders in rover.all} == {None, 3}
-    assert not any(orders.request for orders in rover.all)
+    assert not any(orders.request == (AUTO, GUIDED) for orders in rover.all)
     rover.turn(0.6, item=3)
     assert any(orders.request == (AUTO, GUIDED) for orders in rover.all)
 

@@ -137,8 +137,20 @@ def test_so_does_a_target_or_a_guided_that_another_commands(
     assert asked.ask(HOLD, GUIDED) == [CHANGED], "it may have been asked for before that"
     asked.live(OVER)
     assert asked.shows == (GUIDED, SCRIPTING)
-    assert asked.set_modes == []
+    assert asked.set_modes == [HOLD, GUIDED], (
+        "the companion's last target had replaced theirs: drive by neither"
+    )
     assert asked.ask(HOLD, GUIDED) == [ACCEPTED], "a GUIDED of a human's is held out of, as ever"
+
+
+def test_a_target_that_none_of_the_companion_s_has_replaced_is_left_as_it_is() -> None:
+    asked = Guiding().guided()
+    asked.streams = False
+    assert asked.answers(lambda: asked.hears(COMMANDS[0](), STATION)) == [(asked.serial, CHANGED)]
+    asked.live(0.6)
+    asked.streams = True
+    asked.live(OVER)
+    assert asked.set_modes == []
 
 
 def test_one_that_comes_in_the_cycle_of_the_way_back_or_of_a_hold_takes_over() -> None:

@@ -158,6 +158,8 @@ class ModeCommands:
         """Request a mode to drive the vehicle round something, or to end that. Only the script sets it."""
         vehicle, _ = self._known()
         if vehicle is not None and self.compares:
+            # The script guides whom the heartbeat before said it of, and a request would leave before that.
+            self._outbox.send_now("heartbeat", now)
             # One that left later than it may show would only be in the way of the hold that follows.
             self._request(vehicle, "guide", mode, expected, GUIDE_ID, now, lifetime=TAKEN_WITHIN / 2)
 

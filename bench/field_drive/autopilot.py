@@ -124,6 +124,8 @@ class ScriptedAutopilot:
 
     def _guide(self, asked: SetMode) -> GuideAnswer:
         taking = asked.mode == ardupilot.GUIDED
+        if asked.mode == ardupilot.GUIDED and self._guided:
+            return GuideAnswer(asked.mode, done=True)
         ours = self._guided or (taking and not self._by_human)
         if self.mode != asked.expected or self._brakes_until is not None or not ours:
             return GuideAnswer(asked.mode, None)

@@ -66,6 +66,9 @@ class _CurrentItem:
     def set(self, item: int, _now: float) -> None:
         self._autopilot.item = item
 
+    def cancel(self) -> None:
+        """Nothing waits: an item is set at once."""
+
 
 class WireStandIn:
     """Has those parts of `Link` that guiding uses. quick: attitude and position come more often."""

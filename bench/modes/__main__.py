@@ -3,6 +3,7 @@
 With the script on the autopilot and without it, idle and beside two busy loops. Prints a line a trial; the
 last line is one JSON object, also when it is ended early. The exit code is 1 if a human was overridden where
 the script runs, or drove in our mode for longer than the round trip and half a second where it does not.
+With --guide modes and targets come round the hand-over of guiding, in virtual time: see `guided`.
 Run: make bench-modes, or python -m bench.modes [--trials 208] [--delay 0 500] [--busy no]
 """
 
@@ -10,21 +11,23 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 
+from bench.modes import guided
 from bench.modes.judging import ModeOutcome, ModeSetting, figures, line
 from bench.modes.trials import play_all
 
 DELAYS, QUICK_DELAYS = (0, 20, 100, 500), (20,)
-TRIALS, QUICK_TRIALS = 208, 4
+TRIALS, QUICK_TRIALS, GUIDED_TRIALS = 208, 4, 200
 BOTH = {"no": (False,), "yes": (True,), "both": (False, True)}
 LOOPS = 2
 
@@ -33,6 +36,8 @@ def main() -> int:
     given = _arguments()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end)
+    if given.guide:
+        return _guide(given.trials, given.jobs, given.seed)
     settings = [
         ModeSetting(script, delay / 1000, busy, given.brakes)
         for busy in BOTH[given.busy]
@@ -74,6 +79,29 @@ def main() -> int:
     return 0 if outcomes and all(outcome.good for outcome in outcomes) else 1
 
 
+def _guide(trials: int, jobs: int, seed: int) -> int:
+    """Plays the trials of guiding in processes of their own, since each has its own time."""
+    outcomes: list[guided.GuidedOutcome] = []
+    without = 0
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"))
+    try:
+        todo = []
+        for number, begun in enumerate(range(0, trials, guided.TOGETHER)):
+            delay = guided.DELAYS[number % len(guided.DELAYS)]
+            count = min(guided.TOGETHER, trials - begun)
+            todo.append(pool.submit(guided.play_all, delay, count, f"{seed} {number}"))
+        for future in as_completed(todo):
+            found, why = future.result()
+            without += bool(why)
+            outcomes += found
+            for text in [guided.line(one) for one in found] or [why]:
+                print(text, flush=True)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        print(json.dumps(guided.figures(outcomes, without)), flush=True)
+    return 0 if outcomes and not without and not any(one.overridden for one in outcomes) else 1
+
+
 @contextmanager
 def _loops(number: int) -> Iterator[None]:
     """Keeps so many cores busy."""
@@ -100,11 +128,15 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of everything that is random (default 1)")
     parser.add_argument("--brakes", action="store_true", help="the script brakes before HOLD; holds alone")
     parser.add_argument(
+        "--guide", action="store_true", help="round the hand-over of guiding, and nothing else"
+    )
+    parser.add_argument(
         "--quick", action="store_true", help=f"{QUICK_TRIALS} trials, one delay, no busy loops"
     )
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where logs are kept; else thrown away")
     given = parser.parse_args()
-    given.trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS)
+    trials = GUIDED_TRIALS if given.guide else TRIALS
+    given.trials = given.trials or (QUICK_TRIALS if given.quick else trials)
     given.delay = given.delay or list(QUICK_DELAYS if given.quick else DELAYS)
     given.script = "yes" if given.brakes else given.script
     given.busy = given.busy or ("no" if given.quick else "both")

@@ -18,8 +18,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from bench.stopping.figures import figures, good, line
-from bench.stopping.jobs import Job, Run
-from bench.stopping.runs import GROUPS
+from bench.stopping.jobs import FAST, Job, Run
+from bench.stopping.runs import GROUPS, GUIDED
 
 
 def main() -> int:
@@ -34,15 +34,20 @@ def main() -> int:
         try:
             seeds = range(given.first, given.first + given.runs)
             todo = [
-                pool.submit(_all_of, GROUPS[group], Job(seed, out / group, cancelled, given.brakes), runs)
+                pool.submit(
+                    _all_of,
+                    {**GROUPS, **GUIDED}[group],
+                    Job(seed, out / group, cancelled, given.brakes, given.speed),
+                    runs,
+                )
                 for seed in seeds
-                for group in given.only
+                for group in (GUIDED if given.guide else given.only)
             ]
             _wait(todo)
         finally:
             cancelled.set()
             pool.shutdown(cancel_futures=True)
-            print(json.dumps({"brakes": given.brakes, **figures(runs)}), flush=True)
+            print(json.dumps({"brakes": given.brakes, "guide": given.guide, **figures(runs)}), flush=True)
     return 0 if good(runs) else 1
 
 
@@ -74,6 +79,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--brakes", action="store_true", help="the script brakes before HOLD: hold_by = brake"
     )
+    parser.add_argument("--guide", action="store_true", help="faults while it guides, and nothing else")
+    parser.add_argument("--speed", type=float, default=FAST, help=f"m/s with --guide (default {FAST})")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where logs are kept; else thrown away")
     return parser.parse_args()
 

@@ -43,6 +43,10 @@ def _cut(*directions: str, on: bool) -> Act:
     return act
 
 
+def _late(seconds: float) -> Act:
+    return lambda stage: setattr(stage.wire, "delay", seconds)
+
+
 def _set(name: str, value: object) -> Act:
     return lambda stage: setattr(stage.camera, name, value)
 
@@ -100,6 +104,15 @@ BREAKABLE: Mapping[str, InjectedFault] = {
 WRONG_SHAPES: Mapping[str, InjectedFault] = {
     name: InjectedFault(_break(f"shape {name}"), _break("")) for name in (*SHAPES, "embedding")
 }
+GUIDING: Mapping[str, InjectedFault] = {
+    **{name: SILENCE[name] for name in ("kill_9", "sigstop")},
+    "hung_main_loop": InjectedFault(_signal(signal.SIGUSR1), _signal(signal.SIGKILL), silences=True),
+    "frozen_camera": CAMERA["frozen_camera"],
+    "vision_killed": BREAKABLE["vision_out_of_memory"],
+    "dead_link": SILENCE["dead_link"],
+    "late_wire": InjectedFault(_late(1.0), _late(0.0), silences=True),
+}
+"""Faults while the companion guides."""
 NO_MEMORY = InjectedFault(_break("no memory"), _break(""), alone=True)
 FAINT = {"nan_maps": InjectedFault(_break("one nan"), _break(""))}
 """The same faults in their smallest form, for every other seed."""

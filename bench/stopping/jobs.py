@@ -38,12 +38,16 @@ class Run:
 
 @dataclass
 class Job:
-    """A seed, the folder for its files, and how to cancel. brakes: as of `Plan`."""
+    """A seed, the folder for its files, and how to cancel.
+
+    brakes: as of `Plan`. speed: m/s where it guides.
+    """
 
     seed: int
     out: Path
     cancelled: threading.Event
     brakes: bool = False
+    speed: float = FAST
 
     def __post_init__(self) -> None:
         self.trail = Trail(self.seed)

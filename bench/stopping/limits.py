@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
@@ -21,11 +22,13 @@ class Limit:
 
     freshness: T in s, after which the companion may not say OK. timeout: s of silence after which the script
     on the autopilot acts. speed: m/s at the fault; the rover really drives it, and does not overshoot it.
+    most: m that are allowed at most, however fast.
     """
 
     freshness: float
     timeout: float
     speed: float
+    most: float = math.inf
 
     @property
     def noticed(self) -> float:
@@ -38,7 +41,7 @@ class Limit:
 
     @property
     def metres(self) -> float:
-        return self.speed * self.noticed + brakes().way(self.speed)
+        return min(self.most, self.speed * self.noticed + brakes().way(self.speed))
 
 
 @cache

@@ -52,6 +52,8 @@ SHAPES: Mapping[str, Callable[[NDArray[np.float32]], Any]] = {
 }
 """What the perceiver makes of its maps, (n, h, w) float32, that no perceiver may deliver."""
 _SPARE = 16 << 20
+HANGS = 60.0
+"""s for which the main loop of the supervisor hangs after SIGUSR1."""
 
 
 def register() -> None:
@@ -142,6 +144,8 @@ def _limit_memory(size: int) -> None:
 
 if __name__ == "__main__":
     register()
+    # Python runs a handler in the main thread, so that this hangs the main loop and nothing else.
+    signal.signal(signal.SIGUSR1, lambda *_: time.sleep(HANGS))
     if sys.argv[1] == "vision":
         from companion.vision.process import main as see
 

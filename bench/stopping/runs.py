@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -9,19 +10,30 @@ from functools import partial
 from random import Random
 
 from bench.stopping.disturbances import PRESSURES, Pressure
-from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, SILENCE, InjectedFault
-from bench.stopping.humans import STATES, take_over
+from bench.stopping.faults import BREAKABLE, CAMERA, FAINT, GUIDING, SILENCE, InjectedFault
+from bench.stopping.humans import STATES, take_over, watch
 from bench.stopping.jobs import FAST, SLOW, TRIES, Job, Run, retried, verdict
 from bench.stopping.limits import Limit, script_timeout
 from bench.stopping.scenes import SCENES, StoppingScene
 from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage
 from bench.stopping.stops import Stop, stopped
+from companion.sim.field.onboard import BY_SCRIPT
 from companion.sim.field.rover import STANDSTILL
+from companion.sim.field.things import World
+from companion.sim.field.trail import LOOP
 from companion.wire.ids import Policy, State
 
 RUSH = 5.0
 """m/s of the rover in policy report, in which nothing may hold it."""
 LAP_WITHIN = 60.0
+WIDE = 2.4
+"""m of half the path where a drum on it is driven round."""
+RUN_UP = 14.0, 18.0
+"""m from the rover to the drum at the start."""
+GUIDES_WITHIN, JUST = 20.0, 0.3
+"""s within which it guides, and from there to the fault."""
+GUIDED_METRES = 3.0
+"""m within which a rover that is guided must stand."""
 HEALTHY = 4.0
 """Seconds of a disturbance in which nobody may hold the rover."""
 
@@ -228,6 +240,36 @@ def _drive_to(stage: Stage, distance: float) -> None:
     stage.wait(f"{distance:.0f} m driven", lambda: stage.status()["distance"] >= distance, LAP_WITHIN)
 
 
+def guiding(job: Job) -> Iterator[Run]:
+    """Causes each fault as soon as the companion guides the rover, which is then at its fastest."""
+    for kind, fault in GUIDING.items():
+        yield retried(job, kind, partial(_guided, job, kind, fault))
+
+
+def _guided(job: Job, kind: str, fault: InjectedFault, random: Random) -> Run:
+    world = World(job.seed, course=replace(LOOP, half=WIDE))
+    drum = next(thing for thing in world.things.values() if thing.kind == "drum" and thing.surprise)
+    at, _ = world.trail.nearest(drum.x, drum.y)
+    plan = Plan(job.seed, at - random.uniform(*RUN_UP), job.speed, "guide", breakable=True, quiet=False)
+    with job.stage(replace(plan, surprises=True, half=WIDE)) as stage:
+        stage.wait_until_well()
+        stage.control.start()
+        stage.wait("guiding", lambda: stage.status()["mode"] != "AUTO", GUIDES_WITHIN)
+        watch(stage, random.uniform(0.0, JUST))
+        if any(order.endswith(" 4") for order in stage.wire.commands):  # GUIDED is that of a brake
+            raise Disturbed(f"it was held: {stage.held_for()}")
+        begun = time.monotonic()
+        stop = stage.measure(
+            lambda: fault.begin(stage), silences=fault.silences, mode="GUIDED", most=GUIDED_METRES
+        )
+        status, ordered = stage.status(), stage.wire.ordered(begun)
+        # The script's last answer to the companion looks as if its own HOLD were the companion's.
+        arrives = math.inf if ordered is None or stage.wire.unheard else ordered + stage.wire.delay
+        stop = replace(stop, by=stop.by if arrives <= stop.changed_at else BY_SCRIPT)
+        wrong = f"it touched {status['contacts']}" if status["contacts"] else verdict(stop)
+        return Run(kind, job.seed, wrong, stop, saw=str(status["mode"]))
+
+
 GROUPS: Mapping[str, Callable[[Job], Iterator[Run]]] = {
     "blind": blind,
     "dead": dead,
@@ -239,3 +281,5 @@ GROUPS: Mapping[str, Callable[[Job], Iterator[Run]]] = {
     "alien": alien,
     "report": report,
 }
+GUIDED: Mapping[str, Callable[[Job], Iterator[Run]]] = {"guiding": guiding}
+"""The group of `--guide`, on a path wide enough to drive round things."""

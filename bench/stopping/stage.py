@@ -32,6 +32,7 @@ from companion.sim.demo.operator import start_operator
 from companion.sim.field.control import FieldControl
 from companion.sim.field.rover import STANDSTILL
 from companion.sim.field.server import AUTOPILOTS
+from companion.sim.field.trail import LOOP
 from companion.system.atomic_write import write_atomically
 from companion.vehicle.course import BACKWARDS, WAY
 
@@ -76,7 +77,7 @@ class Plan:
     mission: m of the trail after which the mission is complete; None: it goes round.
     deadman: the companion streams sticks, the autopilot holds when they end, and no transmitter is on.
     delay: s that the wire takes, each way. serial: the companion's end of it is a serial device.
-    brakes: it is held by the script's brake.
+    brakes: it is held by the script's brake. half: half the path's width in m.
     """
 
     seed: int
@@ -96,6 +97,7 @@ class Plan:
     delay: float = 0.0
     serial: bool = False
     brakes: bool = False
+    half: float = LOOP.half
 
 
 class Stage:
@@ -121,7 +123,7 @@ class Stage:
         plan = self.plan
         asked = ["--seed", str(plan.seed), "--at", f"{plan.at:.1f}", "--speed", f"{plan.speed:.2f}"]
         asked += ["--surprises"] * plan.surprises + ["--no-script"] * (not plan.script)
-        asked += ["--autopilot", plan.autopilot]
+        asked += ["--autopilot", plan.autopilot, "--half-width", f"{plan.half:.2f}"]
         asked += [] if plan.mission is None else ["--mission", f"{plan.mission:.1f}"]
         self._driving = AUTOPILOTS[plan.autopilot].mission.name
         field = self._child("field", ["bench.stopping.field", *asked])
@@ -249,16 +251,27 @@ class Stage:
             raise Disturbed(f"it was held: {status['mode_log'][-1]}")
         return bool(status["speed"] > 0.95 * self.speed)
 
-    def measure(self, fault: Callable[[], None], noticed: float = 0.0, *, silences: bool = False) -> Stop:
-        """Measures the stop after a fault that begins now. noticed, silences: as of `InjectedFault`."""
+    def measure(
+        self,
+        fault: Callable[[], None],
+        noticed: float = 0.0,
+        *,
+        silences: bool = False,
+        mode: str = "",
+        most: float = math.inf,
+    ) -> Stop:
+        """Measures the stop after a fault that begins now. noticed, silences: as of `InjectedFault`.
+
+        mode: that must stand; by default the mission's. most: as of `Limit`.
+        """
         before = self.status()
-        if before["mode"] != self._driving:
+        if before["mode"] != (mode or self._driving):
             raise Disturbed(f"it stood already: {before['mode_log'][-1]}")
         taken_at, begun = self.camera.taken_at, time.monotonic()
         fault()
         # One that has begun to drive backwards still gathers speed.
         speed = before["speed"] if before["speed"] > 0.0 else self.speed
-        limit = Limit(max(self.freshness, noticed), script_timeout(), speed)
+        limit = Limit(max(self.freshness, noticed), script_timeout(), speed, most)
         until = before["t"] + limit.seconds + BEYOND
         after = self.status()
         while abs(after["speed"]) > STANDSTILL and after["t"] < until:
@@ -312,7 +325,10 @@ class Stage:
 
     def _write_config(self, camera: str, link: str) -> Path:
         plan = self.plan
-        path = write_config(self.out, camera=camera, link=link, policy=plan.policy, speed=plan.speed)
+        guide = plan.policy == "guide"
+        path = write_config(
+            self.out, camera=camera, link=link, policy=plan.policy, speed=plan.speed, guide=guide
+        )
         text = path.read_text(encoding="utf-8")
         if plan.quiet:
             text = text.partition("[words]")[0].replace("top = 0.46", "top = 0.44") + _QUIET

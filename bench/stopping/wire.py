@@ -33,6 +33,7 @@ _MAY_BE_ASKED = {
     int(mavlink.MAV_CMD_REQUEST_MESSAGE),
 }
 _PATIENCE = 0.2
+TARGET = "SET_POSITION_TARGET_LOCAL_NED"
 _BEATS = 1000
 _Way = deque[tuple[float, bytes]]
 """Datagrams under way, and when each is due, in monotonic seconds."""
@@ -68,21 +69,18 @@ class Wire:
     to the vehicle, lost or not, and commanded_at: when, in monotonic seconds. reported: state and policy of
     every heartbeat of the companion, lost or not. beats: its newest heartbeats. ordered_now: called with each
     command to the vehicle and its monotonic seconds, before it is passed on; it returns the s by which that
-    command, and what comes after it, is passed on later.
+    command, and what comes after it, is passed on later. delay: s that a datagram takes, each way.
     """
 
     def __init__(self, autopilot: int, *, calls: bool = False, delay: float = 0.0) -> None:
-        """autopilot: its UDP port of 127.0.0.1. calls: the companion listens, and the wire sends first.
-
-        delay: s that a datagram takes, each way.
-        """
+        """autopilot: its UDP port of 127.0.0.1. calls: the companion listens, and the wire sends first."""
         self.mute = self.unheard = self.deaf = False
         self.beats: deque[Beat] = deque(maxlen=_BEATS)
         self.commands: list[str] = []
         self.commanded_at: list[float] = []
         self.reported: set[tuple[State, Policy]] = set()
         self.ordered_now: Callable[[str, float], float] | None = None
-        self._delay = delay
+        self.delay = delay
         self._up: _Way = deque()
         self._down: _Way = deque()
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -119,8 +117,12 @@ class Wire:
         return max(after - before for before, after in pairwise(at))
 
     def ordered(self, since: float) -> float | None:
-        """Returns the monotonic seconds of the first command to the vehicle after `since`; None: none."""
-        return next((at for at in list(self.commanded_at) if at >= since), None)
+        """Returns the monotonic s of the first command to the vehicle after `since`; None: none.
+
+        A target by which it is guided does not count.
+        """
+        orders = zip(list(self.commands), list(self.commanded_at), strict=False)
+        return next((at for order, at in orders if at >= since and order != TARGET), None)
 
     def believed(self, until: float = math.inf) -> float | None:
         """Returns the monotonic seconds of the last heartbeat until then that the autopilot believed."""
@@ -190,7 +192,7 @@ class Wire:
         later = sum(self.ordered_now(order, now) for order in orders) if self.ordered_now else 0.0
         if passes:
             behind = self._up[-1][0] if self._up else now
-            self._up.append((max(now + self._delay + later, behind), datagram))
+            self._up.append((max(now + self.delay + later, behind), datagram))
         told = [_reported_by(frame) for frame in frames if frame.get_type() == "HEARTBEAT"]
         self.reported |= set(told)
         self.beats += [Beat(now, state, passes) for state, _ in told]
@@ -198,7 +200,7 @@ class Wire:
     def _from_autopilot(self) -> None:
         datagram = self._far.recv(65536)
         if not self.mute:
-            self._down.append((time.monotonic() + self._delay, datagram))
+            self._down.append((time.monotonic() + self.delay, datagram))
 
 
 def _reported_by(frame: Any) -> tuple[State, Policy]:

@@ -17,7 +17,7 @@ from bench.stopping.limits import Limit, script_timeout
 from bench.stopping.scenes import SCENES, StoppingScene
 from bench.stopping.stage import BEYOND, LOOK, Disturbed, Plan, Stage
 from bench.stopping.stops import Stop, stopped
-from companion.sim.field.onboard import BY_SCRIPT
+from companion.sim.field.onboard import BY_SCRIPT, COMPANION
 from companion.sim.field.rover import STANDSTILL
 from companion.sim.field.things import World
 from companion.sim.field.trail import LOOP
@@ -263,9 +263,9 @@ def _guided(job: Job, kind: str, fault: InjectedFault, random: Random) -> Run:
             lambda: fault.begin(stage), silences=fault.silences, mode="GUIDED", most=GUIDED_METRES
         )
         status, ordered = stage.status(), stage.wire.ordered(begun)
-        # The script's last answer to the companion looks as if its own HOLD were the companion's.
+        # The mode log takes one change of several for the companion's, and a last answer for its order.
         arrives = math.inf if ordered is None or stage.wire.unheard else ordered + stage.wire.delay
-        stop = replace(stop, by=stop.by if arrives <= stop.changed_at else BY_SCRIPT)
+        stop = replace(stop, by=COMPANION if arrives <= stop.changed_at else BY_SCRIPT)
         wrong = f"it touched {status['contacts']}" if status["contacts"] else verdict(stop)
         return Run(kind, job.seed, wrong, stop, saw=str(status["mode"]))
 

@@ -27,6 +27,8 @@ AROUND = 0.15
 BY_MODE = ("MANUAL", "LOITER", "STEERING", "RTL", "HOLD", "AUTO")
 COMMANDED, CLICKS = "GUIDED", ("go to a place", "target", "mission item")
 """A mode and targets of a ground station."""
+YIELD = ("HOLD by script", "GUIDED by script")
+"""Set one after the other, within a cycle."""
 MAY_MOVE = 0.5
 """s for which our targets may still move a rover that is in a human's GUIDED."""
 TOGETHER = 5
@@ -70,11 +72,19 @@ class GuidedOutcome:
     moved: float = 0.0
 
     @property
+    def yielded(self) -> bool:
+        """Whether the script entered GUIDED anew for a human, since one more target of ours had come."""
+        humans = self.trial.does == COMMANDED or self.trial.does in CLICKS
+        return humans and self.inside.startswith("GUIDED") and self.changes == YIELD
+
+    @property
     def overridden(self) -> bool:
         """Whether a mode of ours replaced the human's, or our targets went on moving the rover.
 
         A target in AUTO sets no mode. The mission goes on, and may be held; GUIDED would now be the human's.
         """
+        if self.yielded:
+            return self.moved > MAY_MOVE
         in_mission = self.trial.does in CLICKS and self.inside.startswith("AUTO")
         replaced = [one for one in self.changes if not in_mission or one.startswith("GUIDED")]
         return bool(replaced) or self.moved > MAY_MOVE
@@ -205,6 +215,7 @@ def figures(outcomes: Sequence[GuidedOutcome], without: int = 0) -> dict[str, An
     return {
         "trials": len(outcomes),
         "overridden": sum(one.overridden for one in outcomes),
+        "yielded": sum(one.yielded for one in outcomes),
         "longest_moved_s": max((one.moved for one in outcomes), default=0.0),
         "not_guided": without,
         "steps": _counted(outcomes, lambda one: one.trial.step),
@@ -229,4 +240,5 @@ def line(one: GuidedOutcome) -> str:
     told = f"{1000 * one.delay:3.0f} ms  {trial.step:16} {1000 * trial.offset:+4.0f} ms  {trial.does:13}"
     told += f" inside {one.inside}" + (f"  then {', '.join(one.changes)}" if one.changes else "")
     told += f"  moved {one.moved:.2f} s" if one.moved else ""
+    told += "  yielded" if one.yielded else ""
     return told + ("  WRONG" if one.overridden else "")

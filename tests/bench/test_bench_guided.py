@@ -46,6 +46,10 @@ def test_a_mode_of_ours_after_the_human_s_overrides_and_so_do_targets_that_go_on
     assert outcome("MANUAL", changes=("AUTO by companion",)).overridden
     assert outcome("go to a place", changes=("HOLD by script",)).overridden
     assert not outcome(COMMANDED, moved=MAY_MOVE).overridden
+    anew = ("HOLD by script", "GUIDED by script")
+    assert not outcome("target", changes=anew).overridden, "it stops by no target, and GUIDED is the human's"
+    assert outcome("target", changes=(*anew, "HOLD by script")).overridden
+    assert outcome("MANUAL", changes=anew).overridden
     assert outcome(COMMANDED, moved=MAY_MOVE + 0.01).overridden
 
 

@@ -159,7 +159,7 @@ def test_a_set_is_taken_whatever_type_it_names(stage: LoopbackLink, kind: int) -
         ("AT_W_GRASS", math.nan),
         ("AT_W_GRASS", math.inf),
         ("AT_THR_ROI", -2),
-        ("AT_POLICY", 4),
+        ("AT_POLICY", 5),
         ("AT_POLICY", 0.5),
         ("AT_THR_ROI", struct.unpack("<f", struct.pack("<i", 1))[0]),
     ],

@@ -39,6 +39,8 @@ _FARTHER = 1.0
 """m beyond the way to a standstill over which a plan should be clear, so that a detour begins in time."""
 _WORTH = 4.0
 """m of the way beyond a standstill that must be left for a take-over."""
+_SHOWS_WITHIN = 2.5
+"""s within which the mission's mode shows once the script has set it: a heartbeat may be lost."""
 _AGAIN, _TRIES = 0.5, 6
 """s from one request to give the vehicle back to the next, and how many of them there are."""
 _ASKED = 1.0
@@ -130,8 +132,8 @@ class Guide:
         self._plans: deque[Plan] = deque(maxlen=PLANS)
         self._since = self._requested_at = self._shown_at = self._asked_at = -math.inf
         self._tries = 0
-        self._given_back = False
-        """The script has set the mission's mode again, and the report of that is to come."""
+        self._given_back_at: float | None = None
+        """When the script has set the mission's mode again, while the report of that is to come."""
         self._not_allowed_since: float | None = None
         self._clear_since: float | None = None
         self._refused_in_mission = False
@@ -162,14 +164,14 @@ class Guide:
         if not self.guides:
             return
         if done is None:
-            if not self._given_back:
+            if self._given_back_at is None:
                 self._end("by hand", refused=True)
         elif not done and self.state is GuideState.TAKING:
             self.stuck = "no take-over"
         elif not done and self.state is GuideState.GUIDING:
             self._end("by hand", refused=True)  # the script guides no more, and its word of that was lost
         elif done and mode == AUTO and self.state is GuideState.BACK:
-            self._given_back = True
+            self._given_back_at = now
         elif done and mode == GUIDED and self.state is GuideState.TAKING:
             self._enter(GuideState.GUIDING, now)
 
@@ -336,8 +338,11 @@ class Guide:
         return c.now - self._clear_since >= (0.0 if ends else CLEAR_FOR)
 
     def _give_back(self, c: Circumstances, target: Target) -> Orders:
-        if self._given_back:
-            return Orders(target)
+        if self._given_back_at is not None:
+            # Whatever shows in place of the mission's mode is somebody else's, and gets no target.
+            if c.now - self._given_back_at > _SHOWS_WITHIN:
+                self._end("by hand", refused=True)
+            return Orders()
         if self._plans[-1].route_blocked and math.isinf(self._requested_at):
             self._enter(GuideState.GUIDING, c.now)
             return Orders(target)
@@ -355,9 +360,9 @@ class Guide:
     def _enter(self, state: GuideState, now: float) -> None:
         self.state, self._since, self._shown_at = state, now, now
         self._requested_at, self._tries, self._clear_since = -math.inf, 0, None
-        self._asked_at, self._given_back, self._not_allowed_since = now, False, None
+        self._asked_at, self._given_back_at, self._not_allowed_since = now, None, None
 
     def _end(self, why: str, *, refused: bool) -> None:
         self.state, self.stuck, self.ended_by = GuideState.OFF, "", why
-        self._given_back, self._not_allowed_since = False, None
+        self._given_back_at = self._not_allowed_since = None
         self._refused_in_mission = refused

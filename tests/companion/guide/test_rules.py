@@ -314,6 +314,16 @@ def test_a_second_answer_to_giving_back_is_nobody_else_s() -> None:
     assert rover.state is GuideState.READY
 
 
+def test_a_guided_that_shows_after_the_mission_s_mode_was_set_gets_no_target() -> None:
+    rover = Rover().guided()
+    behind_it(rover)
+    rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
+    rover.all.clear()
+    rover.turn(4.0)
+    assert set(rover.all) == {Orders()}
+    assert not rover.guide.guides
+
+
 def test_a_waypoint_that_was_passed_is_set_in_the_hold_that_ended_it() -> None:
     rover = Rover().guided()
     rover.turn(held=True)

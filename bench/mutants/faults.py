@@ -13,6 +13,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 
 _ALGORITHM = ("tests/anytraverse",)
+_GUIDE = ("tests/companion/guide",)
 _CALLS = ("tests/companion/calls",)
 _DAEMON = ("tests/companion/daemon",)
 _HOLD_GIVEN = ("tests/companion/daemon/test_hold_that_cannot_be_given.py", *_DAEMON)
@@ -40,6 +41,7 @@ SAFETY_PATH: Mapping[str, tuple[str, ...]] = {
     "anytraverse/roi.py": _ALGORITHM,
     "anytraverse/engine.py": _ALGORITHM,
     "companion/calls/answered_things.py": _CALLS,
+    "companion/guide/rules.py": _GUIDE,
     "companion/calls/call_rules.py": _CALLS,
     "companion/calls/cover.py": _CALLS,
     "companion/calls/faults.py": ("tests/companion/calls/test_a_fault_is_driven_over.py",),

@@ -173,7 +173,7 @@ def missing_guided(figures: dict[str, Any]) -> list[str]:
     """What the demo of guiding should have shown and did not; empty when all is proven."""
     wanted = {
         "something that is driven round": figures["driven_round"] >= 1,
-        "a call about what leaves no room": figures["calls_unknown_object"] >= 1,
+        "a call about what leaves no room": figures["things"] >= 1,
         "a blocked state that kept off it": figures["kept_off_named_things"] >= 1,
         "no contact with anything": figures["collisions"] == 0,
         "policy guide that can be given": not figures["hold_refused"],

@@ -11,7 +11,7 @@ from companion.sim.demo.answers import THINK, WORDS_FOR_PLACE, AutoOperator
 from companion.sim.demo.director import verdict
 from companion.sim.demo.onlooker import Shown
 from companion.sim.demo.story import Story
-from companion.sim.demo.tally import DemoTally, missing
+from companion.sim.demo.tally import DemoTally, missing, missing_guided
 from companion.sim.field.render import GROUND_KINDS
 from companion.sim.field.trail import ZONES
 from companion.wire.ids import Motion
@@ -359,3 +359,16 @@ def test_what_is_driven_into_is_told_once() -> None:
     story.field(status, 3.0)
     story.field(status, 4.0)
     assert stream.getvalue() == "   3.0 s  forest 42 m    THE ROVER DROVE INTO THE DRUM, 1.2 m/s\n"
+
+
+def test_the_demo_of_guiding_shows_what_is_driven_round_and_what_is_asked_about() -> None:
+    shown = {
+        "driven_round": 1,
+        "things": 1,
+        "kept_off_named_things": 1,
+        "collisions": 0,
+        "hold_refused": "",
+    }
+    assert missing_guided(shown) == []
+    assert missing_guided({**shown, "driven_round": 0}) == ["something that is driven round"]
+    assert len(missing_guided({**shown, "things": 0, "collisions": 1, "hold_refused": "too slow"})) == 3

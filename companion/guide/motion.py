@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from anytraverse.frame import Pose
 from companion.guide.plan import Plan
+from companion.vehicle import motion
 
 SPARE = 0.5
 """m of the clear way that are never counted on."""
@@ -88,9 +89,4 @@ def moved(pose: Pose, way: float, curvature: float) -> Pose:
     """Return the pose after `way` m on an arc."""
     turned = way * curvature
     chord = way if abs(turned) < 1e-6 else 2.0 * math.sin(turned / 2.0) / curvature
-    middle = math.radians(pose.heading) + turned / 2.0
-    return Pose(
-        pose.x + chord * math.cos(middle),
-        pose.y + chord * math.sin(middle),
-        (pose.heading + math.degrees(turned)) % 360.0,
-    )
+    return motion.moved(pose, chord, math.degrees(turned))

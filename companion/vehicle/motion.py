@@ -125,7 +125,7 @@ class Odometry:
         expected = passed * (last.yaw_rate + report.yaw_rate) / 2.0
         if abs(turned - expected) > _HEADING_RESET:
             return None
-        return _moved(last.pose, passed * (last.speed + report.speed) / 2.0, turned)
+        return moved(last.pose, passed * (last.speed + report.speed) / 2.0, turned)
 
 
 def pose_at(reports: Iterable[MotionReport], at: float) -> Pose | None:
@@ -135,11 +135,14 @@ def pose_at(reports: Iterable[MotionReport], at: float) -> Pose | None:
     if nearest is None or nearest.pose is None or abs(nearest.at - at) > NEAR_ENOUGH:
         return None
     since = at - nearest.at
-    return _moved(nearest.pose, since * nearest.speed, since * nearest.yaw_rate)
+    return moved(nearest.pose, since * nearest.speed, since * nearest.yaw_rate)
 
 
-def _moved(pose: Pose, way: float, turned: float) -> Pose:
-    """Return the pose after `way` m on an arc by which the heading turns by so many degrees."""
+def moved(pose: Pose, way: float, turned: float) -> Pose:
+    """Return the pose `way` m farther, where the heading turns by so many degrees on an arc meanwhile.
+
+    way: along the arc's chord; over one report it is as long as the arc.
+    """
     middle = math.radians(pose.heading + turned / 2.0)
     return Pose(
         pose.x + way * math.cos(middle), pose.y + way * math.sin(middle), (pose.heading + turned) % 360.0

@@ -12,7 +12,6 @@ from anytraverse.memory import Memory
 from companion.calls.machine import OperatorCalls
 from companion.calls.snapshot import restore
 from companion.config import Config, format_config
-from companion.config.guiding import guide_lacks
 from companion.config.stopping import Stopping, describe_tile
 from companion.daemon.answers.handler import AnswerHandler
 from companion.daemon.call_frames import CallFrames
@@ -115,7 +114,7 @@ def compose(
     parameters = build(config.vocabulary, config.words, first_values(config), aliases=config.aliases)
     echo = ParameterEcho(parameters, link, persistence.after_write)
     guide = GuideService(config, link, calls)
-    policy = PolicyService(link, vision, calls, policy_state, HoldGate(config), echo, guide_lacks(config))
+    policy = PolicyService(link, vision, calls, policy_state, HoldGate(config), echo, guide.lacks)
     if policy_state.requested.holds:
         _tell_of_stopping(config, judging, ready.step, startup_notices)
     settings = SettingsService(

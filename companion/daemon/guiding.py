@@ -24,14 +24,14 @@ log = logging.getLogger(__name__)
 class GuideService:
     """Is asked before the state machine of calls and holds lets time pass, and tells it what it may pass.
 
-    errand: what vision is to plan, None: nothing. Everything else that guides is `Guide`.
+    errand: what vision is to plan, None: nothing. lacks: as of `guide_lacks`. All else that guides is `Guide`.
     """
 
     def __init__(self, config: Config, link: Link, calls: OperatorCalls) -> None:
         self._link = link
         self._calls = calls
         self._outline = outline(config)
-        self._lacks = guide_lacks(config)
+        self.lacks = guide_lacks(config)
         self._speed = config.stopping.speed or 0.0
         self._mission = MissionRoute(config.guide.corridor)
         radius = self._outline.radius if self._outline is not None else 1.0
@@ -61,7 +61,7 @@ class GuideService:
     def tick(self, now: float) -> None:
         """Decide, and hand over what is to be sent."""
         guide, link = self._guide, self._link
-        in_force = self._calls.policy is Policy.GUIDE and not self._lacks
+        in_force = self._calls.policy is Policy.GUIDE and not self.lacks
         link.mission.wanted = in_force
         link.request_quick_motion(quick=in_force)
         orders = guide.tick(self._circumstances(now))
@@ -118,8 +118,8 @@ class GuideService:
         """Say what guiding lacks now, "" for nothing."""
         if self._calls.policy is not Policy.GUIDE:
             return "policy is not guide"
-        if self._lacks:
-            return f"set {self._lacks}"
+        if self.lacks:
+            return f"set {self.lacks}"
         if self._calls.monitor.newest.autopilot is not ardupilot.ROVER:
             return "no ArduPilot rover"
         return "" if self._link.modes.compares else "the script on the autopilot is not heard"

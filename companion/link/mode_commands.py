@@ -47,6 +47,8 @@ _SERIALS = 1 << 24
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _CHANGED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
+_TAKEN = frozenset({_CHANGED, _DENIED})
+"""Answers of the script where somebody else has set the mode that stands."""
 _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 _IN_PROGRESS: int = mavlink.MAV_RESULT_IN_PROGRESS
 
@@ -209,7 +211,7 @@ class ModeCommands:
         serial = message.result_param2 if by_script else 0
         if by_script and serial and serial == self._guiding:
             self._guiding = serial if message.result == _IN_PROGRESS else None
-            return GuideAnswer(GUIDED, None) if message.result in (_CHANGED, _DENIED) else None
+            return GuideAnswer(GUIDED, None) if message.result in _TAKEN else None
         sent = self._take_sent(serial, now, by_script=by_script)
         if by_script and sent is not None:
             # Our script names the serial number, where MAVLink 1 does not cut it off.
@@ -235,7 +237,7 @@ class ModeCommands:
         accepted = brakes or message.result == _ACCEPTED
         if not accepted:
             log.info("the autopilot says no to mode %d: MAV_RESULT %d", sent.mode, message.result)
-        refusals = {_DENIED, _CHANGED} if sent.row == "hold" else {_DENIED}
+        refusals = _TAKEN if sent.row == "hold" else {_DENIED}
         # It brakes out of a mission alone, also where the hold was decided on the GUIDED of its brake.
         out_of = min(autopilot.mission_modes, default=None) if brakes and autopilot is not None else None
         return ModeAnswer(sent.mode, accepted, by_script and message.result in refusals, out_of)
@@ -246,8 +248,7 @@ class ModeCommands:
         self._measure(min(max(now - sent.at, _SHORTEST), _LONGEST), by_script=True)
         if result == _IN_PROGRESS:
             self._guiding = sent.serial
-        taken = result in (_CHANGED, _DENIED)
-        return GuideAnswer(sent.mode, None if taken else result in (_ACCEPTED, _IN_PROGRESS))
+        return GuideAnswer(sent.mode, None if result in _TAKEN else result in (_ACCEPTED, _IN_PROGRESS))
 
     def _measure(self, seconds: float, *, by_script: bool) -> None:
         if by_script:

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 class GuideService:
     """Is asked before the state machine of calls and holds lets time pass, and tells it what it may pass.
 
-    errand: what vision is to plan, None: nothing. lacks: as of `guide_lacks`. All else that guides is `Guide`.
+    errand: what vision is to plan, None: nothing. lacks: of `guide_lacks`. All else is `Guide`.
     """
 
     def __init__(self, config: Config, link: Link, calls: OperatorCalls) -> None:

@@ -134,6 +134,8 @@ class Hold:
         self.enter(HoldState.REQUESTED)
         self.rebooted, self.only_fault, self.by_hand = True, False, False
         self.interrupted = self.interrupted.rebooted()
+        if self.guided_out_of is not None:  # nobody guides after a reboot
+            self.mode_before, self.guided_out_of = self.guided_out_of, None
         self.resumed_at = self.held_at = self.confirmed_at = None
 
     def note_mission(self, report: ModeReport) -> None:

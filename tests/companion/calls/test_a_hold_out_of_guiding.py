@@ -127,3 +127,11 @@ def test_a_restart_in_such_a_hold_returns_to_auto_too() -> None:
     scene = stopped()
     saved = snapshot(scene.calls)
     assert saved["hold"]["mode_before"] == AUTO
+
+
+def test_a_reboot_ends_guiding_and_what_is_held_after_it_returns_to_its_own_mode() -> None:
+    scene = stopped()
+    hold = scene.calls.hold
+    assert hold is not None
+    hold.request_again()
+    assert (hold.mode_before, hold.guided_out_of) == (AUTO, None)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from companion.vehicle.mission import (
     DELAY,
@@ -30,18 +29,6 @@ _POINT = 0.01
 _STAYS = frozenset({LOITER_UNLIMITED, LOITER_TIME})
 
 
-class Leg(NamedTuple):
-    """What the vehicle drives to the current item.
-
-    start, end: places. length: m. heading: degrees counter-clockwise from north, as `Pose.heading`.
-    """
-
-    start: Place
-    end: Place
-    length: float
-    heading: float
-
-
 def offset(origin: Place, place: Place) -> tuple[float, float]:
     """Return how far `place` lies to the north and to the WEST of `origin`, in m."""
     north = (place[0] - origin[0]) * METRES_PER_DEGREE
@@ -53,23 +40,6 @@ def waypoint(items: Sequence[MissionItem], item: int) -> MissionItem | None:
     """Return the item of this number where it is a waypoint. Item 0 is home, and none."""
     known = 0 < item < len(items) and items[item].is_place
     return items[item] if known else None
-
-
-def leg(items: Sequence[MissionItem], current: int, began: Place) -> Leg | None:
-    """Return the leg to the current item; None where that is no waypoint, or too near to have a direction.
-
-    began: where the vehicle was when it became the current one. There the leg begins where no waypoint is
-    known to be before it.
-    """
-    to = waypoint(items, current)
-    if to is None:
-        return None
-    start, end = start_of(items, current) or began, (to.lat, to.lon)
-    north, west = offset(start, end)
-    length = math.hypot(north, west)
-    if not _POINT < length <= LONGEST:
-        return None
-    return Leg(start, end, length, math.degrees(math.atan2(west, north)) % 360.0)
 
 
 def start_of(items: Sequence[MissionItem], current: int) -> Place | None:

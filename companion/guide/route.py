@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from anytraverse.frame import Pose
 from companion.guide import legs
-from companion.guide.legs import LONGEST, Leg, Place
+from companion.guide.legs import LONGEST, Place
 from companion.guide.plan import Route
 from companion.vehicle.mission import MissionItem
 from companion.vehicle.motion import MotionReport, pose_at
@@ -131,13 +131,6 @@ class MissionRoute:
         if found is None:
             self.why = "the current item is no waypoint, or too far away"
         return found
-
-    @property
-    def leg(self) -> Leg | None:
-        """The leg to `item` as of the last `update`; None where that made no route."""
-        if self.why or self._began is None:
-            return None
-        return legs.leg(self._items, self.item, self._began)
 
     def _note(self, vehicle: Vehicle | None) -> None:
         """Take the newest motion and position. The pose is that at the time of the position."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ _UNEXPLAINED: Colour = (126, 47, 190)
 _WAY: Colour = (255, 225, 60)
 _STOP: Colour = (200, 30, 30)
 _REGION: Colour = (255, 255, 255)
+_PLANNED: Colour = (0, 72, 186)
 _VEHICLE: Colour = (33, 37, 41)
 _METRE: Colour = (160, 166, 172)
 
@@ -68,11 +70,17 @@ class GridMap:
         return one, other
 
 
-def draw_from_above(told: GridMap, ground: GroundRegion | None = None, stops: float | None = None) -> Image:
+def draw_from_above(
+    told: GridMap,
+    ground: GroundRegion | None = None,
+    stops: float | None = None,
+    planned: Sequence[Pose] = (),
+) -> Image:
     """Draw what is known around the vehicle, its nose up, with a line each metre ahead of it. RGB uint8.
 
     ground: the region of interest, which is drawn with the vehicle and its way. stops: m from the vehicle's
-    front to where it stands after a hold; a line shows it.
+    front to where it stands after a hold; a line shows it. planned: poses along the way that is planned round
+    something, by odometry, one for each pixel or so.
     """
     share, uncertainty = told.layers
     ahead, left = _middles(AHEAD, BEHIND), _middles(ASIDE, ASIDE)
@@ -91,6 +99,8 @@ def draw_from_above(told: GridMap, ground: GroundRegion | None = None, stops: fl
     colours = np.array([_NOT_SEEN, _DRIVABLE, _BLOCKED, _UNEXPLAINED], np.uint8)
     picture: Image = colours[kinds].repeat(_SCALE, axis=0).repeat(_SCALE, axis=1)
     _draw_vehicle(picture, ground, stops)
+    for one in planned:
+        _draw_point(picture, one.x - told.pose.x, one.y - told.pose.y, turn)
     return picture
 
 
@@ -112,6 +122,13 @@ def _draw_vehicle(picture: Image, ground: GroundRegion | None, stops: float | No
     if stops is not None and front + stops <= AHEAD:
         _rectangle(picture, (front + stops, half), (front + stops, -half), _STOP)
     _rectangle(picture, (front, half), (min(0.0, front - 0.3), -half), _VEHICLE)
+
+
+def _draw_point(picture: Image, x: float, y: float, turn: float) -> None:
+    """Mark a place that is x, y m from the vehicle by odometry. turn: of the vehicle, rad."""
+    ahead, left = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
+    row, column = round((AHEAD - ahead) / CELL * _SCALE), round((ASIDE - left) / CELL * _SCALE)
+    picture[max(0, row - 1) : max(0, row + 2), max(0, column - 1) : max(0, column + 2)] = _PLANNED
 
 
 def _rectangle(picture: Image, one: tuple[float, float], other: tuple[float, float], colour: Colour) -> None:

@@ -50,7 +50,7 @@ def follow(plan: Plan, pose: Pose, speed: float, stops_in: float, radius: float)
 
     speed: the fastest that is wanted. stops_in: s, see `STOPS_IN`. radius: of the tightest turn.
     """
-    points = _points(plan)
+    points = poses_along(plan)
     driven = min(range(len(points)), key=lambda n: math.hypot(points[n].x - pose.x, points[n].y - pose.y))
     if math.hypot(points[driven].x - pose.x, points[driven].y - pose.y) > _ASTRAY:
         return STAND
@@ -76,8 +76,8 @@ def _curvature(pose: Pose, goal: Pose) -> float:
     return 2.0 * (y * math.cos(heading) - x * math.sin(heading)) / away**2
 
 
-def _points(plan: Plan) -> list[Pose]:
-    """Return poses along the arcs, `_STEP` m apart."""
+def poses_along(plan: Plan) -> list[Pose]:
+    """Return poses along a plan's arcs, 0.05 m apart, from the one where it was made."""
     poses = [plan.pose]
     for curvature, length in plan.arcs:
         begin = poses[-1]

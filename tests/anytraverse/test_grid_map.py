@@ -92,3 +92,14 @@ def test_what_was_not_seen_is_unknown_in_both_layers(layer: int) -> None:
     told = seen(Pose(0.0, 0.0, 0.0), np.arange(48)[:, np.newaxis].repeat(64, 1) < HORIZON)
     cells = told.layers[layer]
     assert 0.02 < float((cells != UNKNOWN).mean()) < 0.3
+
+
+def test_a_planned_way_is_drawn_where_it_leads_and_not_beyond_the_picture() -> None:
+    told = seen(Pose(5.0, 1.0, 90.0), np.zeros((48, 64), bool))
+    planned = [Pose(5.0, 1.0 + 0.05 * n, 90.0) for n in range(40)] + [Pose(3.0, 3.0, 90.0)]
+    far = [Pose(5.0 + away, 1.0 + away, 0.0) for away in (-500.0, -4.1, 4.1, 6.1, 500.0)]
+    picture = draw_from_above(told, planned=[*planned, *far])
+    assert colours(picture, 1.0, 0.0) == (0, 72, 186)
+    assert colours(picture, 2.0, 2.0) == (0, 72, 186)
+    assert colours(picture, 2.2, 0.0) != (0, 72, 186)
+    assert not (draw_from_above(told, planned=far) == (0, 72, 186)).all(axis=2).any()

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import time
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.frame import Pose
 from companion.daemon import ground_view
+from companion.daemon.turn import Turn
+from companion.guide.plan import Plan
 from companion.storage.served_tree import MissingError
+from companion.vision.client import VisionResult
+from companion.vision.messages import Planned
 from companion.wire.ids import Motion
 from tests.companion.daemon.rig import Rig
 from tests.companion.daemon.test_faster_than_configured import driving
@@ -76,3 +82,13 @@ def test_the_region_and_where_it_stands_are_those_of_the_speed_that_counts(drivi
 
     for colour in ((255, 255, 255), (200, 30, 30)):
         assert top(faster, colour) < top(shown, colour) - 10
+
+
+def test_the_way_that_was_planned_is_drawn_while_it_is_new(driving: Rig) -> None:
+    drive(driving, 3.0)
+    plan = Plan(driving.clock.now, Pose(0.0, 0.0, 0.0), 2.0, arcs=((0.2, 3.0),), clear=3.0)
+    event = VisionResult(Planned(plan), driving.vision.memory)
+    driving.daemon.ground_view.happened(event, cast(Turn, None))
+    assert (0, 72, 186) in colours(served(driving))
+    drive(driving, 1.1 * ground_view.FRESH)
+    assert (0, 72, 186) not in colours(served(driving))

@@ -62,6 +62,10 @@ trav = 0.0
 """
 
 
+_OVERSHOOTS = 1.1
+"""By which a rover that is guided drives faster than configured. Stopping distances count 1.12."""
+
+
 class Disturbed(Exception):  # noqa: N818
     """Raised when a run is void: the rover was not driving when it should have been. The message says why."""
 
@@ -326,9 +330,8 @@ class Stage:
     def _write_config(self, camera: str, link: str) -> Path:
         plan = self.plan
         guide = plan.policy == "guide"
-        path = write_config(
-            self.out, camera=camera, link=link, policy=plan.policy, speed=plan.speed, guide=guide
-        )
+        speed = plan.speed / _OVERSHOOTS if guide else plan.speed
+        path = write_config(self.out, camera=camera, link=link, policy=plan.policy, speed=speed, guide=guide)
         text = path.read_text(encoding="utf-8")
         if plan.quiet:
             text = text.partition("[words]")[0].replace("top = 0.46", "top = 0.44") + _QUIET

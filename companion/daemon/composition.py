@@ -24,7 +24,7 @@ from companion.daemon.health import HealthMonitor
 from companion.daemon.live_picture import LivePicture, VideoPictures
 from companion.daemon.persistence import Persistence
 from companion.daemon.pointing import Pointing
-from companion.daemon.policy.hold_gate import HoldGate
+from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.daemon.policy.service import PolicyService
 from companion.daemon.policy.shadow_statistics import ShadowReporter, ShadowStatistics
 from companion.daemon.recording import Recording
@@ -229,7 +229,8 @@ def restore_settings(
 
 def _tell_of_stopping(config: Config, judging: Settings, step: float, startup_notices: list[str]) -> None:
     """Log whether the vehicle stops in time, which the owner wants it to be held by."""
-    stopping = HoldGate(config).stopping(judging, step)
+    guides = config.call.policy == "guide"
+    stopping = HoldGate(config).stopping(HoldConditions(judging, step, guides=guides))
     if isinstance(stopping, Stopping):
         log.info("stopping: %s", stopping.describe())
     elif config.stopping.unchecked:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from anytraverse.errors import AnyTraverseError, SettingsError
 from anytraverse.judging import Settings
@@ -49,28 +50,32 @@ def unchecked(missing: str) -> str:
     )
 
 
-class HoldGate:
-    """Decides whether a vehicle with this configuration may be held.
+class HoldConditions(NamedTuple):
+    """What it depends on, beside the configuration, whether a vehicle may be held.
 
     judging: the settings in force. step: s that a frame takes to be judged. overrun: m, see `Autopilot`.
     speed: m/s that it drives, where that is more than configured. guides: the policy is guide.
     """
 
+    judging: Settings
+    step: float
+    overrun: float = 0.0
+    speed: float | None = None
+    guides: bool = False
+    misled_by_infrared: bool = False
+
+
+class HoldGate:
+    """Decides whether a vehicle with this configuration may be held."""
+
     def __init__(self, config: Config) -> None:
         self._config = config
 
-    def stopping(
-        self,
-        judging: Settings,
-        step: float,
-        overrun: float = 0.0,
-        speed: float | None = None,
-        guides: bool = False,
-    ) -> Stopping | str:
+    def stopping(self, now: HoldConditions) -> Stopping | str:
         """Judge whether the vehicle stops in time; a text where that is not possible."""
-        policy = replace(self._config.call, policy="guide" if guides else "hold")
-        config = replace(with_settings(self._config, judging, self.reach(speed)), call=policy)
-        return judge_stopping(config, step, judging.thresholds.tile, speed, overrun)
+        policy = replace(self._config.call, policy="guide" if now.guides else "hold")
+        config = replace(with_settings(self._config, now.judging, self.reach(now.speed)), call=policy)
+        return judge_stopping(config, now.step, now.judging.thresholds.tile, now.speed, now.overrun)
 
     @property
     def configured_speed(self) -> float | None:
@@ -87,35 +92,20 @@ class HoldGate:
             return None
         return None if ground is None else ground.far
 
-    def refuses(
-        self,
-        judging: Settings,
-        step: float,
-        overrun: float = 0.0,
-        speed: float | None = None,
-        guides: bool = False,
-        misled_by_infrared: bool = False,
-    ) -> HoldRefusal | None:
+    def refuses(self, now: HoldConditions) -> HoldRefusal | None:
         """Return why the vehicle may not be held, None where it may."""
-        pace = Pace(step, 1.0 / self._config.camera.rate, judging.freshness)
+        pace = Pace(now.step, 1.0 / self._config.camera.rate, now.judging.freshness)
         if not pace.keeps:
             return _too_slow(pace)
-        outruns = self.outruns(judging, step, overrun, speed, guides)
-        return _infrared() if outruns is None and misled_by_infrared else outruns
+        outruns = self.outruns(now)
+        return _infrared() if outruns is None and now.misled_by_infrared else outruns
 
-    def outruns(
-        self,
-        judging: Settings,
-        step: float,
-        overrun: float = 0.0,
-        speed: float | None = None,
-        guides: bool = False,
-    ) -> HoldRefusal | None:
+    def outruns(self, now: HoldConditions) -> HoldRefusal | None:
         """Return why the vehicle does not stop in time, None where it does.
 
         What cannot be calculated is refused, unless [stopping] unchecked is set.
         """
-        stopping = self.stopping(judging, step, overrun, speed, guides)
+        stopping = self.stopping(now)
         if isinstance(stopping, str):
             return None if self._config.stopping.unchecked else _unchecked(stopping)
         return None if stopping.enough else _outruns(stopping)

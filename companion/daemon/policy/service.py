@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from typing import NamedTuple
 
 from pymavlink.dialects.v20 import development as mavlink
 
@@ -16,7 +15,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.policy import PolicyState
 from companion.config.stopping import Stopping
 from companion.daemon.policy.excess_speed import ExcessSpeed
-from companion.daemon.policy.hold_gate import HoldGate, HoldRefusal
+from companion.daemon.policy.hold_gate import HoldConditions, HoldGate, HoldRefusal
 from companion.daemon.settings.echo import BUSY, ParameterEcho
 from companion.daemon.settings.runtime import tuned
 from companion.link.inbound import PolicyRequest, RcChannels
@@ -30,17 +29,6 @@ from companion.wire.parameters import POLICY
 log = logging.getLogger(__name__)
 
 _ACCEPTED, _FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
-
-
-class _Known(NamedTuple):
-    """What it depends on whether the vehicle may be held, see `HoldGate.refuses`."""
-
-    judging: Settings
-    step: float
-    overrun: float
-    speed: float | None
-    guides: bool
-    misled_by_infrared: bool
 
 
 class PolicyService:
@@ -66,7 +54,7 @@ class PolicyService:
         self.state = state
         self._gate = gate
         self._guide_lacks = guide_lacks
-        self._judged_for: _Known | None = None
+        self._judged_for: HoldConditions | None = None
         self._refusal: HoldRefusal | None = None
         self._fault: HoldRefusal | None = None
         """The refusal that was reported as a fault, None where none stands."""
@@ -109,7 +97,7 @@ class PolicyService:
         if guides and self._guide_lacks:
             return notices.guide_lacks(self._guide_lacks)
         known = self._known()._replace(step=self._vision.pace.newest, guides=guides)
-        refusal = self._refusal or self._gate.refuses(*known)
+        refusal = self._refusal or self._gate.refuses(known)
         return refusal.short if refusal is not None else ""
 
     @property
@@ -125,8 +113,7 @@ class PolicyService:
     @property
     def stopping(self) -> Stopping | str:
         """Whether the vehicle stops in time at the speed that counts; a text where that is not known."""
-        known = self._known()
-        return self._gate.stopping(*known[:-1])
+        return self._gate.stopping(self._known())
 
     def figures(self) -> dict[str, object]:
         """Return the policy's part of the status file."""
@@ -190,9 +177,8 @@ class PolicyService:
             return None
         known = self._known()
         for step in (known.step, 0.0):
-            more = known.overrun, known.speed, known.guides
-            refusal = self._gate.outruns(judging, step, *more)
-            if refusal is not None and self._gate.outruns(known.judging, step, *more) is None:
+            refusal = self._gate.outruns(known._replace(judging=judging, step=step))
+            if refusal is not None and self._gate.outruns(known._replace(step=step)) is None:
                 return refusal
         return None
 
@@ -220,12 +206,12 @@ class PolicyService:
             self._link.texts.send(told, ERROR if switch.lost else WARNING, now)
         return decisions
 
-    def _known(self) -> _Known:
+    def _known(self) -> HoldConditions:
         autopilot = self._calls.monitor.newest.autopilot
         overrun = autopilot.overrun if autopilot is not None else 0.0
         step, misled = self._vision.pace.step, self._vision.misled_by_infrared
         guides = self.state.requested is Policy.GUIDE
-        return _Known(self.judging, step, overrun, self._speed.speed, guides, misled)
+        return HoldConditions(self.judging, step, overrun, self._speed.speed, guides, misled)
 
     def _follow_speed(self, now: float) -> None:
         vehicle, speed, monitor = self._link.vehicle, self._speed, self._calls.monitor
@@ -243,7 +229,7 @@ class PolicyService:
     def _check_hold(self, now: float) -> list[Decision]:
         known = self._known()
         if known != self._judged_for:
-            self._judged_for, self._refusal = known, self._gate.refuses(*known)
+            self._judged_for, self._refusal = known, self._gate.refuses(known)
         if self._wanted and not self.hold_refused:
             self._wanted = False
             self._link.texts.send(notices.hold_fits(), WARNING, now)

@@ -6,7 +6,7 @@ Course and heading are needed to see that it drives backwards.
 from __future__ import annotations
 
 from companion.config.stopping import describe_tile, judge_stopping
-from companion.daemon.policy.hold_gate import HoldGate, unchecked
+from companion.daemon.policy.hold_gate import HoldConditions, HoldGate, unchecked
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 
@@ -33,7 +33,9 @@ def check_stopping(rover: CheckedRover) -> list[CheckFinding]:
     if perceives.judging is None:
         judged = judge_stopping(config, perceives.step, None, fastest, asked.overrun)
     else:
-        judged = HoldGate(config).stopping(perceives.judging, perceives.step, asked.overrun, fastest)
+        guides = config.call.policy == "guide"
+        now = HoldConditions(perceives.judging, perceives.step, asked.overrun, fastest, guides)
+        judged = HoldGate(config).stopping(now)
     if isinstance(judged, str):
         if rover.holds and not config.stopping.unchecked:
             return [failed(CHECK, unchecked(judged))]

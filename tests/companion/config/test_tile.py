@@ -24,7 +24,7 @@ from companion.config.stopping import (
     with_settings,
 )
 from companion.config.stopping import Stopping as Judged
-from companion.daemon.policy.hold_gate import HoldGate
+from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.daemon.settings.runtime import tuned
 from companion.vision.warm_up import judging_settings
 from companion.wire.parameters import ROI
@@ -176,7 +176,7 @@ def test_a_region_that_the_ground_sets_changes_no_tile_but_by_a_bound(left: floa
 def test_the_hold_gate_sees_with_the_tile_in_force(share: float | None) -> None:
     config = replace(CONFIG, roi=replace(CONFIG.roi, tile_share=share))
     judging = settings_of(config)
-    found = HoldGate(config).stopping(judging, 0.05)
+    found = HoldGate(config).stopping(HoldConditions(judging, 0.05))
     assert isinstance(found, Judged)
     lower = 0.6 + judging.tile_side * (0.667 - 0.333) * 1.333
     assert found.sees == pytest.approx(GroundCamera.pinhole(0.8, 10.0, 75.0, 1.333, 0.3).distance(lower))

@@ -14,7 +14,7 @@ from anytraverse.ground import GroundCamera
 from anytraverse.judging import Settings, Thresholds
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.config.schema import CameraSection, MountSection, RoiSection, StoppingSection
+from companion.config.schema import CallSection, CameraSection, MountSection, RoiSection, StoppingSection
 from companion.config.stopping import FARTHEST, OVERSHOOT, Stopping, judge_stopping, tile_width
 from companion.desk.check.autopilot import AutopilotReadings
 from companion.desk.check.rover import CheckedRover, Perceives
@@ -274,3 +274,15 @@ def test_the_row_of_the_stopping_distance_sees_with_the_tile_in_force(tmp_path: 
         f"a thing is seen {GroundCamera.pinhole(1.0, 7.0, 75.0, 1.333).distance(lower):.1f} m ahead"
         in found.text
     )
+
+
+@pytest.mark.parametrize("judging", [None, Settings(region=Box(0.35, 0.5, 0.65, 0.95))])
+def test_the_row_of_the_stopping_distance_counts_a_take_over_that_fails_with_policy_guide(
+    tmp_path: Path, judging: Settings | None
+) -> None:
+    told = {}
+    for policy in ("hold", "guide"):
+        config = replace(CONFIG, call=CallSection(policy=policy, window=10))
+        (found,) = check_stopping(rover_with(tmp_path, config, judging))
+        told[policy] = float(found.text.split("it takes ")[1].split(" m to stop")[0])
+    assert told["guide"] == pytest.approx(told["hold"] + 0.5 * OVERSHOOT * 1.0, abs=0.11)

@@ -11,7 +11,7 @@ import pytest
 
 from anytraverse.perception import make_perceiver
 from companion.config import load_config
-from companion.daemon.policy.hold_gate import HoldGate
+from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.sim.demo import director as director_module
 from companion.sim.demo import main as module
 from companion.sim.demo.child import ChildError
@@ -102,5 +102,6 @@ def test_at_each_pace_the_rover_stops_in_time(tmp_path: Path, pace: DemoPace, st
         rate=pace.rate,
     )
     config = load_config(str(path))
-    refused = HoldGate(config).refuses(judging_settings(config, make_perceiver("builtin")), step)
+    now = HoldConditions(judging_settings(config, make_perceiver("builtin")), step)
+    refused = HoldGate(config).refuses(now)
     assert refused is None, refused

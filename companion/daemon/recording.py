@@ -28,7 +28,7 @@ from companion.system.error_guard import ErrorGuard
 from companion.system.log_lines import brief
 from companion.vehicle.state import WallClock
 from companion.vision.client import VisionClient, VisionResult
-from companion.vision.messages import Encoded, FrameJudged, GroundMap
+from companion.vision.messages import Encoded, FrameJudged, GroundMap, Planned
 from companion.wire.answers import Answer
 from companion.wire.ids import State
 from companion.wire.texts import REASONS
@@ -184,6 +184,8 @@ class Recording(Observer):
                 self._encoded_frame(encoded)
             case VisionResult(GroundMap(content)):
                 self._add(Topic.GROUND, content.at, contents.grid(content, self._ns(content.at)))
+            case VisionResult(Planned(plan)):
+                self._add(Topic.PLAN, plan.at, contents.as_json(contents.plain(plan._asdict())))
             case Answer() | ParameterRequest() | ResetRequest() | PolicyRequest():
                 request = {"request": type(event).__name__, **contents.plain(event)}
                 self._add(Topic.REQUESTS, turn.now, contents.as_json(request))

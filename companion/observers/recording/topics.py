@@ -34,6 +34,7 @@ class Topic(IntEnum):
     STATUS = 14
     LOG = 15
     GROUND = 16
+    PLAN = 17
 
 
 class _Row(NamedTuple):
@@ -160,6 +161,16 @@ TOPICS: Mapping[Topic, _Row] = MappingProxyType(
             "/ground",
             "foxglove.Grid",
             "what is known of the ground, by odometry, 1 a second; 0 to 254 for 0 to 1, 255 is not known",
+        ),
+        Topic.PLAN: _Row(
+            "/plan",
+            "anytraverse.Plan",
+            "the way that policy guide planned after a frame: pose by odometry, curvature and length of arcs",
+            {
+                **dict.fromkeys(("at", "route_clear", "clear", "gap"), "number"),
+                **dict.fromkeys(("pose", "arcs"), "array"),
+                "route_blocked": "boolean",
+            },
         ),
     }
 )

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import logging
-from typing import Any
+import math
+from typing import Any, cast
 
 import pytest
 
+from anytraverse.frame import Pose
+from companion.daemon.turn import Turn
+from companion.guide.plan import Plan
 from companion.observers.recording import contents
 from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.topics import Topic
 from companion.vision import pictures
-from companion.vision.messages import Encode, Encoded
+from companion.vision.client import VisionResult
+from companion.vision.messages import Encode, Encoded, Planned
 from companion.wire.ids import Motion
 from tests.companion.daemon.rig import MakeRig, Rig
 
@@ -90,6 +95,19 @@ def test_a_call_is_recorded_with_its_frame_its_answer_and_the_acknowledgement(ri
     assert set(told["reasons"]) <= {"unknown_object", "blocked"}
     assert of(found, Topic.WORDS)[-1]["words"]["drum"] == -1.0
     assert {one.topic for one in found if one.event} == {Topic.DECISIONS, Topic.ACKNOWLEDGEMENTS}
+
+
+def test_the_way_that_was_planned_is_recorded(rig: Rig) -> None:
+    on(rig).see(0.5)
+    recorded(rig)
+    plan = Plan(
+        rig.clock.now, Pose(1.0, 2.0, 90.0), math.inf, arcs=((0.5, 1.2), (-0.2, 3.0)), clear=4.2, gap=0.4
+    )
+    event = VisionResult(Planned(plan), rig.vision.memory)
+    rig.daemon.recording.happened(event, cast(Turn, None))
+    (told,) = of(recorded(rig), Topic.PLAN)
+    assert (told["pose"], told["arcs"]) == ([1.0, 2.0, 90.0], [[0.5, 1.2], [-0.2, 3.0]])
+    assert (told["route_clear"], told["route_blocked"], told["clear"], told["gap"]) == (None, False, 4.2, 0.4)
 
 
 def test_what_holds_is_told_at_the_beginning_and_when_it_changes(rig: Rig) -> None:

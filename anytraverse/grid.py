@@ -75,7 +75,8 @@ class LocalGrid:
     """Layers of (SIDE, SIDE) cells: the row counts along odometry's y, the column along its x.
 
     corner: the number of the first cell's column and row, counted from odometry's start. age: seconds since a
-    cell was seen, infinite for never.
+    cell was seen, infinite for never. foot_below: below the picture of the newest frame, where
+    in that direction a thing stands of which no frame has shown the foot.
     """
 
     def __init__(self) -> None:
@@ -84,6 +85,7 @@ class LocalGrid:
         self.share: Layer = np.zeros((SIDE, SIDE), np.float32)
         self.uncertainty: Layer = np.ones((SIDE, SIDE), np.float32)
         self.age: Layer = np.full((SIDE, SIDE), np.inf, np.float32)
+        self.foot_below: Mask = np.zeros((SIDE, SIDE), np.bool_)
         self._at = -math.inf
 
     @property
@@ -104,6 +106,7 @@ class LocalGrid:
     def forget(self) -> None:
         """Make every cell unknown, and the vehicle's place with them."""
         self.age.fill(np.inf)
+        self.foot_below[:] = False
         self.pose, self._at = None, -math.inf
 
     def update(self, maps: Maps, camera: GroundCamera, pose: Pose | None, now: float) -> None:
@@ -193,7 +196,12 @@ class LocalGrid:
         if by == (0, 0):
             return
         (to_columns, columns), (to_rows, rows) = (_overlap(one) for one in by)
-        for layer, empty in ((self.share, 0.0), (self.uncertainty, 1.0), (self.age, np.inf)):
+        for layer, empty in (
+            (self.share, 0.0),
+            (self.uncertainty, 1.0),
+            (self.age, np.inf),
+            (self.foot_below, False),
+        ):
             kept = layer[rows, columns].copy()
             layer.fill(empty)
             layer[to_rows, to_columns] = kept
@@ -228,11 +236,17 @@ class LocalGrid:
         self.share[cells] += weight * ((drivable[pixels] & ground) - self.share[cells])
         self.uncertainty[cells] += weight * (uncertainty[pixels] - self.uncertainty[cells])
         self.age[cells] = 0.0
+        self.foot_below[:] = False
         if feet.below > 0.0:
-            rows, columns = np.nonzero(away <= feet.below * feet.below)
-            bins = feet.bins(np.arctan2(y[rows, 0], x[columns]) - math.radians(pose.heading))
-            where = feet.far[bins] == 0.0
-            self._forget(rows[where] + begin, columns[where] + begin, drivable=True)
+            rows, columns = np.nonzero(away <= (feet.below + _DEEPEST) ** 2)
+            bearings = np.arctan2(y[rows, 0], x[columns]) - math.radians(pose.heading)
+            bins, ways = feet.bins(bearings), np.sqrt(away[rows, columns])
+            rows, columns = rows + begin, columns + begin
+            stands = self.blocked[rows, columns]
+            where = (feet.far[bins] == 0.0) & (ways <= feet.below)
+            self._forget(rows[where], columns[where], drivable=True)
+            where &= ~feet.near_to(bearings[stands], ways[stands])[bins]
+            self.foot_below[rows[where], columns[where]] = True
 
     def _forget(self, rows: Cells, columns: Cells, *, drivable: bool) -> None:
         """Make those of the cells unknown that are drivable, or those that are not."""
@@ -272,6 +286,18 @@ class _Feet:
         at = np.repeat(first[order] + counts - ends, counts) + np.arange(ends[-1] if ends.size else 0)
         self.near, self.far = np.full((2, self._count), np.inf)
         self.near[at], self.far[at] = np.repeat(near[order], counts), np.repeat(far[order], counts)
+
+    def near_to(self, bearings: Floats, ways: Floats) -> Mask:
+        """Return which bins cells cover that lie so many rad to the left of the nose, and so many m away."""
+        half = np.arctan2(CELL, ways)
+        first, last = self.bins(bearings - half), self.bins(bearings + half)
+        found: Mask = np.zeros(self._count, np.bool_)
+        for one, other in set(zip(first.tolist(), last.tolist(), strict=True)):
+            if one <= other:
+                found[one : other + 1] = True
+            else:
+                found[one:] = found[: other + 1] = True
+        return found
 
     def bins(self, bearings: Floats) -> Cells:
         """Return the bin of each bearing, in rad to the left of the vehicle's nose."""

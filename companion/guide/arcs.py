@@ -131,7 +131,8 @@ def _usable(outline: Outline, *others: float) -> bool:
 def _free(grid: LocalGrid, outline: Outline, blind: float, unsure: Unsure | None) -> Mask:
     """Return which cells are free: surely drivable, or unknown and under the vehicle or below the picture.
 
-    Of the latter only straight ahead, as wide as the vehicle and its margins.
+    Of the latter only straight ahead, as wide as the vehicle and its margins, and not where the picture shows
+    a thing that may stand there.
     """
     free, side = grid.drivable & ~_too_uncertain(grid, unsure), outline.width / 2 + MARGIN + CELL
     if blind <= RELIABLE:
@@ -139,7 +140,10 @@ def _free(grid: LocalGrid, outline: Outline, blind: float, unsure: Unsure | None
         near = np.arange(SIDE // 2 - reach, SIDE // 2 + reach)
         around = grid.to_vehicle(grid.places(*np.meshgrid(near, near, indexing="ij")))
         below = (np.abs(around[..., 1]) <= side) & (around[..., 0] >= -side) & (around[..., 0] <= blind)
-        free[near[0] :, near[0] :][: len(near), : len(near)] |= below & ~grid.known[near][:, near]
+        ahead = np.abs(around[..., 1]) * blind <= around[..., 0] * side
+        here = free[near[0] : near[-1] + 1, near[0] : near[-1] + 1]
+        here |= below & ~grid.known[near][:, near]
+        here &= ~(grid.foot_below[near][:, near] & ahead)
     return free
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 from anytraverse.frame import Pose
+
+Point = tuple[float, float]
 
 
 class Route(NamedTuple):
@@ -16,24 +19,41 @@ class Route(NamedTuple):
     each side of it that the vehicle may leave it by.
     """
 
-    points: tuple[tuple[float, float], ...]
+    points: tuple[Point, ...]
     corridor: float
 
     def at(self, pose: Pose) -> tuple[float, float]:
         """Return where it leads beside a pose, in degrees counter-clockwise, and how much is left of it."""
-        nearest, heading, left = math.inf, 0.0, 0.0
-        for start, end in pairwise(self.points):
-            leg = end[0] - start[0], end[1] - start[1]
-            length = math.hypot(*leg) or 1e-9
-            along = ((pose.x - start[0]) * leg[0] + (pose.y - start[1]) * leg[1]) / length
-            driven = max(0.0, min(length, along))
-            foot = start[0] + leg[0] * driven / length, start[1] + leg[1] * driven / length
-            away = math.hypot(pose.x - foot[0], pose.y - foot[1])
-            if away < nearest:
-                nearest, heading, left = away, math.degrees(math.atan2(leg[1], leg[0])), 0.0
-                length -= driven
-            left += length
-        return heading, left
+        foot, rest = ahead(self.points, pose)
+        onwards = list(pairwise([foot, *rest]))
+        left = sum(math.dist(*leg) for leg in onwards)
+        legs = onwards if left > 0.0 else reversed(list(pairwise(self.points)))
+        x, y = next((b[0] - a[0], b[1] - a[1]) for a, b in legs if a != b)
+        return math.degrees(math.atan2(y, x)), left
+
+
+def ahead(points: Sequence[Point], pose: Pose) -> tuple[Point, Sequence[Point]]:
+    """Return the point of a polyline that a vehicle is beside, and the corners from there on.
+
+    It is the nearest one from the polyline's begin up to where that leads away from the vehicle: where it
+    comes back on another lane, that is not reached yet. Raises ValueError without two points that differ.
+    """
+    found, nearest = None, math.inf
+    for number, (start, end) in enumerate(pairwise(points)):
+        leg = end[0] - start[0], end[1] - start[1]
+        squared = leg[0] ** 2 + leg[1] ** 2
+        if not squared:
+            continue
+        part = ((pose.x - start[0]) * leg[0] + (pose.y - start[1]) * leg[1]) / squared
+        part = max(0.0, min(1.0, part))
+        foot = start[0] + leg[0] * part, start[1] + leg[1] * part
+        away = math.hypot(pose.x - foot[0], pose.y - foot[1])
+        if away > nearest:
+            break
+        found, nearest = (foot, points[number + 1 :]), away
+    if found is None:
+        raise ValueError("a way needs two points that differ")
+    return found
 
 
 class Outline(NamedTuple):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from anytraverse.frame import Pose
 from anytraverse.grid import CELL, FARTHEST, LocalGrid
 from anytraverse.ground import RELIABLE
+from companion.guide.plan import Point, ahead
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -28,7 +29,7 @@ _MOST = 1000
 """Points of a route that are looked at."""
 
 
-def ahead_of(points: tuple[tuple[float, float], ...], pose: Pose) -> Floats | None:
+def ahead_of(points: tuple[Point, ...], pose: Pose) -> Floats | None:
     """Return the mission's way from the point nearest to the vehicle on, (n, 2).
 
     By odometry in m, every `CELL` m. None where these points are none, or lead nowhere.
@@ -39,12 +40,9 @@ def ahead_of(points: tuple[tuple[float, float], ...], pose: Pose) -> Floats | No
     told = told[np.concatenate([[True], np.hypot(*np.diff(told, axis=0).T) >= _SHORTEST])]
     if len(told) < 2:
         return None
-    legs = np.diff(told, axis=0)
-    share = ((np.array(pose[:2]) - told[:-1]) * legs).sum(axis=1) / (legs * legs).sum(axis=1)
-    feet = told[:-1] + np.clip(share, 0.0, 1.0)[:, np.newaxis] * legs
-    leg = int(np.hypot(*(feet - pose[:2]).T).argmin())
-    beyond = told[-1] + legs[-1] * (2.0 * AHEAD / np.hypot(*legs[-1]))
-    corners = np.vstack([feet[leg], told[leg + 1 :], beyond])
+    last = told[-1] - told[-2]
+    foot, rest = ahead(told.tolist(), pose)
+    corners = np.vstack([foot, rest, told[-1] + last * (2.0 * AHEAD / np.hypot(*last))])
     ways = np.concatenate([[0.0], np.hypot(*np.diff(corners, axis=0).T).cumsum()])
     each = np.arange(0.0, AHEAD, CELL)
     return np.column_stack([np.interp(each, ways, corners[:, axis]) for axis in (0, 1)])
@@ -71,8 +69,7 @@ def clear_along(grid: LocalGrid, free: Mask, course: Floats, pose: Pose, half: f
     rows, columns, inside = grid.cells(way[:-1, np.newaxis] + aside[:, np.newaxis] * across[:, np.newaxis])
     going = np.append((free[rows, columns] & inside).all(axis=1), False)
     ends = int(going.argmin())
-    blocks = (grid.known[rows, columns] & ~free[rows, columns] & inside)[
-        ends : ends + math.ceil(_FOOT / CELL)
-    ].any()
+    stands = (grid.known | grid.foot_below) & ~free
+    blocks = (stands[rows, columns] & inside)[ends : ends + math.ceil(_FOOT / CELL)].any()
     clear = float(lengths[:ends].sum())
     return min(RELIABLE, clear), bool(blocks) and clear < RELIABLE

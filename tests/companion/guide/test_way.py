@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from anytraverse.frame import Pose
 from anytraverse.grid import CELL, FARTHEST, LocalGrid
 from anytraverse.ground import RELIABLE
+from companion.guide.plan import Route
 from companion.guide.way import AHEAD, ahead_of, clear_along, direction
 
 PLACES = st.tuples(st.floats(-FARTHEST, FARTHEST), st.floats(-FARTHEST, FARTHEST))
@@ -37,10 +38,20 @@ def test_it_turns_where_the_mission_does() -> None:
     assert found[40] == pytest.approx((3.0, 2.0))
 
 
-def test_of_a_mission_that_leads_there_and_back_the_nearer_leg_counts() -> None:
+@pytest.mark.parametrize("aside", [-1.0, 1.0, 1.4, 2.0, 2.9])
+def test_of_a_mission_that_leads_there_and_back_the_lane_that_is_being_driven_counts(aside: float) -> None:
     there_and_back = ((0.0, 0.0), (50.0, 0.0), (50.0, 3.0), (0.0, 3.0))
-    assert course_of(*there_and_back, pose=Pose(10.0, 1.0, 0.0))[50] == pytest.approx((15.0, 0.0))
-    assert course_of(*there_and_back, pose=Pose(10.0, 2.0, 180.0))[50] == pytest.approx((5.0, 3.0))
+    pose = Pose(10.0, aside, 0.0)
+    assert course_of(*there_and_back, pose=pose)[50] == pytest.approx((15.0, 0.0))
+    heading, left = Route(there_and_back, 2.0).at(pose)
+    assert (heading, left) == pytest.approx((0.0, 93.0))
+
+
+def test_at_its_corner_a_way_leads_where_the_next_leg_does() -> None:
+    route = Route(((0.0, 0.0), (4.0, 0.0), (4.0, 0.0), (4.0, 20.0)), 2.0)
+    assert route.at(Pose(4.5, -0.5, 0.0)) == pytest.approx((90.0, 20.0))
+    assert route.at(Pose(4.5, 3.0, 0.0)) == pytest.approx((90.0, 17.0))
+    assert route.at(Pose(9.0, 29.0, 0.0)) == pytest.approx((90.0, 0.0))
 
 
 def test_the_direction_is_told_from_the_nose() -> None:

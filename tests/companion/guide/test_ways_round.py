@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from anytraverse.frame import Pose
-from tests.companion.guide.rides import OUTLINE, Trail, ride
+from anytraverse.grid import LocalGrid
+from companion.guide.arcs import plan
+from tests.companion.guide.rides import BLIND, CAMERA, OUTLINE, ROUTE, Trail, ride
 
 DRUM = 9.0
 """m ahead of the lens."""
@@ -33,6 +36,28 @@ def test_before_what_leaves_no_room_it_stops(trail: Trail) -> None:
     assert min(ridden.drum, ridden.edge) > 0.1
     for made in ridden.plans[2:]:
         assert made.clear <= max(0.0, 6.0 - made.pose.x - OUTLINE.front)
+
+
+@pytest.mark.parametrize("stood", [0.0, 15.0])
+@pytest.mark.parametrize(("away", "radius", "aside"), [(0.1, 0.25, 0.0), (0.5, 0.1, 0.0), (0.6, 0.25, 0.2)])
+def test_what_steps_in_where_the_picture_does_not_show_its_foot_is_in_the_way(
+    stood: float, away: float, radius: float, aside: float
+) -> None:
+    grid, at, pose = LocalGrid(), 0.0, Pose(0.0, 0.0, 0.0)
+    for at in np.arange(0.2, 3.0 + stood, 0.2):
+        pose = Pose(min(3.0, at), 0.0, 0.0)
+        grid.update(Trail(2.4).maps(pose), CAMERA, pose, at)
+    thing = (pose.x + OUTLINE.front + away + radius, aside, radius)
+    for after in (0.2, 0.4, 0.6):
+        grid.update(Trail(2.4, (thing,)).maps(pose), CAMERA, pose, at + after)
+        made = plan(grid, ROUTE, OUTLINE, 4.0, at + after, blind=BLIND)
+        assert made is not None
+        assert (made.arcs, made.route_blocked) == ((), True)
+        assert made.route_clear <= away
+    grid.update(Trail(2.4).maps(pose), CAMERA, pose, at + 0.8)
+    made = plan(grid, ROUTE, OUTLINE, 4.0, at + 0.8, blind=BLIND)
+    assert made is not None
+    assert made.arcs
 
 
 def test_where_the_trail_is_free_it_keeps_to_its_middle() -> None:

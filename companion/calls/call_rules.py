@@ -14,7 +14,7 @@ from companion.calls.answered_things import MOST
 from companion.calls.decisions import Call, CallClosed, CallOpened, CallState, Decision
 from companion.calls.hold_rules import HoldController
 from companion.calls.numbers import Numbers
-from companion.calls.reason_filter import CALLS_FOR_WORDS, ReasonFilter
+from companion.calls.reason_filter import CALLS_FOR_WORDS, PASSABLE, ReasonFilter
 from companion.calls.thing import REASONS_OF_THINGS, scene_of
 from companion.calls.tracking import blocked_by_name
 from companion.wire.ids import Motion, Outcome, Result
@@ -98,10 +98,10 @@ def answer_call(
 ) -> Result:
     """Apply an answer to `call`, and return the result to acknowledge.
 
-    A go without words, or with words above 0, accepts the call's reasons; a later answer revokes that. Of a
-    thing in a new place only a tap above 0 says that, since words may name the place. A word
-    of 0 or below that names the thing makes it block. After any other answer the call's frame, judged again,
-    decides whether the call is answered.
+    A go without words, or with words above 0, accepts the call's reasons; a later answer revokes that. One
+    without words does not accept a thing that the vehicle drives round. Of a thing in a new place only a tap
+    above 0 says that, since words may name the place. A word of 0 or below that names the thing makes it
+    block. After any other answer the call's frame, judged again, decides whether the call is answered.
     outcome: the frames judged again. travelled: metres driven, or None.
     clear: the reasons are gone, and "clear now, go?" is asked. Then a go with any words answers the call,
     even if they do not cover the thing that is gone. Words of 0 or below accept nothing: it may come back.
@@ -120,8 +120,11 @@ def answer_call(
     if motion is Motion.GO and (accepts or clear):
         if not call.answered:
             call.state = CallState.ANSWERED if changed and covered else CallState.ACCEPTED
-        if accepts and call.thing is not None and not things.blocking(call.id):
-            reason_filter.accept(call.thing, call.reasons, now, travelled)
+        # A bare go before what is driven round means that, and not over it.
+        round_it = not changed and reason_filter.goes_round
+        reasons = call.reasons - PASSABLE if round_it else call.reasons
+        if accepts and reasons and call.thing is not None and not things.blocking(call.id):
+            reason_filter.accept(call.thing, reasons, now, travelled)
         reason_filter.restart_after_answer(now)
         return Result.APPLIED
     things.revoke(call.id)

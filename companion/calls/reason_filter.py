@@ -157,6 +157,11 @@ class ReasonFilter:
         """Whether something stands in the region that stops the vehicle, unless it is driven round."""
         return any(self._debounced[reason].active for reason in PASSABLE)
 
+    @property
+    def goes_round(self) -> bool:
+        """Whether something stands in the region that the vehicle drives round, or will once it may."""
+        return self.passes and self.shows_passable
+
     def fresh(self, now: float) -> bool:
         """Whether a frame that was captured within T has been judged."""
         return now - self._seen_at <= self.numbers.freshness

@@ -137,6 +137,11 @@ def clear(kind: Kind, number: int) -> str:
     return fit(f"{name(kind, number)} clear now, go?")
 
 
+def room(kind: Kind, number: int) -> str:
+    """Asks for a go: the vehicle is still held, and would drive round what it sees."""
+    return fit(f"{name(kind, number)} room beside it, go?")
+
+
 def fault(number: int, what: str, kind: Kind = Kind.HOLD) -> str:
     """Reports a fault: the companion cannot judge. what: two or three words ("no fresh frame")."""
     return fit(f"{name(kind, number)} FAULT {what}")

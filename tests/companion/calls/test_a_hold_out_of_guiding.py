@@ -9,7 +9,8 @@ from companion.calls.decisions import HoldMoved, SetMode
 from companion.calls.hold import HoldEvent, HoldState
 from companion.calls.mode_monitor import ModeAnswer
 from companion.calls.snapshot import snapshot
-from companion.wire.ids import Policy
+from companion.calls.summary import current_text
+from companion.wire.ids import Policy, Stage
 from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, MANUAL, Scene
 
 
@@ -135,3 +136,39 @@ def test_a_reboot_ends_guiding_and_what_is_held_after_it_returns_to_its_own_mode
     assert hold is not None
     hold.request_again()
     assert (hold.mode_before, hold.guided_out_of) == (AUTO, None)
+
+
+def room_again(scene: Scene) -> Scene:
+    """Held before a drum, beside which a way shows now."""
+    shows(scene, HOLD)
+    assert scene.calls.call is not None
+    scene.calls.reason_filter.passes, scene.calls.reason_filter.no_way = True, False
+    scene.run(2.0, DRUM)
+    return scene
+
+
+def test_a_thing_with_room_beside_it_is_not_said_to_be_gone() -> None:
+    scene = room_again(stopped())
+    assert scene.calls.stage() is Stage.CLEAR
+    assert current_text(scene.calls, [], scene.now) == f"C{scene.calls.current_id} room beside it, go?"
+    scene.run(2.0, CLEAR)
+    assert current_text(scene.calls, [], scene.now) == f"C{scene.calls.current_id} clear now, go?"
+
+
+def test_a_bare_go_drives_round_the_thing_and_not_over_it() -> None:
+    scene = room_again(stopped())
+    scene.autopilot.deaf = False
+    scene.go()
+    scene.run(1.0, DRUM)
+    assert scene.autopilot.mode == AUTO
+    assert not scene.calls.reason_filter.things.accepted
+    scene.calls.reason_filter.passes = False
+    scene.run(0.5, DRUM)
+    assert scene.calls.hold is not None, "no room is left, and nobody has said that it may be driven over"
+
+
+def test_a_go_with_words_above_0_drives_over_it() -> None:
+    scene = room_again(stopped())
+    scene.autopilot.deaf = False
+    scene.go({"drum": 1.0})
+    assert scene.calls.reason_filter.things.accepted

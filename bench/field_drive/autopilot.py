@@ -124,7 +124,9 @@ class ScriptedAutopilot:
 
     def _guide(self, asked: SetMode) -> GuideAnswer:
         taking = asked.mode == ardupilot.GUIDED
-        if asked.mode == ardupilot.GUIDED and self._guided:
+        if asked.mode == asked.expected or (taking and self._guided):  # it asks whether it still guides
+            return GuideAnswer(asked.mode, done=self._guided or None)
+        if asked.mode == self.mode and not taking and not self._by_human:  # it was done before
             return GuideAnswer(asked.mode, done=True)
         ours = self._guided or (taking and not self._by_human)
         if self.mode != asked.expected or self._brakes_until is not None or not ours:

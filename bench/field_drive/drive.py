@@ -183,7 +183,7 @@ class FieldDrive:
         self._guide.tick(now)
         self._eyes.errand = self._guide.errand
         self._obey(calls.tick(now))
-        self._autopilot.target(self._wire.setpoints.target)
+        self._autopilot.target(None if calls.hold is not None else self._wire.setpoints.target)
         self._score.id_is(calls.current_id, self._progress)
 
     def _obey(self, decisions: list[Decision], filmed: Filmed | None = None) -> None:

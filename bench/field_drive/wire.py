@@ -57,28 +57,19 @@ class _Modes:
         self._autopilot.request(SetMode(mode, expected), guide=True)
 
 
-class _CurrentItem:
-    waits = False
-
-    def __init__(self, autopilot: ScriptedAutopilot) -> None:
-        self._autopilot = autopilot
-
-    def set(self, item: int, _now: float) -> None:
-        self._autopilot.item = item
-
-    def cancel(self) -> None:
-        """Nothing waits: an item is set at once."""
-
-
 class WireStandIn:
     """Has those parts of `Link` that guiding uses. quick: attitude and position come more often."""
 
     def __init__(self, autopilot: ScriptedAutopilot, items: tuple[MissionItem, ...]) -> None:
         self.vehicle: Vehicle | None = None
         self.mission, self.setpoints, self.texts = _Items(items), _Setpoints(), _Texts()
-        self.modes, self.current_item = _Modes(autopilot), _CurrentItem(autopilot)
+        self.modes = _Modes(autopilot)
         self.quick = False
         self._autopilot = autopilot
+
+    def set_current_item(self, item: int, _now: float) -> None:
+        """As of `Link`; it is set at once."""
+        self._autopilot.item = item
 
     def request_quick_motion(self, *, quick: bool) -> None:
         """As of `Link`."""

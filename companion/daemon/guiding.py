@@ -68,10 +68,8 @@ class GuideService:
         link.setpoints.target = orders.target
         if orders.request is not None:
             link.modes.guide(*orders.request, now)
-        if orders.item is None:
-            link.current_item.cancel()
-        elif not link.current_item.waits:
-            link.current_item.set(orders.item, now)
+        if orders.item is not None:
+            link.set_current_item(orders.item, now)
         self._calls.reason_filter.passes = guide.passes
         self._calls.reason_filter.no_way = bool(guide.stuck) and self._calls.policy.holds
         self._calls.monitor.guided_out_of = ardupilot.AUTO if guide.guides else None

@@ -95,7 +95,7 @@ class MissionRoute:
         self.corridor = corridor
         self.item = 0
         self.why = "no position"
-        self._items: tuple[MissionItem, ...] = ()
+        self._items: tuple[MissionItem, ...] | None = None
         self._current = 0
         self._began: Place | None = None
         self._came = False
@@ -113,12 +113,14 @@ class MissionRoute:
         Call it for each new report, since it keeps those of the motion. now: s of the link's clock.
         """
         self._note(vehicle)
+        if items is not self._items:  # what was passed in another mission is not passed in this one
+            self._items, self._began, self.item = items, None, 0
         self.why = self._missing(vehicle, items, now)
         if self.why or vehicle is None or vehicle.mission is None or not items or self._pose is None:
             return None
         current = vehicle.mission.item
-        if items is not self._items or current != self._current or self._began is None:
-            self._items, self._current, self._began = items, current, self._position
+        if current != self._current or self._began is None:
+            self._current, self._began = current, self._position
             self.item = current
             self._came = False
         # Whoever sends the vehicle back to a waypoint wants it to go there, so it must come from before it.

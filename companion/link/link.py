@@ -18,7 +18,6 @@ from companion.link.camera import CameraService
 from companion.link.channel import Channel, channels_of
 from companion.link.command_service import CommandService
 from companion.link.counters import Counters, count
-from companion.link.current_item import CurrentItem
 from companion.link.dead_man import DeadMan
 from companion.link.ftp.server import FtpServer
 from companion.link.inbound import InboundEvent
@@ -38,6 +37,7 @@ from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire import notices
 from companion.wire.ids import (
+    AUTOPILOT_COMPONENT_ID,
     CAMERA_COMPONENT_ID,
     ERROR,
     TUNNEL_CALL,
@@ -57,7 +57,7 @@ class Link:
     """Acts as MAVLink component 191.
 
     Call `poll` when one of `filenos` is readable or `wait` is over, then `tick`. texts, alerts, parameters,
-    text_parameters, answers, commands, modes, setpoints, camera, dead_man, mission, current_item: the
+    text_parameters, answers, commands, modes, setpoints, camera, dead_man, mission: the
     services that the daemon uses.
     """
 
@@ -117,7 +117,6 @@ class Link:
         self.modes = ModeCommands(self._outbox, self._access, self._tracker)
         self.dead_man = DeadMan(self._outbox, self.texts)
         self.mission = MissionDownload(self._outbox)
-        self.current_item = CurrentItem(self._outbox)
         self._router = MessageRouter(
             self._outbox,
             self.texts,
@@ -127,7 +126,6 @@ class Link:
             requests,
             self.dead_man,
             self.mission,
-            self.current_item,
         )
         self.alerts = AlertRepeater()
         self._returns_seen = 0
@@ -224,7 +222,6 @@ class Link:
             self.camera.tick(now)
             self._intervals.tick(self.vehicle, returns, now)
             self.mission.tick(self.vehicle, returns, now)
-        self.current_item.tick(self.vehicle, now)
         self.modes.tick(now)
         # The autopilot may have rebooted, or be on another connection: a heartbeat announces us at once.
         if returns != self._returns_seen:
@@ -281,6 +278,13 @@ class Link:
     def request_quick_motion(self, *, quick: bool) -> None:
         """Request attitude and position ten times a second, as the vehicle is driven by them, or as usual."""
         self._intervals.quick = quick
+
+    def set_current_item(self, item: int, now: float) -> None:
+        """Make an item of the mission the current one. MISSION_CURRENT shows whether it is."""
+        if self.vehicle is not None:
+            system = self.vehicle.system_id
+            message, to = encode.set_item(system, item), (system, AUTOPILOT_COMPONENT_ID)
+            self._outbox.push("set item", message, now, key=0, lifetime=0.5, to=to)
 
     def request_rc_channels(self) -> None:
         """Request RC_CHANNELS from the autopilot from now on, and again whenever they stop."""

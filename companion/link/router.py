@@ -7,13 +7,13 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from companion.guide.rules import GuideAnswer
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
 from companion.link.answers import AnswerService
 from companion.link.camera import CameraService
 from companion.link.channel import Channel
 from companion.link.command_service import CommandService
-from companion.link.current_item import CurrentItem
 from companion.link.dead_man import STICKS, DeadMan
 from companion.link.ftp.server import FtpServer
 from companion.link.inbound import InboundEvent, VehicleUpdate
@@ -23,7 +23,7 @@ from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
 from companion.link.vehicle import RemoteControl, VehicleTracker
-from companion.vehicle.ardupilot import script_hold
+from companion.vehicle.ardupilot import AUTO, script_hold
 from companion.wire import notices
 from companion.wire.ids import (
     ANSWER_COMMAND,
@@ -174,7 +174,6 @@ class MessageRouter:
         requests: RequestDispatcher,
         dead_man: DeadMan,
         mission: MissionDownload,
-        current_item: CurrentItem,
     ) -> None:
         self._outbox = outbox
         self._text_sender = text_sender
@@ -184,7 +183,6 @@ class MessageRouter:
         self._requests = requests
         self._dead_man = dead_man
         self._mission = mission
-        self._current_item = current_item
         self._deduplicator = Deduplicator()
         self.remote_control = RemoteControl()
 
@@ -254,8 +252,10 @@ class MessageRouter:
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
             if message.target_component not in (0, COMPONENT_ID):
                 return None
-            self._current_item.answered(message)
-            return self._modes.answered(message, now)
+            answer = self._modes.answered(message, now)
+            if isinstance(answer, GuideAnswer) and answer.done and answer.mode == AUTO:
+                self._tracker.mode_was_set(answer.mode, now)
+            return answer
         elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
             return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):

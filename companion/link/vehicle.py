@@ -129,6 +129,11 @@ class VehicleTracker:
         self.vehicle = replace(vehicle, custom_mode=int(message.custom_mode), mode_at=now)
         return True
 
+    def mode_was_set(self, mode: int, now: float) -> None:
+        """Take in that the script has set a mode and read it back. It counts as a heartbeat that shows it."""
+        if self.vehicle is not None:
+            self.vehicle = replace(_in_mode(self.vehicle, mode), custom_mode=mode, heard_at=now)
+
     def position(self, system_id: int, message: Any, now: float) -> bool:
         """Take GLOBAL_POSITION_INT; True when it is our vehicle's and valid."""
         if self.vehicle is None or system_id != self.vehicle.system_id:

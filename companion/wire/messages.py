@@ -79,7 +79,7 @@ _ROWS: tuple[_Row, ...] = (
     ("interval",    "COMMAND_LONG 511",    "asks for streams",  OUT,  10.0, 45,  7,    None,  "next one"),
     ("setpoint",    "SET_POSITION_TARGET_LOCAL_NED", "stand still (PX4)", OUT, 0.2, 65, 0, None, "next one"),
     ("sticks",      "MANUAL_CONTROL",      "centred: it lives (PX4)", OUT, 0.1, 23, 0, None, "next one"),
-    ("set item",    "COMMAND_LONG 224",    "makes it current", OUT,  None, 45,  1,    None,  "three tries"),
+    ("set item",    "COMMAND_LONG 224",    "makes it current", OUT,  None, 45,  1,    None,  "up to six"),
     ("mission list", "MISSION_REQUEST_LIST", "how many items",  OUT,  None, 15,  7,    None,  "five tries"),
     ("mission request", "MISSION_REQUEST_INT", "one item",      OUT,  None, 17,  7,    None,  "five tries"),
     ("mission taken", "MISSION_ACK",       "all items came",    OUT,  None, 16,  7,    None,  "lost"),

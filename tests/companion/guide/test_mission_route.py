@@ -366,6 +366,18 @@ def test_what_was_passed_without_auto_stays_passed_and_the_way_goes_on_from_ther
     assert ways.item == 5
 
 
+def test_what_was_passed_in_a_mission_is_not_passed_in_the_next_one() -> None:
+    items = through(*((20.0 * step, 0.0) for step in range(6)))
+    ways = MissionRoute(3.0)
+    for step in range(30):
+        ways.update(vehicle(10.0 + step, 4.0 + step, item=2), items, 10.0 + step)
+    assert ways.item == 3
+    assert ways.update(vehicle(40.1, 34.0, item=1), None, 40.1) is None, "another mission is being downloaded"
+    assert ways.item == 0
+    ways.update(vehicle(40.2, 34.0, item=1), through((0.0, 50.0), (0.0, 60.0)), 40.2)
+    assert ways.item == 1
+
+
 def test_a_waypoint_to_which_somebody_sends_the_vehicle_back_is_not_passed() -> None:
     items = through(*((20.0 * step, 0.0) for step in range(6)))
     ways = MissionRoute(3.0)

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.link.current_item import ItemSetting
 from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.px4 import Px4
 from companion.sim.field.router import DatagramParser, Port
@@ -55,9 +54,6 @@ class Wire:
                 if not self.drops(frame.message):
                     self.autopilot.receive(Port.COMPANION, frame.message)
             self._obeyed = len(self.stage.frames)
-
-    def setting(self) -> ItemSetting:
-        return self.stage.link.current_item.state
 
     @property
     def complete(self) -> bool:
@@ -350,13 +346,11 @@ def test_rubbish_from_the_autopilot_ends_nothing() -> None:
     assert wire.complete
 
 
-def test_an_item_is_made_the_current_one_once_it_shows() -> None:
+def test_an_item_is_made_the_current_one() -> None:
     wire = Wire()
-    setter = wire.stage.link.current_item
     wire.run(3.0)
-    setter.set(4, wire.stage.now)
-    wire.run(2.0, lambda: wire.setting() is not ItemSetting.WAITS)
-    assert wire.setting() is ItemSetting.SET
+    wire.stage.link.set_current_item(4, wire.stage.now)
+    wire.run(1.0)
     vehicle = wire.stage.link.vehicle
     assert vehicle is not None
     assert vehicle.mission is not None
@@ -365,50 +359,8 @@ def test_an_item_is_made_the_current_one_once_it_shows() -> None:
     assert [(one.param1, one.param2) for one in sets] == [(4.0, 0.0)]
 
 
-def test_an_item_that_is_not_there_is_refused() -> None:
-    wire = Wire()
-    wire.run(3.0)
-    wire.stage.link.current_item.set(40, wire.stage.now)
-    wire.run(2.0)
-    assert wire.setting() is ItemSetting.REFUSED
-
-
-def test_an_item_is_sent_three_times_half_a_second_apart() -> None:
-    wire = Wire()
-    setter = wire.stage.link.current_item
-    wire.run(3.0)
-    lost: list[Any] = []
-
-    def second_is_heard(message: Any) -> bool:
-        if message.get_type() == "COMMAND_LONG" and message.command == 224:
-            lost.append(message)
-            return len(lost) < 3
-        return False
-
-    wire.drops = second_is_heard
-    setter.set(2, wire.stage.now)
-    wire.run(1.3)
-    assert (len(lost), wire.setting()) == (3, ItemSetting.SET)
-    wire.drops = lambda message: message.get_type() == "COMMAND_LONG"
-    setter.set(4, wire.stage.now)
-    wire.run(1.2)
-    assert wire.setting() is ItemSetting.WAITS
-    wire.run(0.5)
-    assert wire.setting() is ItemSetting.UNANSWERED
-    sets = [one for one in wire.stage.sent("COMMAND_LONG") if one.command == 224]
-    assert [one.param1 for one in sets] == [2.0] * 3 + [4.0] * 3
-
-
-def test_somebody_elses_refusal_does_not_end_it() -> None:
-    wire = Wire()
-    setter = wire.stage.link.current_item
-    wire.run(3.0)
-    wire.drops = lambda message: message.get_type() == "COMMAND_LONG"
-    setter.set(3, wire.stage.now)
-    wire.run(0.1)
-    wire.says(mavlink.MAVLink_command_ack_message(224, 2, 0, 0, 255, 190))
-    wire.run(0.1)
-    assert wire.setting() is ItemSetting.WAITS
-    setter.cancel()
-    wire.run(1.0)
-    assert wire.setting() is ItemSetting.NONE
+def test_without_an_autopilot_no_item_is_set() -> None:
+    stage = LoopbackLink(vehicle=None)
+    stage.link.set_current_item(4, stage.now)
+    stage.run(1.0)
+    assert not [one for one in stage.sent("COMMAND_LONG") if one.command == 224]

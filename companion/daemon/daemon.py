@@ -145,6 +145,8 @@ class Daemon:
             case ScriptHold():
                 self._calls.monitor.script_hold_reported(event)
             case GuideAnswer():
+                if (known := self._link.vehicle) is not None:  # its mode may be known by the answer
+                    self._executor.carry_out(self._deciders.vehicle.received(known, now), now)
                 self._deciders.guide.answered(event, now)
             case ModeAnswer():
                 self._executor.carry_out(self._calls.mode_answered(event, now), now)
@@ -179,6 +181,8 @@ class Daemon:
         """Set what the link sends to the autopilot and its script. No observer is needed for that."""
         calls, link = self._calls, self._link
         link.setpoints.on = calls.holding.streams
+        if calls.hold is not None:  # one that leaves behind the command to hold would end the script's brake
+            link.setpoints.target = None
         link.dead_man.on = calls.policy.holds and calls.holding.in_charge(now)
         self._state = calls.state(now)
         open_id = calls.current_id or self._deciders.test_call.id

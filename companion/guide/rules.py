@@ -40,9 +40,11 @@ _FARTHER = 1.0
 _WORTH = 4.0
 """m of the way beyond a standstill that must be left for a take-over."""
 _SHOWS_WITHIN = 2.5
-"""s within which the mission's mode shows once the script has set it: a heartbeat may be lost."""
+"""s within which the mission's mode may show that was requested: a heartbeat may be lost."""
+_EASES = 0.05
+"""m/s2 by which what the mission was seen to drive counts for less, as it may have become slower."""
 _AGAIN, _TRIES = 0.5, 6
-"""s from one request to give the vehicle back to the next, and how many of them there are."""
+"""s from one request to give the vehicle back, or order of an item, to the next; how many there are."""
 _ASKED = 1.0
 """s from one question to the script whether GUIDED is still ours to the next."""
 _ABANDONED, _SLOWS = 5.0, 0.3
@@ -130,10 +132,14 @@ class Guide:
         self._radius, self._freshness = radius, freshness
         self._stops_in = max(STOPS_IN, stops_in)
         self._plans: deque[Plan] = deque(maxlen=PLANS)
-        self._since = self._requested_at = self._shown_at = self._asked_at = -math.inf
+        self._since = self._requested_at = self._shown_at = self._asked_at = self._tried_at = -math.inf
         self._tries = 0
+        self._back_asked_at = -math.inf
+        """When the mission's mode was requested last."""
         self._given_back_at: float | None = None
         """When the script has set the mission's mode again, while the report of that is to come."""
+        self._cruise, self._cruise_at = 0.0, -math.inf
+        """What the mission drives, m/s, and when that was seen."""
         self._not_allowed_since: float | None = None
         self._clear_since: float | None = None
         self._refused_in_mission = False
@@ -161,16 +167,15 @@ class Guide:
     def answered(self, answer: GuideAnswer, now: float) -> None:
         """Take in the script's answer."""
         mode, done = answer
-        if not self.guides:
+        if not self.guides or self._given_back_at is not None:
             return
         if done is None:
-            if self._given_back_at is None:
-                self._end("by hand", refused=True)
+            self._end("by hand", refused=True)
         elif not done and self.state is GuideState.TAKING:
             self.stuck = "no take-over"
-        elif not done and self.state is GuideState.GUIDING:
+        elif not done and self.state is GuideState.GUIDING and mode == GUIDED:
             self._end("by hand", refused=True)  # the script guides no more, and its word of that was lost
-        elif done and mode == AUTO and self.state is GuideState.BACK:
+        elif done and mode == AUTO and self.state is not GuideState.TAKING:
             self._given_back_at = now
         elif done and mode == GUIDED and self.state is GuideState.TAKING:
             self._enter(GuideState.GUIDING, now)
@@ -179,6 +184,7 @@ class Guide:
         """Decide."""
         if c.mode != AUTO:
             self._refused_in_mission = False
+        self._note_cruise(c)
         orders = self._follow_mode(c) or self._drive(c) if self.guides else self._wait(c)
         self.passes = self._passes(c)
         return orders
@@ -193,7 +199,7 @@ class Guide:
             self.stuck = "no way round" if shut else ""
             # AUTO would turn round to a waypoint that was passed.
             behind = c.held and c.allowed and self.ended_by == "held" and c.passed > c.item
-            return Orders(item=c.passed) if behind else Orders()
+            return Orders(item=c.passed) if behind and self._tries_again(c) else Orders()
         self.state, self.stuck = GuideState.READY, ""
         # In two plans, since a cell of the grid may be wrong for once.
         blocked = len(self._plans) == PLANS and all(plan.route_blocked for plan in list(self._plans)[-2:])
@@ -230,9 +236,9 @@ class Guide:
     def _passes(self, c: Circumstances) -> bool:
         if self.stuck or not c.allowed:
             return False
-        if self.guides:
+        if self.guides and c.now - self._back_asked_at > _SHOWS_WITHIN:
             return True
-        if self.state is GuideState.READY:
+        if self.guides or self.state is GuideState.READY:  # AUTO drives, or may do so already
             return self._may_take(c)
         # In our hold: it may be resumed where a take-over will be possible.
         lasts, fresh = c.left > self._stops_in * _AMBLES + _WORTH, self._knows_motion(c)
@@ -247,7 +253,7 @@ class Guide:
         ours = {
             GuideState.TAKING: (AUTO, GUIDED),
             GuideState.GUIDING: (GUIDED,),
-            GuideState.BACK: (GUIDED, AUTO),
+            GuideState.BACK: (GUIDED,),
         }[self.state]
         if c.held:
             # The hold brakes without a target. Nothing is streamed any more, whoever has the vehicle then.
@@ -255,15 +261,19 @@ class Guide:
             return Orders()
         if c.armed and (c.mode_at is None or c.mode_at <= self._since):
             return None  # it was reported before this state began
-        if c.mode == AUTO and self.state is GuideState.BACK and self._requested_at > -math.inf:
+        mode_at = -math.inf if c.mode_at is None else c.mode_at
+        if c.mode == AUTO and c.armed and mode_at - self._back_asked_at <= _SHOWS_WITHIN:
             self._enter(GuideState.READY, c.now)
             return Orders()
-        if c.mode not in ours or not c.armed or (c.mode == GUIDED and self._requested_at == math.inf):
+        back = self._given_back_at is not None and mode_at > self._given_back_at
+        if c.mode not in ours or back or not c.armed or (c.mode == GUIDED and self._requested_at == math.inf):
             self._end("by hand", refused=True)
             return Orders()
         return None
 
     def _drive(self, c: Circumstances) -> Orders:
+        if self._given_back_at is not None:
+            return Orders()  # a target could reach a GUIDED that somebody else sets now
         if not c.allowed:
             return self._abandon(c)
         self._not_allowed_since = None
@@ -286,7 +296,7 @@ class Guide:
         elif c.now - self._asked_at >= _ASKED:
             # Whoever takes over without a change of mode shows only to the script.
             self._asked_at = c.now
-            return Orders(target, request=(GUIDED, AUTO))
+            return Orders(target, request=(GUIDED, GUIDED))
         return Orders(target)
 
     def _take(self, c: Circumstances, target: Target) -> Orders:
@@ -311,7 +321,15 @@ class Guide:
             return STAND
         # What the mission does at the end of this way only its own mode can do.
         newest = newest._replace(clear=min(newest.clear, c.left))
-        return follow(newest, c.pose, c.speed, self._stops_in, self._radius)
+        speed = min(c.speed, max(self._cruise, _AMBLES))
+        return follow(newest, c.pose, speed, self._stops_in, self._radius)
+
+    def _note_cruise(self, c: Circumstances) -> None:
+        """Note how fast the mission drives: GUIDED drives no faster."""
+        if self.state is GuideState.READY:
+            eased = self._cruise - _EASES * max(0.0, c.now - self._cruise_at)
+            self._cruise = max(c.driven, eased)
+        self._cruise_at = c.now
 
     def _note_way(self, c: Circumstances, target: Target) -> None:
         """Note since when there is no way."""
@@ -338,31 +356,36 @@ class Guide:
         return c.now - self._clear_since >= (0.0 if ends else CLEAR_FOR)
 
     def _give_back(self, c: Circumstances, target: Target) -> Orders:
-        if self._given_back_at is not None:
-            # Whatever shows in place of the mission's mode is somebody else's, and gets no target.
-            if c.now - self._given_back_at > _SHOWS_WITHIN:
-                self._end("by hand", refused=True)
-            return Orders()
-        if self._plans[-1].route_blocked and math.isinf(self._requested_at):
+        if self._plans[-1].route_blocked or c.shows:
             self._enter(GuideState.GUIDING, c.now)
             return Orders(target)
-        if c.now - self._since < self._tries * _AGAIN:
-            return Orders(target)
-        if self._tries == _TRIES:
+        if self._tries == _TRIES and c.now - self._tried_at >= _AGAIN:
             self.stuck = "AUTO refused"
             return Orders(STAND)
-        self._tries += 1
+        if not self._tries_again(c):
+            return Orders(target)
         if c.item != c.passed:
             return Orders(target, item=c.passed)
-        self._requested_at = c.now
+        self._back_asked_at = c.now
         return Orders(target, request=(AUTO, GUIDED))
+
+    def _tries_again(self, c: Circumstances) -> bool:
+        """Whether one of the tries is due, and count it."""
+        if self._tries == _TRIES or c.now - self._tried_at < _AGAIN:
+            return False
+        self._tries, self._tried_at = self._tries + 1, c.now
+        return True
 
     def _enter(self, state: GuideState, now: float) -> None:
         self.state, self._since, self._shown_at = state, now, now
-        self._requested_at, self._tries, self._clear_since = -math.inf, 0, None
+        if state in (GuideState.READY, GuideState.TAKING):
+            self._back_asked_at = -math.inf
+        self._requested_at, self._tries, self._tried_at = -math.inf, 0, -math.inf
+        self._clear_since = None
         self._asked_at, self._given_back_at, self._not_allowed_since = now, None, None
 
     def _end(self, why: str, *, refused: bool) -> None:
         self.state, self.stuck, self.ended_by = GuideState.OFF, "", why
         self._given_back_at = self._not_allowed_since = None
+        self._tries, self._tried_at, self._back_asked_at = 0, -math.inf, -math.inf
         self._refused_in_mission = refused

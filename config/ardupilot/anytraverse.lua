@@ -23,7 +23,8 @@ a boat (it would loiter), or a target of somebody else's was seen in the last 5 
 else commands meanwhile takes over, and nothing more is set. A loss of the companion brakes for the time told last.
 
 Guiding: a companion that may drive round what is in the way asks for GUIDED out of AUTO and, in the end, for AUTO
-again, by the same command with 65536 for the id. It is answered IN_PROGRESS, and the last answer follows when guiding
+again, by the same command with 65536 for the id; GUIDED out of GUIDED asks whether that is still the companion's.
+It is answered IN_PROGRESS, and the last answer follows when guiding
 ends: ACCEPTED, by the companion's own request or a HOLD of this script's; TEMPORARILY_REJECTED, somebody took over.
 GUIDED is set only while armed, where the last heartbeat said that it guides (bit 28), targets can be heard, and none of
 somebody else's was seen in the last 5 s; AUTO only out of the GUIDED that was set so and is nobody else's since.
@@ -192,7 +193,7 @@ do
   -- Whether guiding has lost its targets. It ends as it is where somebody set a mode.
   function guide.has_lost()
     if not guide.on then return false end
-    if is_ours(GUIDED) then return guide.silent_ms > LOST_MS or not arming:is_armed() end
+    if is_ours(GUIDED) then return guide.silent_ms > LOST_MS or not guide.asked or not arming:is_armed() end
     -- The companion's own HOLD may have gone past this script.
     local own = vehicle:get_mode() == HOLD and not pressed and vehicle:get_control_mode_reason() == hold_reason
     end_guiding(own and ACCEPTED or CHANGED)
@@ -246,11 +247,12 @@ do
   -- AUTO becomes GUIDED in which the companion's targets count, and such a GUIDED becomes AUTO.
   local function set_guiding(expected, mode)
     local ours = guide.on and is_ours(GUIDED)
+    if mode == GUIDED and expected == GUIDED then return ours and IN_PROGRESS or CHANGED end -- it asks whether it is
     if mode == GUIDED and expected == AUTO then
       -- Where somebody else's targets come, or none would be heard, GUIDED would be theirs.
       if not guide.asked or silent_ms > patience_ms() or brake.target_ms < TARGET_MS then return FAILED end
       if ours then return IN_PROGRESS end
-      if vehicle:get_mode() ~= AUTO then return CHANGED end
+      if guide.on or vehicle:get_mode() ~= AUTO then return CHANGED end
       vehicle:set_mode(GUIDED)
       if is_ours(GUIDED) then
         guide.on, guide.silent_ms, guide.changed_ms = true, 0, 0
@@ -259,7 +261,7 @@ do
       return vehicle:get_mode() == AUTO and FAILED or CHANGED
     end
     if mode ~= AUTO or expected ~= GUIDED then return FAILED end
-    if not ours then return CHANGED end
+    if not ours then return is_ours(AUTO) and ACCEPTED or CHANGED end -- the answer before may be lost
     vehicle:set_mode(AUTO)
     if is_ours(GUIDED) then return FAILED end -- it was refused
     local result = is_ours(AUTO) and ACCEPTED or CHANGED

@@ -297,7 +297,7 @@ def test_while_it_guides_it_asks_once_a_second_whether_guided_is_still_ours() ->
     rover = Rover().guided()
     rover.all.clear()
     rover.turn(3.1)
-    assert [orders.request for orders in rover.all if orders.request] == [(GUIDED, AUTO)] * 3
+    assert [orders.request for orders in rover.all if orders.request] == [(GUIDED, GUIDED)] * 3
     rover.guide.answered(GuideAnswer(GUIDED, done=True), rover.now)
     assert rover.state is GuideState.GUIDING
     rover.guide.answered(GuideAnswer(GUIDED, done=False), rover.now)
@@ -309,25 +309,82 @@ def test_a_second_answer_to_giving_back_is_nobody_else_s() -> None:
     behind_it(rover)
     rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
     rover.guide.answered(GuideAnswer(AUTO, done=None), rover.now)
-    rover.turn(0.7)
-    rover.turn(mode=AUTO)
+    rover.turn(0.7, mode_at=rover.now)
+    assert rover.turn(mode=AUTO, mode_at=rover.now + TURN).target is None
     assert rover.state is GuideState.READY
 
 
-def test_a_guided_that_shows_after_the_mission_s_mode_was_set_gets_no_target() -> None:
+def test_a_guided_that_shows_after_the_mission_s_mode_was_set_is_somebody_else_s_and_gets_no_target() -> None:
     rover = Rover().guided()
     behind_it(rover)
     rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
     rover.all.clear()
-    rover.turn(4.0)
+    rover.turn(1.0, mode_at=rover.now)
+    assert rover.guide.guides, "no mode was reported since"
+    rover.turn(mode_at=rover.now)
     assert set(rover.all) == {Orders()}
-    assert not rover.guide.guides
+    assert rover.guide.ended_by == "by hand"
+
+
+def test_once_the_mission_s_mode_is_requested_it_passes_only_what_it_could_take_over_for() -> None:
+    rover = Rover().guided()
+    behind_it(rover)
+    assert rover.all[-1].request == (AUTO, GUIDED)
+    assert rover.guide.passes
+    rover.plan = {"route_clear": 1.0, "route_blocked": True, "arcs": (), "clear": 0.0}
+    for answer in (None, GuideAnswer(AUTO, done=True)):
+        if answer is not None:
+            rover.guide.answered(answer, rover.now)
+        rover.turn(0.1, shows=True, mode_at=rover.now)
+        assert not rover.guide.passes
+    rover.turn(mode=AUTO, mode_at=rover.now + TURN)
+    assert rover.state is GuideState.READY
+    assert not rover.guide.passes
+
+
+@pytest.mark.parametrize("told", [{"shows": True}, {}])
+def test_the_mission_s_mode_is_requested_no_more_once_something_is_in_its_way(told: dict[str, Any]) -> None:
+    rover = Rover().guided()
+    behind_it(rover)
+    assert rover.all[-1].request == (AUTO, GUIDED)
+    rover.plan = {"route_clear": 4.0, "route_blocked": not told}
+    rover.all.clear()
+    rover.turn(0.9, **told)
+    assert rover.state is GuideState.GUIDING
+    assert not any(orders.request == (AUTO, GUIDED) for orders in rover.all)
+    rover.turn(mode=AUTO)
+    assert rover.state is GuideState.READY, "the request was carried out after all"
+
+
+def test_a_mission_s_mode_long_after_the_request_for_it_is_a_human_s() -> None:
+    rover = Rover().guided()
+    behind_it(rover)
+    rover.plan = {"route_clear": 4.0, "route_blocked": True}
+    rover.turn(3.0)
+    rover.turn(mode=AUTO)
+    assert rover.guide.ended_by == "by hand"
+
+
+@pytest.mark.parametrize(("seconds", "cruise"), [(0.2, 0.8), (4.0, 0.6), (9.0, 0.5)])
+def test_guided_is_no_faster_than_the_mission_was_of_late(seconds: float, cruise: float) -> None:
+    rover = Rover()
+    rover.plan = {"route_clear": 5.0}
+    rover.turn(1.0, speed=1.2, driven=0.8)
+    rover.turn(seconds, driven=0.4)
+    rover.plan = {"route_clear": 4.0, "route_blocked": True, "arcs": ((0.0, 6.0),)}
+    rover.guided()
+    target = rover.turn(driven=1.0).target
+    assert target is not None
+    assert target.speed == pytest.approx(cruise, abs=0.03)
 
 
 def test_a_waypoint_that_was_passed_is_set_in_the_hold_that_ended_it() -> None:
     rover = Rover().guided()
     rover.turn(held=True)
     assert rover.turn(mode=HOLD, passed=3).item == 3
+    assert rover.turn(0.4).item is None
+    rover.turn(60.0)
+    assert [orders.item for orders in rover.all].count(3) == 6, "the autopilot refuses it"
     assert rover.turn(item=3).item is None
 
 
@@ -346,7 +403,8 @@ def test_the_mission_has_the_vehicle_again_behind_the_thing() -> None:
     rover = Rover().guided()
     behind_it(rover)
     requests = [orders.request for orders in rover.all if orders.request]
-    assert set(requests[:-1]) == {(GUIDED, AUTO)}
+    assert requests[0] == (GUIDED, AUTO)
+    assert set(requests[1:-1]) == {(GUIDED, GUIDED)}
     assert requests[-1] == (AUTO, GUIDED)
     rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
     rover.turn(0.1)

@@ -86,7 +86,7 @@ class Stage(IntEnum):
     ANSWERED = 2
     """Its answer covers its reasons; the hold waits for "go", or for OK frames."""
     CLEAR = 3
-    """Its reasons are gone; it asks "clear now, go?"."""
+    """Its reasons are gone, or are driven round; it asks for a go."""
     CLOSED = 4
 
 

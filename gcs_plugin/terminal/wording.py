@@ -40,7 +40,7 @@ _ADDED_REASONS = {
     Reasons.BLOCKED: "blocked by what it knows",
     Reasons.FAULT: "no picture that can be judged",
 }
-_STAGES = {Stage.ANSWERED: "answered, waits until the way is clear", Stage.CLEAR: "clear now, go?"}
+_STAGES = {Stage.ANSWERED: "answered, waits until the way is clear", Stage.CLEAR: "can drive on now, go?"}
 _OUTCOMES = {
     Outcome.NONE: "over (how was lost on the way)",
     Outcome.ANSWERED: "answered",

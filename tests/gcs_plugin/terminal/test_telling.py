@@ -182,7 +182,7 @@ def test_a_reason_that_comes_and_goes_is_read_once(thing_call: CallReport) -> No
     calls = (both, thing_call, both, thing_call, replace(both, stage=ids.Stage.CLEAR))
     text = read(opened, *(ev.CallChanged(1, call) for call in calls))
     told = text.splitlines()[len(read(opened).splitlines()) :]
-    assert ["blocked" in told[0], "clear now" in told[1], len(told)] == [True, True, 2]
+    assert ["blocked" in told[0], "can drive on now" in told[1], len(told)] == [True, True, 2]
 
 
 def test_a_picture_that_can_be_fetched_is_told_with_what_to_type(thing_call: CallReport) -> None:

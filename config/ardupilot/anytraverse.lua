@@ -592,9 +592,10 @@ do
   local function hold(reason, mode, dt)
     wait_ms = wait_ms - dt
     if wait_ms > 0 then return ALERT, "HOLD REFUSED, " .. reason .. ": take over" end
+    local from = GUARDABLE[guide.on and 10 or mode] -- out of guiding the mission's mode drives on
     set_hold(nil)
     if mode_now() == HOLD then
-      held, held_from, stands, tries, wait_ms = true, GUARDABLE[mode], reason, 0, 0
+      held, held_from, stands, tries, wait_ms = true, from, reason, 0, 0
       return say_held(reason)
     end
     tries = tries + 1

@@ -70,6 +70,22 @@ def test_so_does_the_script_s_own_hold(state: State | None) -> None:
     assert asked.board.texts(2)[0].startswith("Braking: companion")
 
 
+@pytest.mark.parametrize("seconds", [0.0, 2.0])
+def test_out_of_guiding_it_says_that_auto_drives_on_also_where_the_heartbeat_is_lost_first(
+    seconds: float,
+) -> None:
+    asked = Guiding(seconds, ATS_TIMEOUT=1.2).guided()
+    asked.beats = False
+    asked.live(1.4)
+    asked.streams = False
+    asked.live(6.0)
+    assert asked.shows == (HOLD, SCRIPTING)
+    assert "HOLD: companion silent. AUTO again = go blind" in asked.board.texts(2)
+    asked.beats = True
+    asked.live(12.0)
+    assert asked.board.texts(4)[-1] == "HOLD since companion silent: set AUTO by hand"
+
+
 def test_a_hold_ends_the_stream_s_way_and_a_target_that_comes_late_ends_the_brake_in_hold() -> None:
     asked = Guiding().guided()
     assert asked.ask(HOLD, GUIDED)[-1] == IN_PROGRESS

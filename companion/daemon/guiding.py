@@ -110,6 +110,7 @@ class GuideService:
             passed=self._mission.item,
             leg=told[0],
             left=told[1],
+            nears=self._mission.nears,
         )
 
     def _why_not(self) -> str:

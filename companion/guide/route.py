@@ -105,6 +105,14 @@ class MissionRoute:
         self._position_at = -math.inf
         self._pose: Pose | None = None
 
+    @property
+    def nears(self) -> float:
+        """How many m the waypoint of `item` is away, inf where it may not be passed."""
+        if not legs.may_pass(self._items, self.item):
+            return math.inf
+        place = self._items[self.item]
+        return math.hypot(*legs.offset(self._position, (place.lat, place.lon)))
+
     def update(
         self, vehicle: Vehicle | None, items: tuple[MissionItem, ...] | None, now: float
     ) -> Route | None:

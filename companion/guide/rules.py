@@ -29,6 +29,9 @@ STUCK_AFTER = 0.5
 """s without a way after which the vehicle is stopped for good. It slows down at once."""
 CLEAR_FOR = 2.0
 """s for which the mission's way must be clear before the mission has the vehicle again."""
+NEARS, NEARS_FOR = 2.0, 5.0
+"""m before a waypoint that may be passed, where the mission does not get the vehicle back, and s for which.
+ArduPilot would slow down for one that is near and aside, or turn round to one that it has just passed."""
 ALONG = 20.0
 """Degrees by which the heading may differ from the leg's then."""
 _AMBLES = 0.5
@@ -72,7 +75,8 @@ class Circumstances(NamedTuple):
     operator has accepted something there.
     item, passed: numbers of the mission's current item, and of the one that it should be by where the vehicle
     is. leg: direction of the mission's way in degrees counter-clockwise; None where it is not known. left: m
-    of it that may be driven without the mission's mode.
+    of it that may be driven without the mission's mode. nears: m to the waypoint of `passed`, inf where that
+    may not be passed.
     """
 
     now: float
@@ -93,6 +97,7 @@ class Circumstances(NamedTuple):
     passed: int
     leg: float | None
     left: float
+    nears: float
 
 
 class Orders(NamedTuple):
@@ -353,7 +358,8 @@ class Guide:
             return False
         self._clear_since = c.now if self._clear_since is None else self._clear_since
         ends = c.left < self._stops_in * c.driven + 2.0 * SPARE
-        return c.now - self._clear_since >= (0.0 if ends else CLEAR_FOR)
+        waits = CLEAR_FOR + (NEARS_FOR if c.nears < NEARS else 0.0)
+        return c.now - self._clear_since >= (0.0 if ends else waits)
 
     def _give_back(self, c: Circumstances, target: Target) -> Orders:
         if self._plans[-1].route_blocked or c.shows:

@@ -390,6 +390,16 @@ def test_a_waypoint_to_which_somebody_sends_the_vehicle_back_is_not_passed() -> 
     assert ways.item == 4
 
 
+def test_how_near_a_waypoint_is_counts_where_it_may_be_passed() -> None:
+    items = through(*((20.0 * step, 0.0) for step in range(3)))
+    ways = MissionRoute(3.0)
+    assert ways.nears == math.inf
+    ways.update(vehicle(10.0, 15.0, item=2), items, 10.0)
+    assert ways.nears == pytest.approx(5.0, abs=0.01)
+    ways.update(vehicle(11.0, 21.0, item=2), items, 11.0)
+    assert (ways.item, ways.nears) == (3, math.inf), "the last one is the mission's own"
+
+
 def test_the_last_waypoint_is_never_passed() -> None:
     ways = MissionRoute(3.0)
     for step in range(60):

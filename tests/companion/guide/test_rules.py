@@ -14,6 +14,8 @@ from companion.guide.motion import STAND
 from companion.guide.plan import Plan
 from companion.guide.rules import (
     CLEAR_FOR,
+    NEARS,
+    NEARS_FOR,
     STUCK_AFTER,
     TAKEN_WITHIN,
     Circumstances,
@@ -80,6 +82,7 @@ class Rover:
             "passed": 2,
             "leg": 0.0,
             "left": 30.0,
+            "nears": math.inf,
         }
         return Circumstances(**(known | told))
 
@@ -429,6 +432,29 @@ def test_a_waypoint_that_was_passed_is_set_before_the_mission_goes_on() -> None:
     assert not any(orders.request == (AUTO, GUIDED) for orders in rover.all)
     rover.turn(0.6, item=3)
     assert any(orders.request == (AUTO, GUIDED) for orders in rover.all)
+
+
+def test_a_waypoint_that_is_passed_meanwhile_is_ordered_until_it_shows() -> None:
+    rover = Rover().guided()
+    behind_it(rover, passed=3)
+    rover.turn(0.1, item=3)
+    rover.turn(0.6, passed=4)
+    assert any(orders.item == 4 for orders in rover.all)
+    rover.turn(0.6, item=4)
+    assert rover.all[-1].item is None
+    assert any(one.request == (AUTO, GUIDED) for one in rover.all)
+
+
+def test_it_guides_on_to_behind_a_waypoint_that_is_near_but_not_for_long() -> None:
+    rover = Rover().guided()
+    behind_it(rover, nears=NEARS - 0.1)
+    assert rover.state is GuideState.GUIDING
+    rover.turn(2 * TURN, nears=NEARS + 0.1)
+    assert rover.state is GuideState.BACK
+    rover = Rover().guided()
+    behind_it(rover, nears=1.0)
+    rover.turn(NEARS_FOR)
+    assert rover.state is GuideState.BACK
 
 
 def test_where_only_the_mission_can_go_on_it_has_the_vehicle_at_once_or_the_vehicle_is_stopped() -> None:

@@ -321,19 +321,19 @@ do
   function hear_target()
     brake.target_ms, brake.taken, mode_ms = 0, true, 0
     guide.taken = guide.taken or guide.on
-    if guide.on then guide.yield_ms = 0 end
+    if guide.on then guide.yield_ms, guide.told = 0, false end
     end_brake(CHANGED)
     end_guiding(CHANGED)
   end
 
   -- One that the companion sent before it knew has replaced that of whoever took over. GUIDED that is entered anew has
-  -- none, so that the rover does not drive on by it.
+  -- none, so that the rover does not drive on by it. Several may be on their way.
   function guide.yield()
-    guide.yield_ms = LONGEST_MS
     if not is_ours(GUIDED) then return end
     vehicle:set_mode(HOLD)
     if is_ours(HOLD) then vehicle:set_mode(GUIDED) end
-    gcs:send_text(WARNING, "GUIDED is yours: send the target again")
+    if not guide.told then gcs:send_text(WARNING, "GUIDED is yours: send the target again") end
+    guide.told = true
   end
 
   -- One that comes while this script brakes makes the rover drive: HOLD at once.

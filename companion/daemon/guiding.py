@@ -103,6 +103,7 @@ class GuideService:
             driven=abs(motion.speed) if motion is not None else 0.0,
             speed=self._speed,
             held=calls.hold is not None,
+            stopped=calls.holding.script_holds is not None,
             asks=bool(calls.reasons(now) - PASSABLE),
             shows=calls.reason_filter.shows_passable,
             accepts=bool(calls.reason_filter.things.accepted),

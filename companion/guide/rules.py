@@ -70,9 +70,9 @@ class Circumstances(NamedTuple):
     allowed: the policy is guide, and nothing that it needs is missing. mode, mode_at, armed: as reported
     last; mode_at is None where they count no more. motion_at, position_at: of the newest reports; -inf for
     none. pose: where the vehicle is now, None: not known. driven, speed: m/s that it drives, and may drive at
-    most. held: our hold is commanded or stands. asks: something that cannot be passed stops the vehicle.
-    shows: something in the region of interest would stop it that may have room beside it. accepts: an
-    operator has accepted something there.
+    most. held: our hold is commanded or stands. stopped: the script's does. asks: something that cannot be
+    passed stops the vehicle. shows: something in the region of interest would stop it that may have room
+    beside it. accepts: an operator has accepted something there.
     item, passed: numbers of the mission's current item, and of the one that it should be by where the vehicle
     is. leg: direction of the mission's way in degrees counter-clockwise; None where it is not known. left: m
     of it that may be driven without the mission's mode. nears: m to the waypoint of `passed`, inf where that
@@ -90,6 +90,7 @@ class Circumstances(NamedTuple):
     driven: float
     speed: float
     held: bool
+    stopped: bool
     asks: bool
     shows: bool
     accepts: bool
@@ -203,7 +204,10 @@ class Guide:
             shut = c.held and c.allowed and not c.accepts and self._is_shut(c.now)
             self.stuck = "no way round" if shut else ""
             # AUTO would turn round to a waypoint that was passed.
-            behind = c.held and c.allowed and self.ended_by == "held" and c.passed > c.item
+            stands = (c.held and self.ended_by == "held") or c.stopped
+            behind = stands and c.allowed and c.passed > c.item
+            if not behind:
+                self._tries, self._tried_at = 0, -math.inf
             return Orders(item=c.passed) if behind and self._tries_again(c) else Orders()
         self.state, self.stuck = GuideState.READY, ""
         # In two plans, since a cell of the grid may be wrong for once.

@@ -75,6 +75,7 @@ class Rover:
             "driven": 1.0,
             "speed": 1.0,
             "held": False,
+            "stopped": False,
             "asks": False,
             "shows": False,
             "accepts": False,
@@ -388,6 +389,13 @@ def test_a_waypoint_that_was_passed_is_set_in_the_hold_that_ended_it() -> None:
     assert rover.turn(0.4).item is None
     rover.turn(60.0)
     assert [orders.item for orders in rover.all].count(3) == 6, "the autopilot refuses it"
+    assert rover.turn(item=3).item is None
+
+
+def test_so_is_it_in_a_hold_of_the_script_s_and_in_no_human_s() -> None:
+    rover = Rover().guided()
+    assert rover.turn(mode=HOLD, passed=3).item is None
+    assert rover.turn(stopped=True).item == 3
     assert rover.turn(item=3).item is None
 
 

@@ -203,8 +203,8 @@ class Guide:
             self.state = GuideState.OFF
             shut = c.held and c.allowed and not c.accepts and self._is_shut(c.now)
             self.stuck = "no way round" if shut else ""
-            # AUTO would turn round to a waypoint that was passed.
-            stands = (c.held and self.ended_by == "held") or c.stopped
+            # AUTO would turn round to a waypoint that was passed, if only while the hold braked.
+            stands = (c.held and c.mode != AUTO) or c.stopped
             behind = stands and c.allowed and c.passed > c.item
             if not behind:
                 self._tries, self._tried_at = 0, -math.inf

@@ -392,6 +392,14 @@ def test_a_waypoint_that_was_passed_is_set_in_the_hold_that_ended_it() -> None:
     assert rover.turn(item=3).item is None
 
 
+def test_so_is_one_that_a_hold_out_of_auto_has_rolled_past() -> None:
+    rover = Rover()
+    rover.plan = {"route_clear": 5.0}
+    assert rover.turn(held=True, passed=3).item is None, "AUTO still drives to it"
+    assert rover.turn(mode=HOLD).item == 3
+    assert rover.turn(item=3).item is None
+
+
 def test_so_is_it_in_a_hold_of_the_script_s_and_in_no_human_s() -> None:
     rover = Rover().guided()
     assert rover.turn(mode=HOLD, passed=3).item is None

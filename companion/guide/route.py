@@ -108,9 +108,10 @@ class MissionRoute:
     @property
     def nears(self) -> float:
         """How many m the waypoint of `item` is away, inf where it may not be passed."""
-        if not legs.may_pass(self._items, self.item):
+        items = self._items or ()
+        if not legs.may_pass(items, self.item):
             return math.inf
-        place = self._items[self.item]
+        place = items[self.item]
         return math.hypot(*legs.offset(self._position, (place.lat, place.lon)))
 
     def update(

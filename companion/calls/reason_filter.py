@@ -64,8 +64,8 @@ class ReasonFilter:
     and ends no reason.
 
     things: what was answered about, and is not gone. ok_run: OK frames in a row.
-    passes: what stands in the region is driven round, so that it is no reason. no_way: the vehicle cannot go
-    on round it, whatever the region shows.
+    passes: what stands in the region is driven round, so that it is no reason. no_way: why the vehicle cannot
+    go on round it, whatever the region shows; "" where it can.
     not_ok_at: when it was last not OK: because of a frame, because none came, or because of another fault.
     faults: the faults that stand, of the view and of the rest, and what a human accepted of them.
     """
@@ -76,7 +76,7 @@ class ReasonFilter:
         self.things = AnsweredThings(numbers)
         self.faults = Faults(numbers)
         self.ok_run = 0
-        self.passes = self.no_way = False
+        self.passes, self.no_way = False, ""
         self.was_ok = False
         """Whether any frame was OK yet. Before that the state is not OK, although no reason counts yet."""
         self.not_ok_at = now

@@ -12,6 +12,7 @@ from anytraverse.preferences import Preferences
 from anytraverse.regions import Box, Region
 from companion.calls.decisions import Call, CallState
 from companion.calls.machine import OperatorCalls
+from companion.guide.rules import NO_WAY
 from companion.wire import texts
 from companion.wire.call_figures import place_figures, thing_figures
 from companion.wire.call_report import CallReport
@@ -208,6 +209,8 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
     if call is not None and not call.answered and stage is not Stage.ANSWERED:
         text = _unanswered_text(number, call.reasons, call.seen, tried=call.state is CallState.NOT_COVERED)
         return texts.no_room(text) if guides and Reason.UNKNOWN_OBJECT in call.reasons else text
+    if calls.reason_filter.no_way not in ("", NO_WAY):
+        return texts.cannot_guide(kind, number, calls.reason_filter.no_way)
     if Reason.BLOCKED in reasons:
         text = _blocked_text(calls, number, kind)
         return texts.no_room(text) if guides else text

@@ -9,6 +9,7 @@ from companion.calls.machine import OperatorCalls
 from companion.calls.reason_filter import PASSABLE
 from companion.config import Config
 from companion.config.guiding import guide_lacks, outline, stops_in
+from companion.guide.motion import ASIDE
 from companion.guide.plan import Errand, Plan
 from companion.guide.route import MissionRoute
 from companion.guide.rules import Circumstances, Guide, GuideAnswer, GuideState
@@ -19,6 +20,9 @@ from companion.wire import notices
 from companion.wire.ids import INFO, WARNING, Policy
 
 log = logging.getLogger(__name__)
+
+_RADII = 0.25
+"""m from one radius of a turn that is planned with to the next."""
 
 
 class GuideService:
@@ -71,7 +75,7 @@ class GuideService:
         if orders.item is not None:
             link.set_current_item(orders.item, now)
         self._calls.reason_filter.passes = guide.passes
-        self._calls.reason_filter.no_way = bool(guide.stuck) and self._calls.policy.holds
+        self._calls.reason_filter.no_way = guide.stuck if self._calls.policy.holds else ""
         self._calls.monitor.guided_out_of = ardupilot.AUTO if guide.guides else None
         if guide.state is not self._told:
             before, self._told = self._told, guide.state
@@ -84,11 +88,13 @@ class GuideService:
         allowed, outline = not self._why_not(), self._outline
         route = self._mission.update(vehicle, self._link.mission.items, now) if allowed else None
         told = (None, 0.0) if route is None or pose is None else route.at(pose)
-        self.errand = (
-            Errand(route, outline, self._guide.far(self._speed))
-            if route is not None and outline is not None
-            else None
-        )
+        driven = abs(motion.speed) if motion is not None else 0.0
+        self.errand = None
+        if route is not None and outline is not None:
+            # At this speed it turns no tighter. In steps, since each radius has its own tree.
+            turns = math.ceil(driven * driven / ASIDE / _RADII) * _RADII
+            shape = outline._replace(radius=max(outline.radius, turns))
+            self.errand = Errand(route, shape, self._guide.far(self._speed))
         known = calls.monitor.known(now) and not calls.monitor.heartbeat_lost(now)
         position_at = vehicle.position_at if vehicle is not None else None
         return Circumstances(
@@ -100,7 +106,7 @@ class GuideService:
             motion_at=-math.inf if motion is None else motion.at,
             position_at=-math.inf if position_at is None else position_at,
             pose=pose,
-            driven=abs(motion.speed) if motion is not None else 0.0,
+            driven=driven,
             speed=self._speed,
             held=calls.hold is not None,
             stopped=calls.holding.script_holds is not None,

@@ -19,7 +19,7 @@ STOPS_IN = 2.26
 """s: the way to a standstill by the speed, at least. Measured with ArduPilot Rover's brake at 1.5 m/s."""
 NARROW = 0.6
 """m from the vehicle's side within which something counts as passed: slowly."""
-_ASIDE = 1.0
+ASIDE = 1.0
 """m/s2 to the side in a turn, at most."""
 _SLOWEST = 0.15
 """m/s below which it stands instead."""
@@ -63,7 +63,7 @@ def follow(plan: Plan, pose: Pose, speed: float, stops_in: float, radius: float)
     curvature = _curvature(pose, ahead)
     curvature = max(-1.0 / radius, min(1.0 / radius, curvature))
     if curvature:
-        wanted = min(wanted, math.sqrt(_ASIDE / abs(curvature)))
+        wanted = min(wanted, math.sqrt(ASIDE / abs(curvature)))
     return Target(wanted, math.degrees(wanted * curvature))
 
 

@@ -34,6 +34,8 @@ NEARS, NEARS_FOR = 2.0, 5.0
 ArduPilot would slow down for one that is near and aside, or turn round to one that it has just passed."""
 ALONG = 20.0
 """Degrees by which the heading may differ from the leg's then."""
+NO_WAY = "no way round"
+"""Why it stops where nothing is wrong with itself."""
 _AMBLES = 0.5
 """m/s at which a vehicle that stands in a hold drives as it is taken over."""
 _NEAR = 1.0
@@ -202,7 +204,7 @@ class Guide:
         if not ready or c.held:
             self.state = GuideState.OFF
             shut = c.held and c.allowed and not c.accepts and self._is_shut(c.now)
-            self.stuck = "no way round" if shut else ""
+            self.stuck = NO_WAY if shut else ""
             # AUTO would turn round to a waypoint that was passed, if only while the hold braked.
             stands = (c.held and c.mode != AUTO) or c.stopped
             behind = stands and c.allowed and c.passed > c.item
@@ -345,7 +347,7 @@ class Guide:
         if target.speed > 0.0:
             self._shown_at = c.now
         elif c.now - max(self._shown_at, self._since) > STUCK_AFTER:
-            self.stuck = "no way round"
+            self.stuck = NO_WAY
 
     def _may_give_back(self, c: Circumstances) -> bool:
         newest = self._plans[-1]

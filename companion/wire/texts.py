@@ -137,6 +137,11 @@ def clear(kind: Kind, number: int) -> str:
     return fit(f"{name(kind, number)} clear now, go?")
 
 
+def cannot_guide(kind: Kind, number: int, why: str) -> str:
+    """Says that the vehicle stands since it could not be driven round something, whatever room there is."""
+    return fit(f"{name(kind, number)} cannot drive round: {why}, go?")
+
+
 def room(kind: Kind, number: int) -> str:
     """Asks for a go: the vehicle is still held, and would drive round what it sees."""
     return fit(f"{name(kind, number)} room beside it, go?")

@@ -10,6 +10,7 @@ from companion.calls.hold import HoldEvent, HoldState
 from companion.calls.mode_monitor import ModeAnswer
 from companion.calls.snapshot import snapshot
 from companion.calls.summary import current_text
+from companion.guide.rules import NO_WAY
 from companion.wire.ids import Policy, Stage
 from tests.companion.calls.scenes import AUTO, CLEAR, DRUM, GUIDED, HOLD, MANUAL, Scene
 
@@ -34,7 +35,7 @@ def shows(scene: Scene, mode: int, seconds: float = 0.1) -> list[HoldEvent]:
 def stopped() -> Scene:
     """No way is left, and the hold was just commanded."""
     scene = guided()
-    scene.calls.reason_filter.passes, scene.calls.reason_filter.no_way = False, True
+    scene.calls.reason_filter.passes, scene.calls.reason_filter.no_way = False, NO_WAY
     scene.run(0.05, DRUM)
     return scene
 
@@ -58,7 +59,7 @@ def test_what_was_passed_over_counts_at_once_where_it_is_driven_round_no_more() 
 def test_where_no_way_is_left_it_is_held_whatever_the_region_shows() -> None:
     scene = guided()
     scene.run(1.0, CLEAR)
-    scene.calls.reason_filter.no_way = True
+    scene.calls.reason_filter.no_way = NO_WAY
     scene.run(0.05, CLEAR)
     assert scene.calls.reasons(scene.now) == {Reason.BLOCKED}
     assert scene.calls.hold is not None
@@ -142,7 +143,7 @@ def room_again(scene: Scene) -> Scene:
     """Held before a drum, beside which a way shows now."""
     shows(scene, HOLD)
     assert scene.calls.call is not None
-    scene.calls.reason_filter.passes, scene.calls.reason_filter.no_way = True, False
+    scene.calls.reason_filter.passes, scene.calls.reason_filter.no_way = True, ""
     scene.run(2.0, DRUM)
     return scene
 
@@ -172,3 +173,13 @@ def test_a_go_with_words_above_0_drives_over_it() -> None:
     scene.autopilot.deaf = False
     scene.go({"drum": 1.0})
     assert scene.calls.reason_filter.things.accepted
+
+
+def test_a_stop_for_a_fault_of_guiding_is_not_said_to_be_for_want_of_room() -> None:
+    scene = guided()
+    scene.run(1.0, CLEAR)
+    scene.calls.reason_filter.passes, scene.calls.reason_filter.no_way = False, "AUTO refused"
+    scene.run(0.05, CLEAR)
+    assert scene.calls.hold is not None
+    told = current_text(scene.calls, [], scene.now)
+    assert told == f"H{scene.calls.current_id} cannot drive round: AUTO refused, go?"

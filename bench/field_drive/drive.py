@@ -210,7 +210,10 @@ class FieldDrive:
         call = self._calls.call
         asks = call is not None and not call.answered
         sees = room and way is not None and self._stands > 0.0 and self._before(way) >= IN_VIEW
-        said = self._operator.says(current, self._stands, now, way=way is not None, room=sees, asks=asks)
+        passes = self._calls.reason_filter.passes
+        said = self._operator.says(
+            current, self._stands, now, way=way is not None, room=sees, asks=asks, passes=passes
+        )
         if said is not None:
             self._answer(said)
         if self._operator.thinks:

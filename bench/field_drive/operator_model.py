@@ -49,21 +49,21 @@ class OperatorModel:
         self._waits = now + self._random.uniform(*THINK), call.id, operations
 
     def says(
-        self, current: int, stands: float, now: float, *, way: bool, room: bool, asks: bool
+        self, current: int, stands: float, now: float, *, way: bool, room: bool, asks: bool, passes: bool
     ) -> Answer | None:
         """Return what is said now, None for nothing.
 
         current: the id of the open call or hold, 0 for none. stands: s for which the rover has stood. way:
         something is in the way. room: it has room beside it, and is in view. asks: a call is open, and no
-        answer has covered it.
+        answer has covered it. passes: the companion says that it would drive round what is there.
         """
         if self._waits is not None and now >= self._waits[0]:
             (_, number, operations), self._waits = self._waits, None
             if number == current:
-                go = not way or (room and forbids(operations))
+                go = not way or (room and (passes or forbids(operations)))
                 self._go_at = now if go else self._go_at
                 return Answer(number, Motion.GO if go else Motion.NONE, operations)
-        goes = not way or (room and not asks)
+        goes = not way or (room and (passes or not asks))
         if current and self._waits is None and goes and stands > THINK[0] and now >= self._go_at + AGAIN:
             self._go_at = now
             return Answer(current, Motion.GO)

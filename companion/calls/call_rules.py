@@ -121,7 +121,7 @@ def answer_call(
         if not call.answered:
             call.state = CallState.ANSWERED if changed and covered else CallState.ACCEPTED
         # A bare go before what is driven round means that, and not over it.
-        round_it = not changed and reason_filter.goes_round
+        round_it = not changed and reason_filter.goes_round(now)
         reasons = call.reasons - PASSABLE if round_it else call.reasons
         if accepts and reasons and call.thing is not None and not things.blocking(call.id):
             reason_filter.accept(call.thing, reasons, now, travelled)

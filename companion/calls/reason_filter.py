@@ -5,6 +5,7 @@ Pure: time is an input.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Collection, Iterator
 
@@ -56,6 +57,10 @@ PASSABLE = frozenset({Reason.UNKNOWN_OBJECT, Reason.BLOCKED})
 """Reasons of something in the region of interest, which may have room beside it."""
 
 
+_ROUND_LASTS = 3.0
+"""s for which it counts that something was driven round: longer than an operator reads and a text travels."""
+
+
 class ReasonFilter:
     """Decides which reasons count now. It fails closed.
 
@@ -80,6 +85,7 @@ class ReasonFilter:
         self.was_ok = False
         """Whether any frame was OK yet. Before that the state is not OK, although no reason counts yet."""
         self.not_ok_at = now
+        self._round_at = -math.inf
         self._ok_at = self._seen_at = now
         """Capture times of the newest OK frame, and of the newest frame."""
         self._ok = False
@@ -120,6 +126,8 @@ class ReasonFilter:
         self.faults.report(Fault.VIEW, now, stands=Reason.FAULT in self._reasons_of_view(now))
         misfit = bool(self.numbers.judging.misfit)
         self.faults.report(Fault.REGION, now, stands=misfit, what="ROI does not fit" if misfit else "")
+        if self.passes and self.shows_passable:
+            self._round_at = now
         if not self.fresh(now) or self.faults.standing - {Fault.VIEW} or self.no_way:
             self.not_ok_at, self.ok_run = now, 0
 
@@ -157,10 +165,12 @@ class ReasonFilter:
         """Whether something stands in the region that stops the vehicle, unless it is driven round."""
         return any(self._debounced[reason].active for reason in PASSABLE)
 
-    @property
-    def goes_round(self) -> bool:
-        """Whether something stands in the region that the vehicle drives round, or will once it may."""
-        return self.passes and self.shows_passable
+    def goes_round(self, now: float) -> bool:
+        """Whether something stands in the region that the vehicle drives round, or will once it may.
+
+        It lasts: a go that was given to the text of it must not mean something else as it arrives.
+        """
+        return now - self._round_at <= _ROUND_LASTS
 
     def fresh(self, now: float) -> bool:
         """Whether a frame that was captured within T has been judged."""

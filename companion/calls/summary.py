@@ -203,7 +203,7 @@ def current_text(calls: OperatorCalls, silent: list[str], now: float) -> str:
     if stage is Stage.CLEAR and calls.hold is not None and calls.holding.mission_ended:
         return texts.mission_over(kind, number, calls.monitor.newest.mode_name(calls.hold.mode_before))
     if stage is Stage.CLEAR:
-        return (texts.room if calls.reason_filter.goes_round else texts.clear)(kind, number)
+        return (texts.room if calls.reason_filter.goes_round(now) else texts.clear)(kind, number)
     call = calls.call
     guides = calls.policy is Policy.GUIDE
     if call is not None and not call.answered and stage is not Stage.ANSWERED:

@@ -95,6 +95,7 @@ class GuideService:
             turns = math.ceil(driven * driven / ASIDE / _RADII) * _RADII
             shape = outline._replace(radius=max(outline.radius, turns))
             self.errand = Errand(route, shape, self._guide.far(self._speed))
+        item = report.mission.item if report.mission is not None else 0
         known = calls.monitor.known(now) and not calls.monitor.heartbeat_lost(now)
         position_at = vehicle.position_at if vehicle is not None else None
         return Circumstances(
@@ -112,9 +113,9 @@ class GuideService:
             stopped=calls.holding.script_holds is not None,
             asks=bool(calls.reasons(now) - PASSABLE),
             shows=calls.reason_filter.shows_passable,
-            accepts=bool(calls.reason_filter.things.accepted),
-            item=report.mission.item if report.mission is not None else 0,
-            passed=self._mission.item,
+            accepts=bool(calls.reason_filter.things.accepted & PASSABLE),
+            item=item,
+            passed=item if route is None else self._mission.item,
             leg=told[0],
             left=told[1],
             nears=self._mission.nears,

@@ -10,6 +10,8 @@ from typing import NamedTuple
 from anytraverse.frame import Pose
 
 Point = tuple[float, float]
+_SHORT = 0.01
+"""m: a shorter piece of a way has no direction."""
 
 
 class Route(NamedTuple):
@@ -27,26 +29,29 @@ class Route(NamedTuple):
         foot, rest = ahead(self.points, pose)
         onwards = list(pairwise([foot, *rest]))
         left = sum(math.dist(*leg) for leg in onwards)
-        legs = onwards if left > 0.0 else reversed(list(pairwise(self.points)))
-        x, y = next((b[0] - a[0], b[1] - a[1]) for a, b in legs if a != b)
+        legs = onwards if left > _SHORT else reversed(list(pairwise(self.points)))
+        x, y = next((b[0] - a[0], b[1] - a[1]) for a, b in legs if math.dist(a, b) > min(_SHORT, left / 2))
         return math.degrees(math.atan2(y, x)), left
 
 
 def ahead(points: Sequence[Point], pose: Pose) -> tuple[Point, Sequence[Point]]:
     """Return the point of a polyline that a vehicle is beside, and the corners from there on.
 
-    It is the nearest one from the polyline's begin up to where that leads away from the vehicle: where it
-    comes back on another lane, that is not reached yet. Raises ValueError without two points that differ.
+    It is the nearest one from the polyline's begin up to where that leads away from the vehicle, or turns
+    back beyond it: a lane on which it comes back is not reached yet. Raises ValueError without two points
+    that differ.
     """
-    found, nearest = None, math.inf
+    found, nearest, part, before = None, math.inf, 1.0, (0.0, 0.0)
     for number, (start, end) in enumerate(pairwise(points)):
         leg = end[0] - start[0], end[1] - start[1]
         squared = leg[0] ** 2 + leg[1] ** 2
         if not squared:
             continue
-        part = ((pose.x - start[0]) * leg[0] + (pose.y - start[1]) * leg[1]) / squared
+        if part < 1.0 and leg[0] * before[0] + leg[1] * before[1] < 0.0:
+            break
+        part, before = ((pose.x - start[0]) * leg[0] + (pose.y - start[1]) * leg[1]) / squared, leg
         part = max(0.0, min(1.0, part))
-        foot = start[0] + leg[0] * part, start[1] + leg[1] * part
+        foot = end if part == 1.0 else (start[0] + leg[0] * part, start[1] + leg[1] * part)
         away = math.hypot(pose.x - foot[0], pose.y - foot[1])
         if away > nearest:
             break

@@ -10,6 +10,7 @@ from anytraverse.frame import Pose
 from companion.guide import legs
 from companion.guide.legs import LONGEST, Place
 from companion.guide.plan import Route
+from companion.vehicle.ardupilot import AUTO, GUIDED, HOLD
 from companion.vehicle.mission import MissionItem
 from companion.vehicle.motion import MotionReport, pose_at
 from companion.vehicle.state import Vehicle
@@ -25,6 +26,8 @@ _MOTIONS = 12
 _ANEW = 500.0
 """m between two poses that only an odometry that began anew has."""
 _POINT = 0.01
+_DRIVES = frozenset({AUTO, GUIDED, HOLD})
+"""Modes in which what was passed stays passed."""
 
 
 def route(
@@ -123,15 +126,18 @@ class MissionRoute:
         """
         self._note(vehicle)
         if items is not self._items:  # what was passed in another mission is not passed in this one
-            self._items, self._began, self.item = items, None, 0
+            self._items, self._began = items, None
+        if vehicle is not None and vehicle.mission is not None and vehicle.mission.item != self._current:
+            self._current, self._began = vehicle.mission.item, None
+        if vehicle is not None and vehicle.custom_mode not in _DRIVES:  # a human may drive it back
+            self._began = None
+        if self._began is None:
+            self.item = self._current
         self.why = self._missing(vehicle, items, now)
         if self.why or vehicle is None or vehicle.mission is None or not items or self._pose is None:
             return None
-        current = vehicle.mission.item
-        if current != self._current or self._began is None:
-            self._current, self._began = current, self._position
-            self.item = current
-            self._came = False
+        if self._began is None:
+            self._began, self._came = self._position, False
         # Whoever sends the vehicle back to a waypoint wants it to go there, so it must come from before it.
         if legs.may_pass(items, self.item) and not self._came:
             self._came = not legs.is_beyond(items, self.item, self._position, self._began)

@@ -149,7 +149,9 @@ class Guide:
         self._cruise, self._cruise_at = 0.0, -math.inf
         """What the mission drives, m/s, and when that was seen."""
         self._not_allowed_since: float | None = None
+        self._stands_since: float | None = None
         self._clear_since: float | None = None
+        self._ended_at = -math.inf
         self._refused_in_mission = False
         """A human has ended it with the mission's mode. It waits until another mode was set."""
         self.state = GuideState.OFF
@@ -178,11 +180,13 @@ class Guide:
         if not self.guides or self._given_back_at is not None:
             return
         if done is None:
-            self._end("by hand", refused=True)
+            self._end("by hand", now, refused=True)
         elif not done and self.state is GuideState.TAKING:
             self.stuck = "no take-over"
         elif not done and self.state is GuideState.GUIDING and mode == GUIDED:
-            self._end("by hand", refused=True)  # the script guides no more, and its word of that was lost
+            self._end("by hand", now, refused=True)  # its word that it guides no more was lost
+        elif done == (mode == GUIDED) and self.state is not GuideState.TAKING:
+            self._back_asked_at = -math.inf  # the mission's mode was not set
         elif done and mode == AUTO and self.state is not GuideState.TAKING:
             self._given_back_at = now
         elif done and mode == GUIDED and self.state is GuideState.TAKING:
@@ -190,7 +194,7 @@ class Guide:
 
     def tick(self, c: Circumstances) -> Orders:
         """Decide."""
-        if c.mode != AUTO:
+        if c.mode != AUTO and c.mode_at is not None and c.mode_at > self._ended_at:
             self._refused_in_mission = False
         self._note_cruise(c)
         orders = self._follow_mode(c) or self._drive(c) if self.guides else self._wait(c)
@@ -247,7 +251,8 @@ class Guide:
     def _passes(self, c: Circumstances) -> bool:
         if self.stuck or not c.allowed:
             return False
-        if self.guides and c.now - self._back_asked_at > _SHOWS_WITHIN:
+        asked = c.now - self._back_asked_at <= _SHOWS_WITHIN or self._given_back_at is not None
+        if self.guides and not asked:
             return True
         if self.guides or self.state is GuideState.READY:  # AUTO drives, or may do so already
             return self._may_take(c)
@@ -268,7 +273,7 @@ class Guide:
         }[self.state]
         if c.held:
             # The hold brakes without a target. Nothing is streamed any more, whoever has the vehicle then.
-            self._end("held", refused=False)
+            self._end("held", c.now, refused=False)
             return Orders()
         if c.armed and (c.mode_at is None or c.mode_at <= self._since):
             return None  # it was reported before this state began
@@ -276,9 +281,9 @@ class Guide:
         if c.mode == AUTO and c.armed and mode_at - self._back_asked_at <= _SHOWS_WITHIN:
             self._enter(GuideState.READY, c.now)
             return Orders()
-        back = self._given_back_at is not None and mode_at > self._given_back_at
+        back = self._given_back_at is not None and mode_at >= self._given_back_at
         if c.mode not in ours or back or not c.armed or (c.mode == GUIDED and self._requested_at == math.inf):
-            self._end("by hand", refused=True)
+            self._end("by hand", c.now, refused=True)
             return Orders()
         return None
 
@@ -288,14 +293,14 @@ class Guide:
         if not c.allowed:
             return self._abandon(c)
         self._not_allowed_since = None
-        if c.asks:
-            return Orders(STAND)  # it is held for that anyway
         if self.state is GuideState.TAKING and c.now - self._requested_at > TAKEN_WITHIN:
             self.stuck = self.stuck or "no take-over"
         elif c.mode_at is None or c.now - min(c.motion_at, c.position_at) > MOTION_LOST:
             self.stuck = self.stuck or "motion lost"
-        if self.stuck:
-            return Orders(STAND)
+        if self.stuck or c.asks:  # it is held for that. Where it cannot be, the script stops it
+            self._stands_since = self._stands_since or c.now
+            return Orders(STAND) if c.now - self._stands_since <= _SLOWS else Orders()
+        self._stands_since = None
         target = self._target(c)
         if self.state is GuideState.TAKING:
             return self._take(c, target)
@@ -322,7 +327,7 @@ class Guide:
         since = self._not_allowed_since = self._not_allowed_since or c.now
         self.stuck = self.stuck or "not allowed"
         if c.mode == AUTO or c.now - since > _ABANDONED:
-            self._end("not allowed", refused=False)
+            self._end("not allowed", c.now, refused=False)
             return Orders()
         return Orders(STAND) if c.now - since <= _SLOWS else Orders()
 
@@ -394,10 +399,11 @@ class Guide:
             self._back_asked_at = -math.inf
         self._requested_at, self._tries, self._tried_at = -math.inf, 0, -math.inf
         self._clear_since = None
-        self._asked_at, self._given_back_at, self._not_allowed_since = now, None, None
+        self._asked_at, self._given_back_at = now, None
+        self._not_allowed_since = self._stands_since = None
 
-    def _end(self, why: str, *, refused: bool) -> None:
-        self.state, self.stuck, self.ended_by = GuideState.OFF, "", why
-        self._given_back_at = self._not_allowed_since = None
+    def _end(self, why: str, now: float, *, refused: bool) -> None:
+        self.state, self.stuck, self.ended_by, self._ended_at = GuideState.OFF, "", why, now
+        self._given_back_at = self._not_allowed_since = self._stands_since = None
         self._tries, self._tried_at, self._back_asked_at = 0, -math.inf, -math.inf
         self._refused_in_mission = refused

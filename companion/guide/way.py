@@ -69,7 +69,8 @@ def clear_along(grid: LocalGrid, free: Mask, course: Floats, pose: Pose, half: f
     rows, columns, inside = grid.cells(way[:-1, np.newaxis] + aside[:, np.newaxis] * across[:, np.newaxis])
     going = np.append((free[rows, columns] & inside).all(axis=1), False)
     ends = int(going.argmin())
-    stands = (grid.known | grid.foot_below) & ~free
-    blocks = (stands[rows, columns] & inside)[ends : ends + math.ceil(_FOOT / CELL)].any()
+    blocks = (grid.known[rows, columns] & ~free[rows, columns] & inside)[
+        ends : ends + math.ceil(_FOOT / CELL)
+    ].any()
     clear = float(lengths[:ends].sum())
     return min(RELIABLE, clear), bool(blocks) and clear < RELIABLE

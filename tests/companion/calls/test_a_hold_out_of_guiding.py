@@ -8,6 +8,7 @@ from anytraverse.assessment import Reason
 from companion.calls.decisions import HoldMoved, SetMode
 from companion.calls.hold import HoldEvent, HoldState
 from companion.calls.mode_monitor import ModeAnswer
+from companion.calls.reason_filter import PASSABLE
 from companion.calls.snapshot import snapshot
 from companion.calls.summary import current_text
 from companion.guide.rules import NO_WAY
@@ -152,7 +153,7 @@ def test_a_thing_with_room_beside_it_is_not_said_to_be_gone() -> None:
     scene = room_again(stopped())
     assert scene.calls.stage() is Stage.CLEAR
     assert current_text(scene.calls, [], scene.now) == f"C{scene.calls.current_id} room beside it, go?"
-    scene.run(2.0, CLEAR)
+    scene.run(4.0, CLEAR)
     assert current_text(scene.calls, [], scene.now) == f"C{scene.calls.current_id} clear now, go?"
 
 
@@ -162,10 +163,21 @@ def test_a_bare_go_drives_round_the_thing_and_not_over_it() -> None:
     scene.go()
     scene.run(1.0, DRUM)
     assert scene.autopilot.mode == AUTO
-    assert not scene.calls.reason_filter.things.accepted
+    assert not scene.calls.reason_filter.things.accepted & PASSABLE
     scene.calls.reason_filter.passes = False
     scene.run(0.5, DRUM)
     assert scene.calls.hold is not None, "no room is left, and nobody has said that it may be driven over"
+
+
+def test_a_go_that_was_asked_for_so_drives_round_it_where_one_plan_has_no_way() -> None:
+    scene = room_again(stopped())
+    scene.calls.reason_filter.passes = False
+    scene.run(0.5, DRUM)
+    scene.go()
+    assert not scene.calls.reason_filter.things.accepted & PASSABLE
+    scene.run(4.0, DRUM)
+    scene.go()
+    assert scene.calls.reason_filter.things.accepted & PASSABLE, "the text says that no room is left"
 
 
 def test_a_go_with_words_above_0_drives_over_it() -> None:

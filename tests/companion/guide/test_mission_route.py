@@ -373,8 +373,29 @@ def test_what_was_passed_in_a_mission_is_not_passed_in_the_next_one() -> None:
         ways.update(vehicle(10.0 + step, 4.0 + step, item=2), items, 10.0 + step)
     assert ways.item == 3
     assert ways.update(vehicle(40.1, 34.0, item=1), None, 40.1) is None, "another mission is being downloaded"
-    assert ways.item == 0
+    assert ways.item == 1
     ways.update(vehicle(40.2, 34.0, item=1), through((0.0, 50.0), (0.0, 60.0)), 40.2)
+    assert ways.item == 1
+
+
+def test_what_was_passed_is_not_passed_once_a_human_has_driven() -> None:
+    items = through(*((20.0 * step, 0.0) for step in range(6)))
+    ways = MissionRoute(3.0)
+    for step in range(30):
+        ways.update(vehicle(10.0 + step, 4.0 + step, item=2), items, 10.0 + step)
+    assert ways.item == 3
+    ways.update(replace(vehicle(40.0, 10.0, item=2), custom_mode=0), items, 40.0)
+    assert ways.item == 2
+    ways.update(vehicle(40.2, 10.0, item=2), items, 40.2)
+    assert ways.item == 2
+
+
+def test_an_item_that_somebody_sets_counts_though_no_position_comes() -> None:
+    items = through(*((20.0 * step, 0.0) for step in range(6)))
+    ways = MissionRoute(3.0)
+    for step in range(30):
+        ways.update(vehicle(10.0 + step, 4.0 + step, item=2), items, 10.0 + step)
+    assert ways.update(replace(vehicle(40.0, 34.0, item=1), position=None), items, 40.0) is None
     assert ways.item == 1
 
 

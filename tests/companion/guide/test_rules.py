@@ -313,7 +313,7 @@ def test_a_second_answer_to_giving_back_is_nobody_else_s() -> None:
     behind_it(rover)
     rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
     rover.guide.answered(GuideAnswer(AUTO, done=None), rover.now)
-    rover.turn(0.7, mode_at=rover.now)
+    rover.turn(0.7, mode_at=rover.now - TURN)
     assert rover.turn(mode=AUTO, mode_at=rover.now + TURN).target is None
     assert rover.state is GuideState.READY
 
@@ -323,7 +323,7 @@ def test_a_guided_that_shows_after_the_mission_s_mode_was_set_is_somebody_else_s
     behind_it(rover)
     rover.guide.answered(GuideAnswer(AUTO, done=True), rover.now)
     rover.all.clear()
-    rover.turn(1.0, mode_at=rover.now)
+    rover.turn(1.0, mode_at=rover.now - TURN)
     assert rover.guide.guides, "no mode was reported since"
     rover.turn(mode_at=rover.now)
     assert set(rover.all) == {Orders()}
@@ -339,7 +339,7 @@ def test_once_the_mission_s_mode_is_requested_it_passes_only_what_it_could_take_
     for answer in (None, GuideAnswer(AUTO, done=True)):
         if answer is not None:
             rover.guide.answered(answer, rover.now)
-        rover.turn(0.1, shows=True, mode_at=rover.now)
+        rover.turn(0.1, shows=True, mode_at=rover.now - TURN)
         assert not rover.guide.passes
     rover.turn(mode=AUTO, mode_at=rover.now + TURN)
     assert rover.state is GuideState.READY
@@ -548,3 +548,34 @@ def test_whatever_happens_it_streams_only_while_it_says_that_it_guides(told: lis
         if orders.target is not None:
             assert 0.0 <= orders.target.speed <= 1.0
             assert math.isfinite(orders.target.yaw_rate)
+
+
+def test_a_human_s_auto_that_shows_late_ends_it_for_good() -> None:
+    rover = Rover().guided()
+    rover.guide.answered(GuideAnswer(GUIDED, done=None), rover.now)
+    rover.turn(0.5, mode_at=rover.now - TURN)
+    rover.turn(2.0, mode=AUTO, mode_at=rover.now)
+    assert not rover.guide.guides
+
+
+@pytest.mark.parametrize("answer", [GuideAnswer(AUTO, done=False), GuideAnswer(GUIDED, done=True)])
+def test_auto_is_a_human_s_once_the_script_says_that_it_was_not_set(answer: GuideAnswer) -> None:
+    rover = Rover().guided()
+    behind_it(rover)
+    rover.plan = {"route_clear": 4.0, "route_blocked": True}
+    rover.turn(0.1)
+    assert rover.state is GuideState.GUIDING
+    rover.guide.answered(answer, rover.now)
+    rover.turn(2.0, mode=AUTO)
+    assert rover.guide.ended_by == "by hand"
+    assert not rover.guide.guides
+
+
+@pytest.mark.parametrize("told", [{"asks": True}, {"mode_at": None}])
+def test_where_it_cannot_be_held_its_targets_end_and_the_script_stops_it(told: dict[str, Any]) -> None:
+    rover = Rover().guided()
+    rover.all.clear()
+    rover.turn(2.0, **told)
+    targets = [orders.target for orders in rover.all]
+    assert targets[0] == STAND
+    assert targets[20:] == [None] * (len(targets) - 20)

@@ -47,6 +47,20 @@ def test_of_a_mission_that_leads_there_and_back_the_lane_that_is_being_driven_co
     assert (heading, left) == pytest.approx((0.0, 93.0))
 
 
+def test_at_the_tip_of_a_v_the_lane_back_is_not_reached_before_it() -> None:
+    route = Route(((0.0, 0.0), (20.0, 0.0), (0.0, 3.0)), 2.0)
+    heading, left = route.at(Pose(15.0, 0.5, 0.0))
+    assert (heading, left) == pytest.approx((0.0, 5.0 + math.hypot(20.0, 3.0)))
+
+
+@given(st.floats(-900.0, 900.0), st.floats(-900.0, 900.0), st.floats(-3.1, 3.1), st.floats(0.1, 3.0))
+def test_beyond_its_end_a_way_leads_as_it_did_before(x: float, y: float, turn: float, beyond: float) -> None:
+    c, s = math.cos(turn), math.sin(turn)
+    route = Route(((x, y), (x + 7.0 * c, y + 7.0 * s), (x + 16.0 * c, y + 16.0 * s)), 2.0)
+    heading, _ = route.at(Pose(x + (16.0 + beyond) * c, y + (16.0 + beyond) * s, 0.0))
+    assert math.remainder(heading - math.degrees(turn), 360.0) == pytest.approx(0.0, abs=0.01)
+
+
 def test_at_its_corner_a_way_leads_where_the_next_leg_does() -> None:
     route = Route(((0.0, 0.0), (4.0, 0.0), (4.0, 0.0), (4.0, 20.0)), 2.0)
     assert route.at(Pose(4.5, -0.5, 0.0)) == pytest.approx((90.0, 20.0))

@@ -75,7 +75,8 @@ class LocalGrid:
     """Layers of (SIDE, SIDE) cells: the row counts along odometry's y, the column along its x.
 
     corner: the number of the first cell's column and row, counted from odometry's start. age: seconds since a
-    cell was seen, infinite for never.
+    cell was seen, infinite for never. foot_below: below the picture of the newest frame, where
+    in that direction a thing stands of which no frame has shown the foot.
     """
 
     def __init__(self) -> None:
@@ -84,8 +85,7 @@ class LocalGrid:
         self.share: Layer = np.zeros((SIDE, SIDE), np.float32)
         self.uncertainty: Layer = np.ones((SIDE, SIDE), np.float32)
         self.age: Layer = np.full((SIDE, SIDE), np.inf, np.float32)
-        self._below: Layer = np.full((SIDE, SIDE), np.inf, np.float32)
-        """Seconds since in a cell's direction a thing was seen whose foot no frame has shown."""
+        self.foot_below: Mask = np.zeros((SIDE, SIDE), np.bool_)
         self._at = -math.inf
 
     @property
@@ -103,15 +103,10 @@ class LocalGrid:
         """Known cells that are not."""
         return np.asarray(self.known & (self.share < FREE))
 
-    @property
-    def foot_below(self) -> Mask:
-        """Cells below the picture where a thing may stand of which no frame of late has shown the foot."""
-        return np.asarray(self._below <= REMEMBERED)
-
     def forget(self) -> None:
         """Make every cell unknown, and the vehicle's place with them."""
         self.age.fill(np.inf)
-        self._below.fill(np.inf)
+        self.foot_below[:] = False
         self.pose, self._at = None, -math.inf
 
     def update(self, maps: Maps, camera: GroundCamera, pose: Pose | None, now: float) -> None:
@@ -139,7 +134,6 @@ class LocalGrid:
             self.forget()
         elif self.pose is not None:
             self.age += np.float32(passed)
-            self._below += np.float32(passed)
         self._shift((math.floor(pose.x / CELL) - _MIDDLE, math.floor(pose.y / CELL) - _MIDDLE))
         self.pose, self._at = pose, now
 
@@ -206,7 +200,7 @@ class LocalGrid:
             (self.share, 0.0),
             (self.uncertainty, 1.0),
             (self.age, np.inf),
-            (self._below, np.inf),
+            (self.foot_below, False),
         ):
             kept = layer[rows, columns].copy()
             layer.fill(empty)
@@ -242,7 +236,7 @@ class LocalGrid:
         self.share[cells] += weight * ((drivable[pixels] & ground) - self.share[cells])
         self.uncertainty[cells] += weight * (uncertainty[pixels] - self.uncertainty[cells])
         self.age[cells] = 0.0
-        self._below[cells] = np.inf
+        self.foot_below[:] = False
         if feet.below > 0.0:
             rows, columns = np.nonzero(away <= (feet.below + _DEEPEST) ** 2)
             bearings = np.arctan2(y[rows, 0], x[columns]) - math.radians(pose.heading)
@@ -252,7 +246,7 @@ class LocalGrid:
             where = (feet.far[bins] == 0.0) & (ways <= feet.below)
             self._forget(rows[where], columns[where], drivable=True)
             where &= ~feet.near_to(bearings[stands], ways[stands])[bins]
-            self._below[rows[where], columns[where]] = 0.0
+            self.foot_below[rows[where], columns[where]] = True
 
     def _forget(self, rows: Cells, columns: Cells, *, drivable: bool) -> None:
         """Make those of the cells unknown that are drivable, or those that are not."""

@@ -73,9 +73,10 @@ class GuidedOutcome:
 
     @property
     def yielded(self) -> bool:
-        """Whether the script entered GUIDED anew for a human, since one more target of ours had come."""
+        """Whether the script entered GUIDED anew for a human, once for each target of ours that still came."""
         humans = self.trial.does == COMMANDED or self.trial.does in CLICKS
-        return humans and self.inside.startswith("GUIDED") and self.changes == YIELD
+        times = len(self.changes) // len(YIELD)
+        return humans and self.inside.startswith("GUIDED") and times > 0 and self.changes == YIELD * times
 
     @property
     def overridden(self) -> bool:

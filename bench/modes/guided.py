@@ -73,7 +73,7 @@ class GuidedOutcome:
 
     @property
     def yielded(self) -> bool:
-        """Whether the script entered GUIDED anew for a human, once for each target of ours that still came."""
+        """Whether the script entered GUIDED anew for a human, for each target of ours that still came."""
         humans = self.trial.does == COMMANDED or self.trial.does in CLICKS
         times = len(self.changes) // len(YIELD)
         return humans and self.inside.startswith("GUIDED") and times > 0 and self.changes == YIELD * times

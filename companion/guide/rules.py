@@ -266,11 +266,7 @@ class Guide:
 
     def _follow_mode(self, c: Circumstances) -> Orders | None:
         """Follow the reported mode. Returns orders where it has ended."""
-        ours = {
-            GuideState.TAKING: (AUTO, GUIDED),
-            GuideState.GUIDING: (GUIDED,),
-            GuideState.BACK: (GUIDED,),
-        }[self.state]
+        ours = (AUTO, GUIDED) if self.state is GuideState.TAKING else (GUIDED,)
         if c.held:
             # The hold brakes without a target. Nothing is streamed any more, whoever has the vehicle then.
             self._end("held", c.now, refused=False)

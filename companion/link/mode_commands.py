@@ -21,7 +21,7 @@ from companion.link.access_control import AccessControl
 from companion.link.outbox import Outbox
 from companion.link.vehicle import VehicleTracker
 from companion.vehicle import Autopilot, known_autopilot
-from companion.vehicle.ardupilot import GUIDED
+from companion.vehicle.ardupilot import AUTO, GUIDED
 from companion.vehicle.state import Vehicle
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, MODE_REQUEST_COMMAND
 from companion.wire.messages import MESSAGES
@@ -248,6 +248,8 @@ class ModeCommands:
         self._measure(min(max(now - sent.at, _SHORTEST), _LONGEST), by_script=True)
         if result == _IN_PROGRESS:
             self._guiding = sent.serial
+        if sent.mode == AUTO and result == _ACCEPTED:
+            self._tracker.mode_was_set(AUTO, now)
         return GuideAnswer(sent.mode, None if result in _TAKEN else result in (_ACCEPTED, _IN_PROGRESS))
 
     def _measure(self, seconds: float, *, by_script: bool) -> None:

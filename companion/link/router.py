@@ -7,7 +7,6 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from companion.guide.rules import GuideAnswer
 from companion.link.access_control import AccessControl
 from companion.link.alerts import TextSender
 from companion.link.answers import AnswerService
@@ -23,7 +22,7 @@ from companion.link.outbox import Outbox
 from companion.link.parameter_server import ParameterServer
 from companion.link.text_parameters import TextParameters
 from companion.link.vehicle import RemoteControl, VehicleTracker
-from companion.vehicle.ardupilot import AUTO, script_hold
+from companion.vehicle.ardupilot import script_hold
 from companion.wire import notices
 from companion.wire.ids import (
     ANSWER_COMMAND,
@@ -252,10 +251,7 @@ class MessageRouter:
         elif kind == "COMMAND_ACK" and self._tracker.is_ours(system_id):
             if message.target_component not in (0, COMPONENT_ID):
                 return None
-            answer = self._modes.answered(message, now)
-            if isinstance(answer, GuideAnswer) and answer.done and answer.mode == AUTO:
-                self._tracker.mode_was_set(answer.mode, now)
-            return answer
+            return self._modes.answered(message, now)
         elif kind == "STATUSTEXT" and self._tracker.is_ours(system_id):
             return script_hold(message.text)
         elif kind == "RC_CHANNELS" and self._tracker.is_ours(system_id):

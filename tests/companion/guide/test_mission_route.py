@@ -366,12 +366,18 @@ def test_what_was_passed_without_auto_stays_passed_and_the_way_goes_on_from_ther
     assert ways.item == 5
 
 
-def test_what_was_passed_in_a_mission_is_not_passed_in_the_next_one() -> None:
+def beyond_a_waypoint() -> tuple[MissionRoute, tuple[MissionItem, ...]]:
+    """One that has driven past waypoint 2 of a straight mission, which is still the current item."""
     items = through(*((20.0 * step, 0.0) for step in range(6)))
     ways = MissionRoute(3.0)
     for step in range(30):
         ways.update(vehicle(10.0 + step, 4.0 + step, item=2), items, 10.0 + step)
     assert ways.item == 3
+    return ways, items
+
+
+def test_what_was_passed_in_a_mission_is_not_passed_in_the_next_one() -> None:
+    ways, _ = beyond_a_waypoint()
     assert ways.update(vehicle(40.1, 34.0, item=1), None, 40.1) is None, "another mission is being downloaded"
     assert ways.item == 1
     ways.update(vehicle(40.2, 34.0, item=1), through((0.0, 50.0), (0.0, 60.0)), 40.2)
@@ -379,11 +385,7 @@ def test_what_was_passed_in_a_mission_is_not_passed_in_the_next_one() -> None:
 
 
 def test_what_was_passed_is_not_passed_once_a_human_has_driven() -> None:
-    items = through(*((20.0 * step, 0.0) for step in range(6)))
-    ways = MissionRoute(3.0)
-    for step in range(30):
-        ways.update(vehicle(10.0 + step, 4.0 + step, item=2), items, 10.0 + step)
-    assert ways.item == 3
+    ways, items = beyond_a_waypoint()
     ways.update(replace(vehicle(40.0, 10.0, item=2), custom_mode=0), items, 40.0)
     assert ways.item == 2
     ways.update(vehicle(40.2, 10.0, item=2), items, 40.2)
@@ -391,10 +393,7 @@ def test_what_was_passed_is_not_passed_once_a_human_has_driven() -> None:
 
 
 def test_an_item_that_somebody_sets_counts_though_no_position_comes() -> None:
-    items = through(*((20.0 * step, 0.0) for step in range(6)))
-    ways = MissionRoute(3.0)
-    for step in range(30):
-        ways.update(vehicle(10.0 + step, 4.0 + step, item=2), items, 10.0 + step)
+    ways, items = beyond_a_waypoint()
     assert ways.update(replace(vehicle(40.0, 34.0, item=1), position=None), items, 40.0) is None
     assert ways.item == 1
 

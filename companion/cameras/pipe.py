@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections import deque
+from heapq import nlargest
 from itertools import pairwise
 
 import numpy as np
@@ -192,8 +193,9 @@ class _WrongSize:
     def is_wrong(self) -> bool:
         """Whether the size is wrong, as far as the pictures up to the one that is complete now show."""
         self._pictures += 1
-        longest = max(self._waits, default=(0.0, 0))[0]
-        long = [(seconds, place) for seconds, place in self._waits if 2.0 * seconds >= longest]
+        # The very longest may be stalls of a busy computer, which come anywhere.
+        usual = nlargest(_WRONG_SIZE_AFTER + 1, (seconds for seconds, _ in self._waits))[-1:] or [0.0]
+        long = [(seconds, place) for seconds, place in self._waits if 2.0 * seconds >= usual[0]]
         apart = {after - before for (_, before), (_, after) in pairwise(long[-_WRONG_SIZE_AFTER - 1 :])}
         if len(long) <= _WRONG_SIZE_AFTER or len(apart) != 1:
             return False

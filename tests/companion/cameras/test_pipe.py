@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from tempfile import TemporaryDirectory
 
 import cv2
@@ -250,6 +251,19 @@ def test_the_program_dies_with_the_process_that_started_it(tmp_path: Path) -> No
 def test_pictures_of_another_size_are_noticed(sent: tuple[int, int]) -> None:
     with _opened(writer(*sent, 60), replace(_GREY, width=640, height=480)) as camera:
         assert "does not send pictures of 640 x 480 gray" in _failure(camera)
+
+
+@pytest.mark.parametrize(("sent", "wrong"), [(900, True), (1100, True), (1000, False), (3000, False)])
+def test_stalls_of_a_busy_computer_neither_hide_a_wrong_size_nor_make_one(sent: int, wrong: bool) -> None:
+    """sent: bytes of a picture, where 1000 are configured."""
+    sizes, stalls, found = pipe_module._WrongSize(1000), Random(1), False
+    waits = dict.fromkeys(range(sent, 200000, sent), 0.05)
+    waits |= {stalls.randrange(1, 200_000): stalls.uniform(0.2, 2.0) for _ in range(20)}
+    for complete in range(1000, 200_000, 1000):
+        for place in sorted(place for place in waits if complete - 1000 < place <= complete):
+            sizes.waited(place - complete + 1000, waits[place])
+        found = found or sizes.is_wrong()
+    assert found is wrong
 
 
 def test_pictures_of_the_right_size_are_not_called_wrong_whatever_the_writer_holds_back() -> None:

@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo console test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-ground bench-field bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
+.PHONY: help demo console docs test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-ground bench-field bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
 .PHONY: ready-rover ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -35,6 +35,10 @@ types: ready-dev ## check types
 	@$(PYTHON_IN_VENV) -m mypy
 
 check: lint types test ## all three, as before a commit; `make test-slow` is the gate's fourth
+
+docs: ready-dev ## build the pages as a site with search, in dist/site
+	@NO_MKDOCS_2_WARNING=1 $(PYTHON_IN_VENV) -m mkdocs build --quiet --config-file .ci/docs/mkdocs.yml
+	@echo "open it: python3 -m http.server --bind 127.0.0.1 --directory dist/site 8000, then http://127.0.0.1:8000/"
 
 interop: ready-dev ready-interop ## talk to MAVProxy and MAVSDK themselves (1.2 GB of packages); ARGS as for test
 	@INTEROP=.venv-interop $(PYTHON_IN_VENV) -m pytest tests/interop $(ARGS)

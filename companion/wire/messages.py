@@ -139,17 +139,3 @@ TEXT_SLOW_PERIOD = 60.0
 """Call text is sent at once, then every 15 s; after 45 s as an ALERT, then every 60 s."""
 
 NUMBERS = ("AT_TRAV", "AT_UNC", "AT_SIM", "AT_CALL")
-
-
-def markdown() -> str:
-    """Format the table for docs/protocol.md."""
-    lines = [
-        "| message | MAVLink | what for | direction | every | bytes | priority | budget | when lost |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in TABLE:
-        period = "" if row.period is None else f"{row.period:g} s"
-        priority = "" if row.priority is None else str(row.priority)
-        cells = (row.name, row.mavlink, row.purpose, row.direction, period, str(row.bytes), priority)
-        lines.append("| " + " | ".join((*cells, row.bucket or "", row.when_lost)) + " |")
-    return "\n".join(lines) + "\n"

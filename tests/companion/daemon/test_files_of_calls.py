@@ -178,7 +178,7 @@ def test_the_protocols_page_names_every_key_of_the_documents(make_rig: MakeRig) 
     page = (Path(__file__).resolve().parents[3] / "docs" / "protocol.md").read_text()
     section = page.split("### What the documents say")[1].split("\n### ")[0]
     # test_places_known_again has the keys inside of these
-    section = re.sub(r"(`(?:known_place|nearest)` \|).*", r"\1", section)
+    section = re.sub(r"(`(?:known_place|nearest)`:)(?:.|\n  )*", r"\1", section)
     assert set().union(state, call, *inner) == set(re.findall(r"`([a-z][a-z0-9_]*)`", section))
 
 

@@ -69,7 +69,7 @@ def test_a_call_tells_the_answered_scene_most_like_its_frame_and_its_words(
         "words": {"drum": 0.5, "grass": 0.8},
         "picture": "/calls/1.jpg",
     }
-    row = re.search(r"`nearest` \|(.*)", PROTOCOL.read_text())
+    row = re.search(r"`nearest`:((?:.|\n  )*)", PROTOCOL.read_text())
     assert row is not None
     assert set(re.findall(r"`([a-z]+)`", row[1])) == set(nearest(2) or ())
     back.answer(2, Motion.STAY, SetWord("grass", -0.5), transaction=9)
@@ -271,7 +271,7 @@ def test_which_place_is_in_force_is_told_until_an_answer_moves_on_or_refuses_it(
     assert (known["call"], known["similarity"], known["picture"]) == (1, 0.9848, "/calls/1.jpg")
     assert known["changed"] == {"grass": [1.0, 0.8]}
     assert known["needed"] == 0.85
-    row = re.search(r"`known_place` \|(.*)", PROTOCOL.read_text())
+    row = re.search(r"`known_place`:((?:.|\n  )*)", PROTOCOL.read_text())
     assert row is not None
     assert set(re.findall(r"`([a-z]+)`", row[1])) == set(known)
     back.see(2.5, scene=100)

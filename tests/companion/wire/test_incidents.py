@@ -75,6 +75,6 @@ def test_other_names_are_none(name: str) -> None:
 def test_the_page_names_every_key() -> None:
     told = Incidents(7, (7, "why"), (Packed(1, 7, 2, 3),)).document()
     page = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
-    section = page.split("### Incident files")[1].split("\n### ")[0].partition("| key | value |")[2]
+    section = page.split("### Incident files")[1].split("\n### ")[0].partition("`/incidents.json`:")[2]
     keys = {*told, *told["failed"], *told["packed"][0]}
     assert keys == set(re.findall(r"`([a-z]+)`", section))

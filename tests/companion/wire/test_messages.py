@@ -3,7 +3,7 @@ import sys
 from pathlib import Path
 
 from companion.link.signing import PRIVATE_TELEMETRY
-from companion.wire.messages import MESSAGES, NUMBERS, TABLE, TELEMETRY, markdown
+from companion.wire.messages import MESSAGES, NUMBERS, TABLE, TELEMETRY
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -45,22 +45,6 @@ def test_quiet_traffic_fits_the_default_budget_twice() -> None:
     quiet = sum(n * MESSAGES[name].bytes / (MESSAGES[name].period or 1.0) for name, n in count.items())
     assert quiet == 21 + 64 + len(NUMBERS) * 27 / 2 + 252 / 30
     assert 2 * quiet < 300
-
-
-def test_the_public_page_shows_the_table_as_it_is() -> None:
-    assert markdown() in (ROOT / "docs" / "protocol.md").read_text()
-
-
-def test_the_module_prints_the_table() -> None:
-    printed = subprocess.run(
-        [sys.executable, "-m", "companion.wire"],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=ROOT,
-        timeout=30,
-    )
-    assert printed.stdout == markdown()
 
 
 def test_the_wire_needs_nothing_heavy() -> None:

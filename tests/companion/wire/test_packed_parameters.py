@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -74,15 +73,6 @@ def test_names_share_what_they_begin_with() -> None:
     rows = [("AT_W_DRY_GRASS", 1.0), ("AT_W_DRY", 0.5), ("AT_W_DRY_GRASS_2", 0.0), ("A" * 16, 1.0)]
     assert told(read(pack(listed(rows), WHOLE, {})).params) == rows
     assert len(pack(build(["grass", "dry grass"], {}, {}), WHOLE, {})) < 270
-
-
-def test_the_example_in_the_document_is_what_is_packed() -> None:
-    document = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
-    rows = listed([("AT_W_BUSH", -1.0), ("AT_W_DIRT", 1.0)])
-    packed = pack(rows, ListOptions(with_defaults=True), {"AT_W_DIRT": 0.5})
-    shown = document.partition("```text\n  0  1c 67")[2].partition("```")[0].splitlines()
-    codes = ["1c 67", *(line[5:].partition("  ")[0] for line in shown[1:])]
-    assert bytes.fromhex(" ".join(codes)) == packed
 
 
 @pytest.mark.parametrize(

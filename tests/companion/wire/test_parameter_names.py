@@ -1,13 +1,10 @@
 import math
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.wire import doc_generator as parameter_page
 from companion.wire import parameters
-from companion.wire.doc_generator import parameters_markdown
 from companion.wire.parameters import Parameter, ParameterError, build, word_parameter
 
 
@@ -107,10 +104,3 @@ def test_every_vocabulary_gives_distinct_wire_names_or_is_refused(vocabulary: li
     assert all(
         len(entry.name) <= 16 and entry.name.isascii() and entry.name.startswith("AT_") for entry in listed
     )
-
-
-def test_the_public_page_lists_every_parameter_as_it_is() -> None:
-    page = (Path(__file__).resolve().parents[3] / "docs" / "protocol.md").read_text()
-    assert parameters_markdown() in page
-    listed = {"AT_W_<WORD>" if entry.word else entry.name for entry in build(["any"], {}, {})}
-    assert parameter_page.LINES.keys() == listed

@@ -11,7 +11,7 @@ ROWS = (
         "in the steps of a brake",
         'hold_by = "brake", the camera is frozen; as HOLD is asked for, in the brake, or as HOLD is set: a '
         "go, MANUAL, somebody's target, SIGKILL of the companion, or 0.6 s of lost frames one way",
-        "it stands, also for who sends a target in a fault; a go drives on once it sees; MANUAL stays",
+        "it stands; a go drives on; MANUAL stays",
         repeated(len(STEPS) * len(FAULTS), *BRAKING),
     ),
 )

@@ -10,7 +10,7 @@ ROWS = (
     Row(
         "driven on over a fault",
         "the camera is frozen; 1.5 s after its hold was confirmed a human sets AUTO",
-        "drives on for 20 s or 10 m at most, whichever comes first; then it is held again",
+        "held again after 20 s or 10 m",
         repeated(5, *SCENES["driven_on"]),
         None,
         BACK_WITHIN,
@@ -19,19 +19,19 @@ ROWS = (
         "a human's mode in the moment of a resume",
         "a go; MANUAL is set up to 60 ms after the command to resume has left; by turns with and without the "
         "script",
-        "the rover stays in MANUAL; without the script it may be held again",
+        "stays in MANUAL; without the script it may be held again",
         repeated(10, *SCENES["mode_at_resume"]),
     ),
     Row(
         "mission complete",
         "the mission ends, ArduPilot stays in AUTO and stands; a call there, or as it still rolls; a go",
-        "nothing is held where it stands; no resume begins the mission anew; the rover stays where it is",
+        "it stays where it is",
         repeated(10, *SCENES["mission_complete"]),
     ),
     Row(
         "serial device stuck",
         "the autopilot's port takes no byte; a go is given, a human sets MANUAL; then it takes all again",
-        "told; no command to drive on leaves late; the rover stays in MANUAL; well again",
+        "no command to drive on leaves late",
         repeated(5, *SCENES["serial_stuck"]),
         None,
         BACK_WITHIN,

@@ -62,7 +62,7 @@ ROWS = (
     Row(
         "camera absent at boot",
         "nothing listens at the camera's address; AUTO is set; then it is plugged in",
-        "fault; the rover is held as soon as it drives; well again once the camera is there",
+        "held as soon as it drives",
         repeated(5, _unplugged, _absent_at_boot),
         HOLD_WITHIN,
         CAMERA_BACK_WITHIN,
@@ -70,7 +70,7 @@ ROWS = (
     Row(
         "camera frozen",
         "the same picture again and again, each as if new",
-        "fault, hold; nothing resumes by itself",
+        "held",
         stops(CAMERA["frozen_camera"], 5),
         HOLD_WITHIN,
         CAMERA_BACK_WITHIN,
@@ -78,7 +78,7 @@ ROWS = (
     Row(
         "camera frozen, with a clock in the picture",
         "the same, with another number drawn into each picture, which is compressed again",
-        "fault, hold; nothing resumes by itself",
+        "held",
         stops(CAMERA["frozen_with_clock"], 5),
         HOLD_WITHIN,
         CAMERA_BACK_WITHIN,
@@ -86,7 +86,7 @@ ROWS = (
     Row(
         "camera unplugged while driving",
         "its connection is closed and refused",
-        "fault, hold; nothing resumes by itself",
+        "held",
         stops(UNPLUGGED, 5),
         HOLD_WITHIN,
         CAMERA_BACK_WITHIN,
@@ -94,7 +94,7 @@ ROWS = (
     Row(
         "camera unplugged, a program's pipe",
         "its program is killed and cannot be started, or is stopped, for 0.2 to 3 s; 100 times",
-        "noticed within T; no old picture counts as new; its pictures are back",
+        "noticed within T; no old picture counts",
         _lost("pipe"),
         None,
         CAMERA_BACK_WITHIN,
@@ -102,7 +102,7 @@ ROWS = (
     Row(
         "camera unplugged, from the network",
         "its HTTP server is killed or stopped for 0.2 to 3 s; 100 times",
-        "noticed within T; no old picture counts as new; its pictures are back",
+        "noticed within T; no old picture counts",
         _lost("http"),
         None,
         CAMERA_BACK_WITHIN,
@@ -110,7 +110,7 @@ ROWS = (
     Row(
         "camera silent",
         "it stays connected, and sends no picture",
-        "fault, hold; nothing resumes by itself",
+        "held",
         stops(CAMERA["silent_camera"], 5),
         HOLD_WITHIN,
         CAMERA_BACK_WITHIN,
@@ -118,7 +118,7 @@ ROWS = (
     Row(
         "camera black",
         "every picture is black",
-        "call, or fault; hold; nothing resumes by itself",
+        "held, or called and held",
         stops(BLACK, 5),
         HOLD_WITHIN,
         CAMERA_BACK_WITHIN,
@@ -126,7 +126,7 @@ ROWS = (
     Row(
         "camera slow",
         "a picture every 2.5 s, where T is 1 s",
-        "fault, hold; nothing resumes by itself",
+        "held",
         stops(SLOW, 5),
         HOLD_WITHIN,
         CAMERA_BACK_WITHIN,

@@ -45,7 +45,6 @@ _CIRCLES = 40.0
 """s within which a rover that circles back in LOITER stands."""
 _NOT_WELL = "not well again"
 _TO_HOLD = "COMMAND_LONG 176 1 4"
-_RETURNS = "nothing resumes by itself; well again"
 
 
 class _Events:
@@ -327,7 +326,7 @@ ROWS = (
     Row(
         "companion killed while driving",
         "SIGKILL; it is started again when the rover stands",
-        f"the script holds; {_RETURNS}",
+        "script holds",
         stops(SILENCE["kill_9"], 5),
         SCRIPT_WITHIN,
         BACK_WITHIN,
@@ -335,7 +334,7 @@ ROWS = (
     Row(
         "main loop stopped",
         "SIGSTOP of the companion, as if it hung, and SIGCONT when the rover stands",
-        f"the script holds; {_RETURNS}",
+        "script holds",
         stops(SILENCE["sigstop"], 5),
         SCRIPT_WITHIN,
         BACK_WITHIN,
@@ -343,7 +342,7 @@ ROWS = (
     Row(
         "link lost",
         "nothing passes between companion and autopilot, both ways",
-        f"the script holds; the companion reports a fault; {_RETURNS}",
+        "script holds",
         stops(SILENCE["dead_link"], 5),
         SCRIPT_WITHIN,
         BACK_WITHIN,
@@ -351,7 +350,7 @@ ROWS = (
     Row(
         "link lost with a call open",
         "the same after a call was announced, before its hold arrived; it is answered in the gap or after it",
-        "the script holds; the call is told again, its answer acknowledged when it is back; it drives on",
+        "script holds; the call can be answered",
         repeated(6, Job.plan, _call_open),
         SCRIPT_WITHIN,
         BACK_WITHIN,
@@ -359,7 +358,7 @@ ROWS = (
     Row(
         "companion does not hear the autopilot",
         "nothing passes from the autopilot to the companion",
-        f"the companion reports a fault after 3 s; the script holds for it; {_RETURNS}",
+        "fault after 3 s; script holds",
         stops(SILENCE["one_way_wire"], 5),
         SCRIPT_WITHIN,
         BACK_WITHIN,
@@ -367,7 +366,7 @@ ROWS = (
     Row(
         "autopilot does not hear the companion",
         "nothing passes from the companion to the autopilot",
-        f"the script holds; {_RETURNS}",
+        "script holds",
         stops(UNHEARD, 5),
         SCRIPT_WITHIN,
         BACK_WITHIN,
@@ -375,8 +374,7 @@ ROWS = (
     Row(
         "autopilot reboots while it is held",
         "it is deaf and silent for 4 to 8 s, then disarmed in HOLD; a person sets AUTO and arms, or reverse",
-        "fault; no command until it is armed; in AUTO then, it is held until a go; whoever arms it in HOLD "
-        "and sets AUTO has taken over",
+        "no command until armed; armed in AUTO: held",
         repeated(6, Job.plan, _reboot_while_held),
         HOLD_WITHIN,
         BACK_WITHIN,
@@ -384,7 +382,7 @@ ROWS = (
     Row(
         "autopilot reboots while it drives",
         "it is deaf and silent for 4 to 8 s, then disarmed in HOLD; a person arms it and sets AUTO again",
-        "fault; HOLD at most is asked for in that time, and nothing after it; a person can drive on in AUTO",
+        "it stands; a person drives on",
         repeated(5, Job.plan, _reboot_while_driving),
         None,
         RETURN_WITHIN,
@@ -393,7 +391,7 @@ ROWS = (
         "autopilot reboots armed in AUTO",
         "ARMING_REQUIRE 3, INITIAL_MODE 10: deaf and silent for 4 to 8 s, it arms itself in AUTO up to 3 s "
         "later; by turns it has no script, and the companion is dead with ATS_NEED 1",
-        "it is held as soon as it is armed: by the companion until a go, by the script where that is dead",
+        "held as soon as it is armed",
         repeated(6, with_and_without_script, _reboot_into_auto),
         HOLD_WITHIN,
         BACK_WITHIN,
@@ -401,7 +399,7 @@ ROWS = (
     Row(
         "drives backwards in AUTO",
         "DO_SET_REVERSE while it drives at 0.6 to 1.5 m/s; undone when it stands, and a go",
-        "fault, hold; nothing resumes without a go",
+        "held",
         repeated(5, Job.plan, _reversed),
         _BACKS_WITHIN,
         BACK_WITHIN,
@@ -409,14 +407,14 @@ ROWS = (
     Row(
         "companion dead on PX4",
         "SIGKILL of the companion of a PX4 rover in MISSION",
-        "the rover drives on; PX4 and the operator's terminal say that the companion is lost",
+        "it drives on",
         repeated(3, _px4, _dead_on_px4),
         exception="px4_deadman, which is off as shipped, has PX4 stop it at a price: docs/autopilots.md",
     ),
     Row(
         "companion dead on PX4, with px4_deadman",
         "the same, with the stream of sticks and the parameters that it needs, and no transmitter",
-        "PX4 holds within 1 s of the kill; nothing resumes by itself; well again",
+        "PX4 holds within 1 s",
         repeated(5, _guarded_px4, _dead_on_guarded_px4),
         1.0,
         BACK_WITHIN,

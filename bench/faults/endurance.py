@@ -278,7 +278,7 @@ ROWS = (
     Row(
         "an hour's frames",
         "36,000 frames as fast as they go, with calls, answers, settings and a link that comes and goes",
-        "memory, open files and threads stay, journal and log stay within their bounds",
+        "memory, files and threads stay",
         _produce,
     ),
 )

@@ -172,7 +172,7 @@ ROWS = (
     Row(
         "damaged configuration",
         f"{CONFIGS} mutations of the shipped file: bytes, lines, and values of a wrong type or range",
-        "taken as it stands where it is valid, else refused with file, line and reason; exit code 2",
+        "taken where valid, else refused with the line",
         _produce,
     ),
 )

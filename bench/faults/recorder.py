@@ -126,7 +126,7 @@ def _hold_and_answer(rover: Standing, since: int, wrong: list[str]) -> float:
     return hold_s
 
 
-_GOES_ON = "it judges, holds and acknowledges as ever; the status says it; it records again by itself"
+_GOES_ON = "goes on"
 
 ROWS = tuple(
     repeating(fault, produced, _GOES_ON, 5, partial(_recorder_fails, how=how), holds=True)._replace(

@@ -8,7 +8,7 @@ from bench.stopping.faults import BREAKABLE, FAINT, NO_MEMORY, WRONG_SHAPES
 from bench.stopping.stage import RETURN_WITHIN
 from companion.vision.measured_pace import BAD_FOR
 
-_HELD = "fault, hold; another vision process is started; nothing resumes by itself"
+_HELD = "held; vision is started again"
 
 ROWS = (
     Row(
@@ -46,7 +46,7 @@ ROWS = (
     Row(
         "vision out of memory: refused",
         "the kernel gives the process no more memory (RLIMIT_AS), and each picture needs more",
-        "fault, hold; nothing resumes by itself",
+        "held",
         stops(NO_MEMORY, 5, breakable=True),
         HOLD_WITHIN,
         BACK_WITHIN,
@@ -54,7 +54,7 @@ ROWS = (
     Row(
         "frames judged too slowly",
         "each picture takes 0.45 s longer, so that two of them and a period exceed T; until the rover stands",
-        "fault after 5 s at most, hold; it ends after 10 s of quick ones; nothing resumes by itself",
+        "held after 5 s at most",
         stops(BREAKABLE["slow_frames"], 5, breakable=True),
         HOLD_WITHIN + BAD_FOR,
         RETURN_WITHIN,
@@ -62,7 +62,7 @@ ROWS = (
     Row(
         "maps of NaN",
         "the perceiver's maps are NaN everywhere, or in one pixel",
-        "fault, hold; nothing resumes by itself",
+        "held",
         stops({"all": BREAKABLE["nan_maps"], "one pixel": FAINT["nan_maps"]}, 3, breakable=True),
         HOLD_WITHIN,
         BACK_WITHIN,
@@ -70,7 +70,7 @@ ROWS = (
     Row(
         "maps or embedding of a wrong shape",
         f"the perceiver delivers another shape or type: {', '.join(WRONG_SHAPES)}",
-        "fault or call, hold; nothing resumes by itself",
+        "held, or called and held",
         stops(WRONG_SHAPES, 2, breakable=True),
         HOLD_WITHIN,
         BACK_WITHIN,

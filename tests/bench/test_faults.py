@@ -128,9 +128,9 @@ def test_a_stated_exception_is_not_safe_and_not_wrong_while_it_is_as_stated() ->
 
 def test_a_row_says_how_often_it_may_fail_at_most() -> None:
     clean = judged(row(), RowOutcome(59, (), 1.2, 4.0), short=False)
-    assert "| 59, < 4.96 % |" in document([row()], [clean])
+    assert "| 59, <4.96% |" in document([row()], [clean])
     spoilt = judged(row(), RowOutcome(5, ("not stopped",), 1.2, 4.0), short=False)
-    assert "| 5, < 65.8 % |" in document([row()], [spoilt])
+    assert "| 5, <65.8% |" in document([row()], [spoilt])
     never = judged(row(), RowOutcome(0, ("did not end",), None, None), short=False)
     assert "| 0 |" in document([row()], [never])
 

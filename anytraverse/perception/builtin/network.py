@@ -21,7 +21,7 @@ STEP = 32
 LEAST_HEIGHT, GREATEST_HEIGHT, GREATEST_WIDTH = 128, 256, 512
 
 EXPOSED = 90.0
-"""Mean of a frame's levels, 0 to 255, below which it is brightened: docs/builtin.md says what that does."""
+"""Mean of a frame's levels, 0 to 255, below which it is brightened."""
 MOST_GAIN = 16.0
 _BRIGHT_SHARE, _WHITE = 0.95, 235.0
 

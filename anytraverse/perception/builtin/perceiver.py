@@ -86,7 +86,7 @@ class GroundNetwork:
     DEFAULTS = DefaultThresholds(
         roi=0.4,
         scene=SAME_PLACE,  # the calibration scales the embedding to this threshold
-        tile_share=0.08,  # docs/builtin.md: recall of things by size against false stops
+        tile_share=0.08,  # small things noticed against false stops
     )
     """Of every network; the tile's threshold comes with its calibration."""
 

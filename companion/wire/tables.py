@@ -103,7 +103,8 @@ def _names(direction: Direction, *, of_camera: bool) -> str:
     periods: dict[str, str] = {}
     for one in TABLE:
         if (one.direction, one.of_camera) == (direction, of_camera):
-            periods.setdefault(one.mavlink, f" ({one.period:g} s)" if one.period else "")
+            name = one.mavlink.replace("*", r"\*")
+            periods.setdefault(name, f" ({one.period:g} s)" if one.period else "")
     return "\n".join(textwrap.wrap(", ".join(map("".join, periods.items())), _WIDTH)) + "\n"
 
 

@@ -1,0 +1,124 @@
+"""Says which settings a page may change, and which only the shell may, or a page over loopback."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from enum import Enum
+
+from companion.cameras import SourceError, split_source
+from companion.config.checks import ValueCheck, checks_of
+from companion.config.link_settings import LinkSettingError, read_url
+from companion.config.radio import ConnectionSection
+from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS
+from companion.config.toml_file import nearest
+
+
+class Guard(Enum):
+    """Who may change a setting.
+
+    OPEN: whoever may use a page. LOOPBACK: only who is on this computer: in the shell, or on a page over
+    loopback. Whoever has a page's token must not be able to run a program, to read a file, to let somebody
+    else in or to have the vehicle commanded.
+    """
+
+    OPEN = "open"
+    LOOPBACK = "loopback"
+
+
+_COMMANDS = frozenset(
+    {
+        "call.policy",
+        "call.fault_ends_hold",
+        "call.off_channel",
+        "call.off_side",
+        "call.px4_hold",
+        "call.px4_deadman",
+        "stopping.hold_by",
+        "stopping.unchecked",
+        "guide.corridor",
+        "guide.radius",
+    }
+)
+"""What decides whether and how the vehicle is commanded, and who may stop that."""
+_WHO_MAY = frozenset({"link.allowed_senders", "link.unsigned_autopilot"})
+_DEVICE = re.compile(r"/dev/(?!.*\.\.)[\w.:/@+-]+", re.ASCII)
+
+
+def _harmless_source(source: str) -> bool:
+    """Whether a camera is a device or a host: a program is run, and files of this computer are shown."""
+    kind, place = split_source(source)
+    return kind in {"rtsp", "http", "https", "oak", "field"} or (
+        kind == "v4l2" and _DEVICE.fullmatch(place) is not None
+    )
+
+
+def _harmless_url(url: str) -> bool:
+    """Whether only this computer is on the link: a serial port, or a port of loopback."""
+    address = read_url(url)
+    if address.scheme == "serial":
+        return _DEVICE.fullmatch(address.place) is not None
+    return address.place.startswith("127.")
+
+
+_OPEN_VALUES: Mapping[str, Callable[[str], bool]] = {
+    "camera.source": _harmless_source,
+    "perceiver.name": lambda name: name in {"builtin", "builtin:lexicon"},
+    "link.url": _harmless_url,
+    "call.policy": lambda policy: policy in {"report", "shadow"},
+}
+"""Settings of which some values are open."""
+
+
+def split_key(key: str) -> tuple[str, ...]:
+    """Split "call.votes", "words.very long grass", "vocabulary" or "link.more.wifi.url" into keys of the file.
+
+    Raises ValueError for a setting that does not exist.
+    """
+    name, _, rest = key.partition(".")
+    if name in WORD_KEYS:
+        if bool(rest) is (name == "vocabulary"):
+            raise ValueError("give the whole list" if rest else f"name the word: {name}.WORD")
+        return (name, rest) if rest else (name,)
+    if name not in SECTIONS:
+        raise ValueError(f"is not known; {nearest(name, (*WORD_KEYS, *SECTIONS))}")
+    keys: tuple[str, ...] = (name, rest)
+    known = checks_of(SECTIONS[name])
+    if (name, rest.split(".")[0]) == ("link", "more"):
+        keys = (name, *rest.split("."))
+        if len(keys) != 4:
+            raise ValueError("is not known; write link.more.NAME.url")
+        known = checks_of(ConnectionSection)
+    if keys[-1] not in known:
+        raise ValueError(f"is not known; {nearest(keys[-1], known)}")
+    return keys
+
+
+def guard_of(key: str, value: object) -> Guard:
+    """Return who may set `key` ("section.key", "words.WORD") to `value`, None: remove it.
+
+    A text is guarded unless it is known to be harmless: a setting to come may name a file or a program.
+    Raises ValueError for a setting that does not exist.
+    """
+    keys = split_key(key)
+    if keys[0] in WORD_KEYS:
+        return Guard.OPEN
+    if keys[:2] == ("link", "more"):
+        return Guard.LOOPBACK
+    if key in _OPEN_VALUES:
+        return Guard.OPEN if _is_open(key, value) else Guard.LOOPBACK
+    check: ValueCheck = checks_of(SECTIONS[keys[0]])[keys[1]]
+    free_text = check.schema.get("type") == "string"
+    return Guard.LOOPBACK if free_text or key in _COMMANDS or key in _WHO_MAY else Guard.OPEN
+
+
+def _is_open(key: str, value: object) -> bool:
+    section, _, name = key.partition(".")
+    if value is None:
+        if section in OF_A_VEHICLE:  # the value of the vehicle's file would come into force
+            return False
+        value = getattr(SECTIONS[section](), name)
+    try:
+        return isinstance(value, str) and _OPEN_VALUES[key](value)
+    except (SourceError, LinkSettingError):
+        return False

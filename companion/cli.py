@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import logging
-import os
 import sys
 import threading
 from collections.abc import Sequence
@@ -207,23 +206,18 @@ def _init(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError, UnknownWordError
-    from companion.config import ConfigError, format_config, load_config, word_problem
-    from companion.daemon.policy.hold_gate import require_checkable
-    from companion.wire.signing_store import SigningKeyError, read_key
+    from companion.config import ConfigError, format_config, word_problem
+    from companion.config.reading import read_layer
+    from companion.config.whole_check import load_checked
 
     try:
-        config = load_config(options.file)
-        key = config.link.signing_key
-        # A key that exists and cannot be read belongs to the service's user: only the daemon can check it.
-        if key is not None and (os.access(key, os.R_OK) or not os.path.exists(key)):
-            read_key(Path(key))
-        require_checkable(config)
+        config = load_checked(read_layer(options.file))
         runs = _try_perceiver(config)
     except ConfigError as error:
         raise UserError(error_text(error)) from error
     except UnknownWordError as error:
         raise UserError(str(word_problem(options.file, error.word, str(error)))) from error
-    except (AnyTraverseError, SigningKeyError) as error:
+    except AnyTraverseError as error:
         raise UserError(f"{options.file}: {error}") from error
     print(f"# perceiver: {runs}\n{format_config(config)}", end="")
     return 0

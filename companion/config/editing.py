@@ -1,13 +1,25 @@
-"""Changes the configuration file by program: proposes a text, and writes it whole."""
+"""Changes the configuration file by program: proposes a text, and writes it whole.
+
+propose() edits and checks and writes nothing; write() replaces the file, and keeps the versions before.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from companion.config.guards import Guard, guard_of
-from companion.config.toml_file import Problem
+from anytraverse.preferences import clean_word
+from companion.config.guards import Guard, guard_of, guards_old, split_key
+from companion.config.reading import owner, read_layer
+from companion.config.schema import SECTIONS, WORD_KEYS
+from companion.config.shown_diff import shown_diff
+from companion.config.toml_edit import EditError, edited
+from companion.config.toml_file import ConfigError, Layer, Problem
+from companion.config.toml_lines import KeyPath
+from companion.config.versions import write_version
+from companion.config.whole_check import problems_of
 
 __all__ = ["Guard", "Proposal", "guard_of", "propose", "write"]
 
@@ -17,8 +29,8 @@ class Proposal:
     """A changed text of the configuration file.
 
     before, after: the file's texts; they may hold secrets. diff: unified, with secrets left out, "" where
-    nothing changes. problems: what `companion config check` would say of the text after. guarded: the keys
-    of which `guard_of` says LOOPBACK, for the value before or after.
+    nothing changes. problems: what `companion config check` would say of the text after, but for what only a
+    bundle of the perceiver says. guarded: the keys that need loopback, for the value before or after.
     """
 
     before: str = field(repr=False)
@@ -33,15 +45,86 @@ def propose(path: Path, changes: Mapping[str, object | None]) -> Proposal:
 
     changes: "section.key" -> a value of a TOML type, None: the key is removed. "words.WORD" and
     "aliases.WORD" are entries of these tables, "words" and "aliases" the whole tables, "vocabulary" the whole
-    list. Raises ConfigError for a file that cannot be read.
+    list. Where the vehicle's file has the words, its words are copied first, since the tables of one file
+    count. Raises ConfigError for a file that cannot be read.
     """
-    raise NotImplementedError
+    layer = read_layer(path)
+    before = layer.text
+    problems: list[Problem] = []
+    guarded = [key for key, value in changes.items() if _is_guarded(layer, key, value, problems)]
+    after = before
+    if not problems:
+        text = before.replace("\r\n", "\n")
+        try:
+            text = edited(text, _keyed(layer, changes))
+        except (EditError, ValueError) as error:
+            problems.append(Problem(path, None, "", None, str(error)))
+        after = text.replace("\n", "\r\n") if "\r\n" in before else text
+    if not problems:
+        problems += _problems(path, after)
+    return Proposal(before, after, shown_diff(before, after, path.name), tuple(problems), tuple(guarded))
+
+
+def _problems(path: Path, text: str) -> tuple[Problem, ...]:
+    try:
+        return problems_of(read_layer(path, text.encode()))
+    except ConfigError as error:
+        return error.problems
+
+
+def _is_guarded(layer: Layer, key: str, value: object, problems: list[Problem]) -> bool:
+    """Whether a change needs loopback, for its value or for the one that is in force before."""
+    try:
+        keys = split_key(key)
+    except ValueError as error:
+        problems.append(Problem(layer.path, None, key, None, str(error)))
+        return True
+    holder = owner(layer, keys)
+    if holder is not None:
+        old = holder.value(keys)
+    else:
+        old = None if keys[0] in WORD_KEYS else getattr(SECTIONS[keys[0]](), keys[1], None)
+    return guard_of(key, value) is Guard.LOOPBACK or guards_old(key, old)
+
+
+def _keyed(layer: Layer, changes: Mapping[str, object | None]) -> dict[KeyPath, object]:
+    """Return the changes by the keys of the file; those of whole tables word by word."""
+    found: dict[KeyPath, object] = {}
+    for key, value in changes.items():
+        keys = split_key(key)
+        if keys[0] not in ("words", "aliases"):
+            found[keys] = value
+            continue
+        held = owner(layer, keys)
+        there: Mapping[str, Any] = held.table(keys[0], []) if held is not None else {}
+        if len(keys) == 1 and value is None:
+            found = {one: v for one, v in found.items() if one[0] != keys[0]} | {keys: None}
+            continue
+        if held is not layer:  # this file's table will replace that of the vehicle's file
+            found = {(keys[0], word): v for word, v in there.items()} | found
+        as_written = {clean_word(word): word for word in there}
+        if len(keys) == 2:
+            new = {keys[1]: value}
+        elif isinstance(value, Mapping):
+            cleaned = {clean_word(word) for word in value}
+            new = {word: None for one, word in as_written.items() if one not in cleaned} | dict(value)
+        else:
+            raise ValueError(f"{key}: give a table")
+        found |= {(keys[0], as_written.get(clean_word(word), word)): v for word, v in new.items()}
+    return found
 
 
 def write(path: Path, proposal: Proposal) -> Path:
     """Write the text after into the file, and return the path of the kept version before, `path`.1.
 
-    Raises ConfigError where the proposal has problems, the file is no longer the one before, or it cannot be
-    written; the file is then unchanged.
+    Owner, group and rights stay. `path`.1 to .5 are the last five versions, the newest first. Raises
+    ConfigError where the proposal has problems, the file is no longer the one before or no regular file, or
+    it cannot be written; the file is then unchanged.
     """
-    raise NotImplementedError
+    if proposal.problems:
+        raise ConfigError(proposal.problems)
+    try:
+        return write_version(path, proposal.before.encode(), proposal.after.encode())
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise ConfigError([Problem(path, None, "", None, f"is not written: {why}")]) from error

@@ -71,14 +71,14 @@ _OPEN_VALUES: Mapping[str, Callable[[str], bool]] = {
 
 
 def split_key(key: str) -> tuple[str, ...]:
-    """Split "call.votes", "words.very long grass", "vocabulary" or "link.more.wifi.url" into keys of the file.
+    """Split "call.votes", "words.dry grass", "words" or "link.more.wifi.url" into keys of the file.
 
     Raises ValueError for a setting that does not exist.
     """
     name, _, rest = key.partition(".")
     if name in WORD_KEYS:
-        if bool(rest) is (name == "vocabulary"):
-            raise ValueError("give the whole list" if rest else f"name the word: {name}.WORD")
+        if key != name and (not rest or name == "vocabulary"):
+            raise ValueError("give the whole list" if rest else "name the word")
         return (name, rest) if rest else (name,)
     if name not in SECTIONS:
         raise ValueError(f"is not known; {nearest(name, (*WORD_KEYS, *SECTIONS))}")
@@ -110,6 +110,16 @@ def guard_of(key: str, value: object) -> Guard:
     check: ValueCheck = checks_of(SECTIONS[keys[0]])[keys[1]]
     free_text = check.schema.get("type") == "string"
     return Guard.LOOPBACK if free_text or key in _COMMANDS or key in _WHO_MAY else Guard.OPEN
+
+
+def guards_old(key: str, value: object) -> bool:
+    """Whether a change of `key` is guarded since `value` is in force: a program, or a policy that holds.
+
+    Of other settings only the new value counts: whoever sets a camera may do so on a rover without one.
+    """
+    if key == "camera.source":
+        return isinstance(value, str) and value.startswith("pipe:")
+    return key == "call.policy" and not _is_open(key, value)
 
 
 def _is_open(key: str, value: object) -> bool:

@@ -27,7 +27,8 @@ from companion.config.link_settings import LONGEST_PACE_WITH_STICKS
 from companion.config.radio import ConnectionSection
 from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS, Config, VehicleSection
 from companion.config.stopping import ground_region
-from companion.config.toml_file import ConfigError, KeyPath, Layer, Problem, nearest
+from companion.config.toml_file import ConfigError, Layer, Problem, nearest
+from companion.config.toml_lines import KeyPath
 from companion.wire.parameters import MAX_WORDS, OBSTACLE, build, word_parameter
 
 SERVICE = Path("/var/lib/anytraverse")
@@ -39,7 +40,17 @@ WORDS_OFFERED = listing(text, 0, MAX_WORDS)
 
 def load_config(path: str | Path) -> Config:
     """Load the file `path` and the vehicle's file that it names; `path` wins. Raises ConfigError."""
-    main = Layer.read(Path(os.path.expanduser(path)), _shown)
+    return load_layer(read_layer(path))
+
+
+def read_layer(path: str | Path, raw: bytes | None = None) -> Layer:
+    """Read the file `path`, or `raw` as what is to stand in it. Raises ConfigError."""
+    file = Path(os.path.expanduser(path))
+    return Layer.read(file, may_be_shown) if raw is None else Layer.parse(file, raw, may_be_shown)
+
+
+def load_layer(main: Layer) -> Config:
+    """Make the configuration of a file, and of the vehicle's file that it names. Raises ConfigError."""
     problems: list[Problem] = []
     vehicle = _read_vehicle(main, problems)
     config = _checked(main, vehicle, problems)
@@ -115,10 +126,23 @@ def state_folder(config: Config, service: Path = SERVICE) -> Path:
 
 def word_problem(path: str | Path, word: str, reason: str) -> Problem:
     """Make a problem with a word in use, located in `path` or in the vehicle's file. Raises ConfigError."""
-    main = Layer.read(Path(os.path.expanduser(path)), _shown)
-    vehicle = _read_vehicle(main, [])
-    owner = main if vehicle is None or "words" in main.data else vehicle
-    return owner.problem(("words", word), reason)
+    return located(read_layer(path), ("words", word), reason)
+
+
+def located(main: Layer, keys: KeyPath, reason: str) -> Problem:
+    """Make a problem with the value that is in force at `keys`, in `main` or in the vehicle's file."""
+    return (owner(main, keys) or main).problem(keys, reason)
+
+
+def owner(main: Layer, keys: KeyPath) -> Layer | None:
+    """Return the file whose value at `keys` is in force, `main` or the vehicle's; None: it is the default.
+
+    Of words, vocabulary and aliases the first file that has any has them all.
+    """
+    if keys[0] in WORD_KEYS:
+        keys = keys[:1]
+    layers = [main] if main.value(keys) is not None else [main, _read_vehicle(main, [])]
+    return next((one for one in layers if one is not None and one.value(keys) is not None), None)
 
 
 def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:
@@ -134,7 +158,7 @@ def _read_vehicle(main: Layer, problems: list[Problem]) -> Layer | None:
         )
         return None
     try:
-        return Layer.read(path, _shown)
+        return Layer.read(path, may_be_shown)
     except ConfigError as error:
         problems.extend(error.problems)
         return None
@@ -164,7 +188,7 @@ def _place_of(layer: Layer, key: str) -> str:
     return f"below [{place}]{missing}"
 
 
-def _shown(keys: KeyPath, value: object) -> object:
+def may_be_shown(keys: KeyPath, value: object) -> object:
     """Return what may be shown of a value of the file; None for nothing, as of unknown settings."""
     match keys:
         case ("words", _):

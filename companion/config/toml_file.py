@@ -1,17 +1,18 @@
-"""Reads a TOML file with the line of each key, so that each problem can be reported with its line."""
+"""Reads a TOML file, so that each problem can be reported with its line."""
 
 from __future__ import annotations
 
 import re
 import stat
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from anytraverse.regular_file import read_regular
+from companion.config.toml_lines import KeyPath, key_lines
 from companion.wire.packing import clean
 
 _LONGEST_VALUE = 40
@@ -49,75 +50,6 @@ def _short(value: object) -> str:
     return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
 
 
-KeyPath = tuple[str, ...]
-
-_TOKEN = re.compile(
-    r"""
-      (?P<string> \"{3}(?:\\.|[^\\])*?\"{3}\"{0,2} | '{3}.*?'{3}'{0,2} | "(?:\\.|[^"\\\n])*" | '[^'\n]*' )
-    | (?P<comment> \#[^\n]* )
-    | (?P<newline> \n )
-    | (?P<mark> [\[\]{}=.,] )
-    | (?P<space> [ \t\r]+ )
-    | (?P<bare> [^\s\[\]{}=.,\#"']+ | . )
-    """,
-    re.VERBOSE | re.DOTALL,
-)
-_ESCAPE = re.compile(r"\\(?:u([0-9a-fA-F]{4})|U([0-9a-fA-F]{8})|x([0-9a-fA-F]{2})|(.))", re.DOTALL)
-_SIMPLE_ESCAPES = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r", "e": "\x1b"}
-
-
-def key_lines(text: str) -> dict[KeyPath, int]:
-    """Map the path of every table and key to its line, from 1. `text` must be valid TOML.
-
-    Keys inside inline tables and arrays are not listed: they have the line of the key that holds them.
-    """
-    lines: dict[KeyPath, int] = {}
-    for table, keys, line in _statements(text):
-        path = (*table, *keys)
-        for depth in range(1, len(path) + 1):
-            lines.setdefault(path[:depth], line)
-    return lines
-
-
-# tomllib reports no lines of keys, so the statements are found a second time, by their tokens alone.
-def _statements(text: str) -> Iterator[tuple[KeyPath, KeyPath, int]]:
-    """Yield (table, keys, line) of each header (without keys) and each assignment."""
-    table: KeyPath = ()
-    parts: list[str] = []
-    line, depth, in_header, in_value = 1, 0, False, False
-    for match in _TOKEN.finditer(text):
-        kind, token = match.lastgroup, match.group()
-        if in_value:
-            depth += (token in "[{") - (token in "]}") if kind == "mark" else 0
-            in_value = depth > 0 or kind != "newline"
-            if not in_value:
-                parts = []
-        elif kind == "mark" and token == "[":
-            in_header = True
-        elif kind == "mark" and token == "]" and in_header:
-            table, parts, in_header = tuple(parts) or table, [], False
-            yield table, (), line
-        elif kind == "mark" and token == "=":
-            yield table, tuple(parts), line
-            in_value, depth = True, 0
-        elif kind in {"string", "bare"}:
-            parts.append(_unquoted(token))
-        line += token.count("\n")
-
-
-def _unquoted(key: str) -> str:
-    if key[0] == "'":
-        return key[1:-1]
-    return _ESCAPE.sub(_unescape, key[1:-1]) if key[0] == '"' else key
-
-
-def _unescape(match: re.Match[str]) -> str:
-    simple: str | None = match.group(4)
-    if simple is not None:
-        return _SIMPLE_ESCAPES.get(simple, simple)
-    return chr(int(match.group(1) or match.group(2) or match.group(3), 16))
-
-
 if sys.version_info >= (3, 11):
     import tomllib
 else:
@@ -136,10 +68,12 @@ class Layer:
         data: Mapping[str, Any],
         lines: Mapping[KeyPath, int],
         shown: Callable[[KeyPath, object], object],
+        text: str = "",
     ) -> None:
-        """shown: makes what a problem may show of the value at some keys, None for nothing."""
+        """shown: makes what a problem may show of the value at keys, None for nothing. text: of the file."""
         self.path = path
         self.data = data
+        self.text = text
         self._lines = lines
         self._shown = shown
 
@@ -161,8 +95,9 @@ class Layer:
         if len(raw) > _LARGEST:
             raise _file_error(path, "is larger than 1 MiB: this is no configuration")
         try:
-            text = raw.decode().replace("\r\n", "\n")
-            return cls(path, tomllib.loads(text), key_lines(text), shown)
+            whole = raw.decode()
+            text = whole.replace("\r\n", "\n")
+            return cls(path, tomllib.loads(text), key_lines(text), shown, whole)
         except UnicodeDecodeError as error:
             raise _file_error(path, f"is not UTF-8 (byte {error.start}): save it as UTF-8") from error
         except RecursionError as error:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from anytraverse.errors import AnyTraverseError, SettingsError
+from anytraverse.errors import SettingsError
 from anytraverse.judging import Settings
 from anytraverse.pace import Pace
 from companion.config import Config
 from companion.config.stopping import Stopping, ground_region, judge_stopping, with_settings
+from companion.config.whole_check import unchecked
 from companion.vision.infrared import REMEDY, TEXT
 from companion.vision.warm_up import too_slow
 from companion.wire import notices
@@ -29,25 +30,6 @@ class HoldRefusal:
     reminder: str
     reason: str
     fault: str
-
-
-class UncheckedError(AnyTraverseError):
-    """The policy hold is configured, but it cannot be calculated whether the vehicle stops in time."""
-
-
-def require_checkable(config: Config) -> None:
-    """Raise UncheckedError where the policy is hold and the stopping distance cannot be calculated."""
-    stopping = judge_stopping(config)
-    if config.call.holds and isinstance(stopping, str) and not config.stopping.unchecked:
-        raise UncheckedError(unchecked(stopping))
-
-
-def unchecked(missing: str) -> str:
-    """Return why hold cannot be given, and what to do. missing: what `judge_stopping` returned."""
-    return (
-        f"hold cannot be given, since it is not known whether the vehicle stops in time: {missing}. "
-        "Or allow hold without that check: set [stopping] unchecked = true"
-    )
 
 
 class HoldConditions(NamedTuple):

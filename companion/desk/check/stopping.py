@@ -6,7 +6,8 @@ Course and heading are needed to see that it drives backwards.
 from __future__ import annotations
 
 from companion.config.stopping import describe_tile, judge_stopping
-from companion.daemon.policy.hold_gate import HoldConditions, HoldGate, unchecked
+from companion.config.whole_check import unchecked
+from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 

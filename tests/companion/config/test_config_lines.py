@@ -12,7 +12,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.config.toml_file import KeyPath, key_lines
+from companion.config.toml_lines import KeyPath, key_lines
 
 if sys.version_info >= (3, 11):
     import tomllib

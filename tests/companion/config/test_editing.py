@@ -64,10 +64,9 @@ def _values(check: ValueCheck, key: str) -> st.SearchStrategy[Any]:
     low: float = schema["minimum"] if "minimum" in schema else schema["exclusiveMinimum"]
     high: float = schema["maximum"]
     if schema["type"] == "integer":
-        return st.integers(low, high)
-    return st.floats(low, high, exclude_min="exclusiveMinimum" in schema) | st.integers(
-        int(low) + 1, int(high)
-    )
+        return st.integers(int(low), int(high))
+    broken = st.floats(low, high, exclude_min="exclusiveMinimum" in schema)
+    return broken | st.integers(int(low) + 1, int(high)) if low + 1 <= high else broken
 
 
 @st.composite

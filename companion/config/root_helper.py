@@ -1,0 +1,95 @@
+"""Changes the configuration file as root, for the supervisor, which may not.
+
+systemd runs `python -I -m companion.config.root_helper FILE` when the supervisor has laid down a request.
+Nothing that the supervisor says is believed: the request's form, the changes and the file are all checked
+again here. It never changes what `guard_of` keeps for loopback, wherever the request came from: the
+supervisor's word that it came over loopback would be worth what a broken-in supervisor is worth. Such
+settings are changed in the shell, by root or the file's owner.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pwd
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+
+from companion.config.editing import Guard, guard_of, propose, write
+from companion.config.request import ANSWER, ANSWERS, ConfigAnswer, ConfigRequestError, read_request
+from companion.config.toml_file import ConfigError
+from companion.system.atomic_write import write_durably
+from companion.wire.packing import clean
+
+REQUESTS = Path("/run/anytraverse")
+"""The runtime directory of the supervisor."""
+_USER = "anytraverse"
+_GRACE = 1.0
+"""Seconds from the answer to the restart, in which who asked hears of it."""
+_WITHIN = 10.0
+_LONGEST = 2000
+
+
+def main(file: str) -> int:
+    """Answer the request that lies there, and restart the companion where the file was changed.
+
+    Returns the exit code: 1 only where no answer could be left.
+    """
+    user = pwd.getpwnam(_USER).pw_uid
+    answer = answered(Path(file), REQUESTS, user)
+    print(f"{answer.id}: {'written' if answer.written else 'not written'}: {answer.text}", flush=True)
+    try:
+        leave(answer, ANSWERS)
+    except OSError as error:
+        print(f"no answer can be left: {error}", file=sys.stderr)
+        return 1
+    if answer.written:
+        time.sleep(_GRACE)
+        restart = ["systemctl", "--no-block", "try-restart", "companion.service"]
+        subprocess.run(restart, check=False, timeout=_WITHIN)
+    return 0
+
+
+def answered(file: Path, requests: Path, user: int) -> ConfigAnswer:
+    """Do what the request in `requests` asks for, or not, and say so. user: whose the request must be."""
+    try:
+        request = read_request(requests, user)
+    except (ConfigRequestError, OSError) as error:
+        return _refused("", str(error))
+    keys = ", ".join(map(clean, request.changes))
+    print(f"{request.id}: asked from {clean(request.asked_from[:64])}: {keys}")
+    try:
+        # Before anything else: the checks read the files that a configuration names, as root here.
+        guarded = [key for key, value in request.changes.items() if _is_guarded(key, value)]
+        proposal = propose(file, {} if guarded else request.changes)
+        if hashlib.sha256(proposal.before.encode()).hexdigest() != request.sha256:
+            return _refused(request.id, "the file was changed meanwhile: look at it, and try again")
+        if guarded := [*guarded, *proposal.guarded]:
+            return _refused(request.id, f"only in the shell, by `companion config set`: {', '.join(guarded)}")
+        kept = write(file, proposal)
+    except (ConfigError, ValueError) as error:
+        return _refused(request.id, str(error))
+    return ConfigAnswer(request.id, written=True, text=f"the version before is {kept}")
+
+
+def _is_guarded(key: str, value: object) -> bool:
+    try:
+        return guard_of(key, value) is Guard.LOOPBACK
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from error
+
+
+def _refused(request_id: str, why: str) -> ConfigAnswer:
+    return ConfigAnswer(request_id, written=False, text=clean(why.replace("\n", "; "))[:_LONGEST])
+
+
+def leave(answer: ConfigAnswer, folder: Path) -> None:
+    """Write the answer for the supervisor to read. Raises OSError."""
+    write_durably(folder / ANSWER, msgspec.json.encode(answer))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

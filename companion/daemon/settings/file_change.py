@@ -1,0 +1,83 @@
+"""Asks root's helper to change the configuration file, and hears what became of it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from companion.config.request import ANSWERS, REQUEST, ConfigAnswer, ConfigRequest, Value, read_answer
+from companion.system.atomic_write import write_atomically
+from companion.vehicle.state import Vehicle
+
+WITHIN = 20.0
+"""Seconds that the helper has to answer."""
+HEARD_WITHIN = 3.0
+"""Seconds for which it is known whether the vehicle is armed: it says so each second."""
+_UNIT = "systemctl status anytraverse-config.path"
+
+
+class FileChange:
+    """Has one change of the file made at a time: the companion is then started again. Nothing here waits.
+
+    Both files are in memory (/run).
+    """
+
+    def __init__(self, requests: Path, answers: Path = ANSWERS) -> None:
+        """requests: the supervisor's runtime directory. answers: the helper's."""
+        self._request = requests / REQUEST
+        self._answers = answers
+        self._asked = ""
+        self._until = 0.0
+
+    @classmethod
+    def of_service(cls) -> FileChange | None:
+        """Return that of this service, None where systemd has not started it, and so no helper."""
+        runtime = os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+        return cls(Path(runtime)) if runtime and ANSWERS.parent == Path(runtime).parent else None
+
+    def ask(
+        self,
+        changes: Mapping[str, Value],
+        before: bytes,
+        asked_from: str,
+        vehicle: Vehicle | None,
+        now: float,
+    ) -> str:
+        """Ask for changes, as of `propose`; return why not, "" where the request was laid down.
+
+        before: the file for which they were made. asked_from: the address of who asked, for the log. vehicle:
+        its newest state; a vehicle that is armed, or of which that is not known, stays as it is, since the
+        companion starts again. now: s of the link's clock.
+        """
+        if self._asked:
+            return "another change is being made: wait for it"
+        if vehicle is None or not now - vehicle.heard_at <= HEARD_WITHIN:
+            return "it is not known whether the vehicle is armed: connect the autopilot, or edit the file"
+        if vehicle.armed:
+            return "the vehicle is armed: disarm it first"
+        digest = hashlib.sha256(before).hexdigest()
+        request = ConfigRequest(secrets.token_hex(8), digest, asked_from, dict(changes))
+        try:
+            write_atomically(self._request, msgspec.json.encode(request), sync=False)
+        except OSError as error:
+            return f"the request cannot be laid down: {(error.strerror or str(error)).lower()}"
+        self._asked, self._until = request.id, now + WITHIN
+        return ""
+
+    def answer(self, now: float) -> ConfigAnswer | None:
+        """Return what became of the request, once; None while there is none or it is not answered yet."""
+        if not self._asked:
+            return None
+        found = read_answer(self._answers)
+        if found is None or found.id != self._asked:
+            if now < self._until:
+                return None
+            self._request.unlink(missing_ok=True)  # it is not to be done when nobody waits any more
+            found = ConfigAnswer(self._asked, written=False, text=f"no answer: see {_UNIT}")
+        self._asked = ""
+        return found

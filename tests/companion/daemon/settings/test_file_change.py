@@ -1,0 +1,85 @@
+"""The supervisor asks for a change of its file, and hears what became of it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from companion.config.request import REQUEST, ConfigAnswer
+from companion.config.root_helper import answered, leave
+from companion.daemon.settings.file_change import HEARD_WITHIN, WITHIN, FileChange
+from companion.vehicle.state import Vehicle
+
+STANDS = Vehicle(1, 3, 0, armed=False, heard_at=100.0)
+NOW = 100.5
+BEFORE = b'[vehicle]\nfile = ""\n'
+
+
+@pytest.fixture
+def change(tmp_path: Path) -> FileChange:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "answers").mkdir()
+    (tmp_path / "companion.toml").write_bytes(BEFORE)
+    return FileChange(tmp_path / "run", tmp_path / "answers")
+
+
+def test_a_change_that_is_asked_for_is_made_by_the_helper_and_answered_once(
+    change: FileChange, tmp_path: Path
+) -> None:
+    file = tmp_path / "companion.toml"
+    assert change.answer(NOW) is None
+    assert change.ask({"camera.rate": 5.0}, BEFORE, "10.0.0.7", STANDS, NOW) == ""
+    assert change.answer(NOW) is None
+    assert "another change" in change.ask({"camera.rate": 6.0}, BEFORE, "10.0.0.7", STANDS, NOW)
+    leave(answered(file, tmp_path / "run", os.getuid()), tmp_path / "answers")
+    found = change.answer(NOW + 1.0)
+    assert found is not None
+    assert found.written
+    assert b"rate = 5.0" in file.read_bytes()
+    assert change.answer(NOW + 1.0) is None
+    assert change.ask({"camera.rate": 6.0}, BEFORE, "10.0.0.7", STANDS, NOW) == ""
+    assert change.answer(NOW + 1.0) is None, "the answer to the one before is none to this"
+
+
+def test_while_the_vehicle_is_armed_or_may_be_nothing_is_asked_for(
+    change: FileChange, tmp_path: Path
+) -> None:
+    silent = NOW + HEARD_WITHIN
+    for vehicle, now, why in (
+        (replace(STANDS, armed=True), NOW, "disarm"),
+        (None, NOW, "not known"),
+        (STANDS, silent, "not known"),
+        (replace(STANDS, heard_at=float("nan")), NOW, "not known"),
+    ):
+        assert why in change.ask({"camera.rate": 5.0}, BEFORE, "x", vehicle, now)
+    assert not list((tmp_path / "run").iterdir())
+
+
+def test_without_an_answer_the_request_is_taken_back_and_that_is_said(
+    change: FileChange, tmp_path: Path
+) -> None:
+    change.ask({"camera.rate": 5.0}, BEFORE, "x", STANDS, NOW)
+    leave(ConfigAnswer("other", written=True, text=""), tmp_path / "answers")
+    assert change.answer(NOW + WITHIN - 0.1) is None
+    assert (tmp_path / "run" / REQUEST).exists()
+    found = change.answer(NOW + WITHIN)
+    assert found is not None
+    assert not found.written
+    assert "systemctl status anytraverse-config.path" in found.text
+    assert not (tmp_path / "run" / REQUEST).exists()
+
+
+def test_a_request_that_cannot_be_laid_down_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    change = FileChange(tmp_path / "file", tmp_path)
+    assert "cannot be laid down" in change.ask({"camera.rate": 5.0}, BEFORE, "x", STANDS, NOW)
+
+
+def test_there_is_none_without_systemd(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    assert FileChange.of_service() is None
+    monkeypatch.setenv("RUNTIME_DIRECTORY", "/run/anytraverse")
+    assert FileChange.of_service() is not None

@@ -206,6 +206,8 @@ def _init(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     from anytraverse.errors import AnyTraverseError, UnknownWordError
+    from companion.cameras import split_source
+    from companion.cameras.places import absent_now
     from companion.config import ConfigError, format_config, word_problem
     from companion.config.reading import read_layer
     from companion.config.whole_check import load_checked
@@ -219,6 +221,9 @@ def _check(options: argparse.Namespace) -> int:
         raise UserError(str(word_problem(options.file, error.word, str(error)))) from error
     except AnyTraverseError as error:
         raise UserError(f"{options.file}: {error}") from error
+    absent = absent_now(*split_source(config.camera.source))
+    if absent:
+        print(f"companion config: note: [camera] source: {absent}", file=sys.stderr)
     print(f"# perceiver: {runs}\n{format_config(config)}", end="")
     return 0
 

@@ -19,7 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from companion.cameras.shown import is_like_a_url, plain_words, shown
+from companion.cameras.places import CameraError, SourceError, check_place, meant
+from companion.cameras.shown import plain_words, shown
 
 if TYPE_CHECKING:
     from anytraverse.frame import Depth, Image, Intrinsics
@@ -38,14 +39,6 @@ __all__ = [
     "open_camera",
     "split_source",
 ]
-
-
-class CameraError(Exception):
-    """The camera is absent or lost, and must be opened again. The text says what to check."""
-
-
-class SourceError(CameraError, ValueError):
-    """The source names no camera, or the software that this kind needs is not installed."""
 
 
 class NoFrameYet(CameraError):  # noqa: N818
@@ -137,21 +130,16 @@ class Camera(Protocol):
 
 CameraMaker = Callable[[str, CameraOptions], Camera]
 
-_OF_FILES = ("video", "folder", "v4l2")
-
 
 def split_source(source: str) -> tuple[str, str]:
-    """Split a source into (kind, place). Raises SourceError for an unknown kind or a missing place."""
+    """Split a source into (kind, place). Raises SourceError for what can be no camera; nothing is opened."""
     kind, _, place = source.partition(":")
     if kind not in KINDS:
+        near = meant(source, KINDS)
+        hint = f'did you mean "{near}"? It begins with' if near else "begin with"
         known = ", ".join(f"{name}:..." for name in KINDS)
-        raise SourceError(f'"{shown(source)}" names no camera: begin with one of {known}')
-    if not place.strip() and kind != "oak":
-        raise SourceError(f'"{source}" says what kind of camera but not where: write {kind}:PLACE')
-    if kind in _OF_FILES and is_like_a_url(place):
-        raise SourceError(
-            f"{kind}: is for files and devices of this computer: begin an address with rtsp:// or http://"
-        )
+        raise SourceError(f'"{shown(source)}" names no camera: {hint} one of {known}')
+    check_place(kind, place)
     return kind, place
 
 

@@ -8,7 +8,6 @@ width u16, height u16, then height x width x 3 bytes RGB.
 
 from __future__ import annotations
 
-import ipaddress
 import math
 import socket
 import struct
@@ -18,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.cameras import CameraError, CameraOptions, Capture, NoFrameYet, SourceError
-from companion.cameras.shown import shown
+from companion.cameras import CameraError, CameraOptions, Capture, NoFrameYet
+from companion.cameras.places import field_address
 
 HEADER = struct.Struct("<4sIdHH")
 MAGIC = b"ATF1"
@@ -35,7 +34,7 @@ class FieldCamera:
     """
 
     def __init__(self, place: str, _: CameraOptions) -> None:
-        host, port = _address(place)
+        host, port = field_address(place)
         try:
             self._stream = FrameStream(host, port)
         except FrameError as error:
@@ -52,20 +51,6 @@ class FieldCamera:
 
     def close(self) -> None:
         self._stream.close()
-
-
-def _address(place: str) -> tuple[str, int]:
-    host, _, number = place.rpartition(":")
-    try:
-        port = int(number)
-        loopback = host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        raise SourceError("the field's camera is at no such address: write field:127.0.0.1:PORT") from None
-    if not loopback or not 0 < port < 65536:
-        raise SourceError(
-            f"{shown(f'field:{place}')} is no loopback address with a port: write field:127.0.0.1:PORT"
-        )
-    return host.strip("[]"), port
 
 
 class FrameError(Exception):

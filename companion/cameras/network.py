@@ -15,7 +15,6 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import ClassVar
-from urllib.parse import SplitResult, urlsplit
 
 _USERS_OPTIONS = os.environ.get("OPENCV_FFMPEG_CAPTURE_OPTIONS")
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet: what FFmpeg prints may hold a password
@@ -23,8 +22,9 @@ import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
 from anytraverse.decoding import MAX_BYTES, PictureTooLargeError, check_size  # noqa: E402
-from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, SourceError  # noqa: E402
+from companion.cameras import BadFrame, CameraError, CameraOptions, Capture  # noqa: E402
 from companion.cameras.late_frames import CAME_LATE, LateFrames, StreamClock  # noqa: E402
+from companion.cameras.places import network_url  # noqa: E402
 from companion.cameras.shown import address  # noqa: E402
 
 OPENS_WITHIN = 3.0
@@ -46,7 +46,7 @@ class _Stream:
     """Whether the stream has time stamps of the camera."""
 
     def __init__(self, place: str, options: CameraOptions) -> None:
-        self._url = _checked(f"{self.SCHEME}:{place}")
+        self._url = network_url(f"{self.SCHEME}:{place}")
         self._name = address(self._url.geturl())
         self._latency, self._freshness = options.latency, options.freshness
         self._late, self._clock = LateFrames(options.freshness), StreamClock()
@@ -218,18 +218,3 @@ def _busy() -> float:
     with contextlib.suppress(OSError, ValueError, IndexError):
         waited = int(Path("/proc/thread-self/schedstat").read_text(encoding="ascii").split()[1])
     return time.thread_time() + waited / 1e9
-
-
-def _checked(url: str) -> SplitResult:
-    """Split a URL. Raises SourceError when it names no host, or when its host may be part of a password."""
-    try:
-        split = urlsplit(url)
-        if split.hostname and split.port != 0 and url.isascii() and " " not in url and address(url):
-            return split
-    except ValueError:  # a wrong port
-        pass
-    scheme = url.partition(":")[0]
-    raise SourceError(
-        f"the source is no address: write {scheme}://USER:PASSWORD@HOST:PORT/PATH, "
-        "with %40 for an @ elsewhere, and %2F, %3F and %23 for / ? # in a password"
-    )

@@ -8,7 +8,6 @@ import logging
 import os
 import re
 import select
-import shlex
 import shutil
 import signal
 import subprocess
@@ -23,6 +22,7 @@ import numpy as np
 from companion.cameras import BadFrame, CameraError, CameraOptions, Capture, NoFrameYet, SourceError
 from companion.cameras.late_frames import CAME_LATE, LateFrames
 from companion.cameras.pixel_formats import frame_bytes, to_rgb
+from companion.cameras.places import pipe_words
 from companion.cameras.shown import plain_words, program
 
 _log = logging.getLogger(__name__)
@@ -205,14 +205,7 @@ class _WrongSize:
 
 def _split(place: str, name: str) -> list[str]:
     """Split a command like a shell does. Raises SourceError when there is no such program. name: its own."""
-    try:
-        command = shlex.split(place)
-    except ValueError as error:
-        raise SourceError(
-            f"the command of [camera] source cannot be read ({error}): check its quotes"
-        ) from error
-    if not command:
-        raise SourceError("the source pipe: names no command: write pipe:COMMAND")
+    command = pipe_words(place)
     if shutil.which(command[0]) is None:
         raise CameraError(f"{name} is not installed, or not executable: install it, or write its full path")
     return command

@@ -49,7 +49,7 @@ def _harmless_source(source: str) -> bool:
     """Whether a camera is a device or a host: a program is run, and files of this computer are shown."""
     kind, place = split_source(source)
     return kind in {"rtsp", "http", "https", "oak", "field"} or (
-        kind == "v4l2" and _DEVICE.fullmatch(place) is not None
+        kind == "v4l2" and (place.isdecimal() or _DEVICE.fullmatch(place) is not None)
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from anytraverse.regular_file import read_regular
 from companion.config.toml_lines import KeyPath, key_lines
+from companion.config.toml_mistakes import mistake
 from companion.wire.packing import clean
 
 _LONGEST_VALUE = 40
@@ -105,8 +106,11 @@ class Layer:
         except tomllib.TOMLDecodeError as error:
             located = _AT_LINE.match(str(error))
             reason, line = (located[1], int(located[2])) if located else (str(error), None)
-            hint = " (text stands in quotes)" if reason == "Invalid value" else ""
-            raise ConfigError([Problem(path, line, "", None, f"{reason}{hint}: mend the TOML")]) from error
+            key, instead = ("", "") if line is None else mistake(text.split("\n")[line - 1])
+            if reason == "Cannot overwrite a value":
+                instead = "it stands twice: keep one"
+            why = instead or f"{reason}: mend the TOML"
+            raise ConfigError([Problem(path, line, key if instead else "", None, why)]) from error
 
     def is_open_to_all(self) -> bool:
         """Whether users outside of the file's group may read it. Raises OSError."""

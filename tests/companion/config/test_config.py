@@ -149,7 +149,7 @@ def test_more_than_24_offered_words_are_too_many(tmp_path: Path) -> None:
 
 
 def test_broken_toml_is_told_with_its_line(tmp_path: Path) -> None:
-    (problem,) = _problems(tmp_path, "[camera]\nrate = 10 frames\n")
+    (problem,) = _problems(tmp_path, "[camera]\n[mount\nrate = 10\n")
     assert problem.startswith("companion.toml:2: ")
     assert problem.endswith("mend the TOML")
 

@@ -3,34 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 import sys
 import threading
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anytraverse.release import own_version
+from companion.cli_config import add_config
 from companion.cli_drives import add_drives
 from companion.cli_errors import UserError, error_text, told
 from companion.system.log_lines import dump_when_aborted, end_process, log_to_stderr, say_last
 
 if TYPE_CHECKING:
-    from companion.config import Config
+    pass
 
 log = logging.getLogger(__name__)
-
-_SHIPPED = (
-    "companion.toml",
-    "companion.schema.json",
-    *(f"vehicles/{name}.toml" for name in ("rover", "quadruped", "small-rover", "atv")),
-    "ardupilot/anytraverse.lua",
-    "qgroundcontrol/anytraverse.json",
-    *(f"cockpit/{name}.json" for name in ("go", "stay", "look-again", "other-place", "word", "view")),
-    *(f"cockpit/{name}.json" for name in ("off", "report", "hold")),
-    "foxglove/anytraverse.json",
-)
 
 
 def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = None) -> int:
@@ -72,10 +60,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     demo.set_defaults(run=_demo)
 
-    init = commands.add_parser("init", help="write a configuration to edit")
-    init.add_argument("folder", nargs="?", default=".", metavar="FOLDER", help="where, by default here")
-    init.set_defaults(run=_init)
-
     whole = commands.add_parser("check", help="check the rover: stopping, autopilot, perceiver, journal")
     whole.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
     whole.add_argument("--link", metavar="URL", help="a way of the check's own to the autopilot")
@@ -96,14 +80,8 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_memory(commands)
     add_drives(commands)
+    add_config(commands)
 
-    config = commands.add_parser("config", help="check a configuration")
-    actions = config.add_subparsers(dest="action", required=True, metavar="action")
-    check = actions.add_parser("check", help="say what is wrong with it, or what is in force")
-    check.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
-    check.set_defaults(run=_check)
-    schema = actions.add_parser("schema", help="print its JSON schema, by which editors complete and check")
-    schema.set_defaults(run=_schema)
     return parser
 
 
@@ -180,61 +158,6 @@ def _demo(options: argparse.Namespace) -> int:
     return demo(options)
 
 
-def _init(options: argparse.Namespace) -> int:
-    from anytraverse.resources import resource
-    from companion.config import Config
-
-    folder = Path(options.folder)
-    try:
-        for name in _SHIPPED:
-            path = folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                with path.open("x", encoding="utf-8") as file:
-                    file.write(resource(f"config/{name}").read_text(encoding="utf-8"))
-                print(f"{path}: written")
-            except FileExistsError:
-                print(f"{path}: is there already, left as it is")
-    except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise UserError(f"{error.filename or folder}: {why}: name a folder that you may write") from error
-    most = Config().recording.size
-    print(f"It records pictures, positions and the log, {most} MB as shipped: [recording] size = 0 ends that")
-    print(f"Edit them, then: companion config check {folder / _SHIPPED[0]}")
-    return 0
-
-
-def _check(options: argparse.Namespace) -> int:
-    from anytraverse.errors import AnyTraverseError, UnknownWordError
-    from companion.cameras import split_source
-    from companion.cameras.places import absent_now
-    from companion.config import ConfigError, format_config, word_problem
-    from companion.config.reading import read_layer
-    from companion.config.whole_check import load_checked
-
-    try:
-        config = load_checked(read_layer(options.file))
-        runs = _try_perceiver(config)
-    except ConfigError as error:
-        raise UserError(error_text(error)) from error
-    except UnknownWordError as error:
-        raise UserError(str(word_problem(options.file, error.word, str(error)))) from error
-    except AnyTraverseError as error:
-        raise UserError(f"{options.file}: {error}") from error
-    absent = absent_now(*split_source(config.camera.source))
-    if absent:
-        print(f"companion config: note: [camera] source: {absent}", file=sys.stderr)
-    print(f"# perceiver: {runs}\n{format_config(config)}", end="")
-    return 0
-
-
-def _schema(_options: argparse.Namespace) -> int:
-    from companion.config import json_schema
-
-    print(json.dumps(json_schema(), indent=1))
-    return 0
-
-
 def _check_rover(options: argparse.Namespace) -> int:
     log_to_stderr(logging.ERROR)
     if options.dry_run:
@@ -279,21 +202,6 @@ def _memory(options: argparse.Namespace) -> int:
                 return command.export(options.config, options.file)
             case _:
                 return command.take_in(options.config, options.file)
-
-
-def _try_perceiver(config: Config) -> str:
-    """Load the perceiver as the daemon does, and return which model would run, and why.
-
-    No frame is judged. A bundle's files are compared with their checksums, which takes seconds. Raises
-    AnyTraverseError.
-    """
-    from companion.vision.messages import Model
-    from companion.vision.warm_up import load_engine
-
-    if ":" in config.perceiver.name:
-        print(f"companion config: loading {config.perceiver.name}", file=sys.stderr)
-    engine, _ = load_engine(config, None)
-    return str(Model.of(engine.perceiver))
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ brake_braking = 1.57
 """
 _RADIUS = 1.2
 """m: of the tightest turn that is planned; the simulated rover's own is 0.88."""
-_TO_THE_AUTOPILOT = 0.1
+TO_THE_AUTOPILOT = 0.1
 """Seconds from an order until the simulated autopilot is in HOLD, over the loopback."""
 
 
@@ -151,7 +151,7 @@ def _of_the_field(speed: float, *, guide: bool) -> str:
         speed=speed,
         time_constant=found.time_constant,
         braking=found.braking,
-        delay=_TO_THE_AUTOPILOT,
+        delay=TO_THE_AUTOPILOT,
         width=f"width = {2 * body.radius:g}\n" if guide else "",
         brake=_BRAKE if guide else "",
     )

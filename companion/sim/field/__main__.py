@@ -21,7 +21,7 @@ Number = TypeVar("Number", int, float)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the addresses as one line of JSON, then serves until it is stopped.
 
-    The control channel, SIGTERM, SIGINT or --duration end it. Exit code: 0, or 2 without OpenCV.
+    The control channel, SIGTERM, SIGINT or --duration end it. Exit code: 0, or 2 without OpenCV or its port.
     """
     args = _parser().parse_args(arguments)
     try:
@@ -37,24 +37,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if args.across is not None:
         world.add(lying_across(world.trail, world.trail.start + args.across))
     camera = PinholeCamera(world, width=args.width, height=args.height, seed=args.seed, k1=args.distortion)
-    server = FieldServer(
-        world,
-        camera,
-        FieldOptions(
-            args.seed,
-            args.fps,
-            args.speed,
-            args.autostart,
-            args.duration,
-            args.script,
-            args.autopilot,
-            args.mission,
-            args.swing,
-            args.bumps,
-            args.slopes,
-            args.distortion,
-        ),
+    options = FieldOptions(
+        args.seed,
+        args.fps,
+        args.speed,
+        args.autostart,
+        args.duration,
+        args.script,
+        args.autopilot,
+        args.mission,
+        args.swing,
+        args.bumps,
+        args.slopes,
+        args.distortion,
+        args.port,
     )
+    try:
+        server = FieldServer(world, camera, options)
+    except OSError as error:  # another field has the port
+        print(f"port {args.port} or the two after it: {error.strerror}: give another --port", file=sys.stderr)
+        return 2
     if server.no_script:
         print(f"the script on the autopilot is not running: {server.no_script}", file=sys.stderr)
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -124,6 +126,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--across", type=_between(float, 5, 100), help="lay a log across the path so many m from the start"
+    )
+    parser.add_argument(
+        "--port",
+        type=_between(int, 1024, 65533),
+        default=0,
+        help="of the companion's link; the ground's and the frames' are the next two (default: free ones)",
     )
     parser.add_argument("--autostart", action="store_true", help="arm and drive the trail at once")
     parser.add_argument("--duration", type=_between(float, 0.1, 1e6), help="end after so many seconds")

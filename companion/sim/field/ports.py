@@ -14,14 +14,14 @@ MAX_DATAGRAMS_A_READ = 64
 
 
 class UdpPort:
-    """A UDP socket on an ephemeral port of 127.0.0.1, with one peer: the last address that sent MAVLink.
+    """A UDP socket on a port of 127.0.0.1, 0: a free one, with one peer: the last address that sent MAVLink.
 
     Before that nothing is sent. `bytes_in` and `bytes_out` count whole datagrams.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, port: int = 0) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
+        self.socket.bind(("127.0.0.1", port))
         self.socket.settimeout(0.0)
         self.parser = DatagramParser()
         self.bytes_in = 0

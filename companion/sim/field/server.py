@@ -49,7 +49,8 @@ class FieldOptions:
 
     `script`: whether the autopilot runs the shipped script. `autopilot`: a key of `AUTOPILOTS`. `mission`: m
     of the trail after which the mission is complete; None: it goes round. `swing`, `bumps`, `slopes`: as of
-    `Motion`, in degrees. `distortion`: k1 of the camera's view.
+    `Motion`, in degrees. `distortion`: k1 of the camera's view. `port`: of the companion's link; the ground's
+    and the frames' are the next two; 0: free ones.
     """
 
     seed: int = 1
@@ -64,10 +65,15 @@ class FieldOptions:
     bumps: float = 0.0
     slopes: float = 0.0
     distortion: float = 0.0
+    port: int = 0
+
+    def ports(self) -> tuple[int, int, int]:
+        """Return the ports of the companion, of the ground and of the frames, 0: free ones."""
+        return (self.port, self.port + 1, self.port + 2) if self.port else (0, 0, 0)
 
 
 class FieldServer:
-    """Binds its sockets to ephemeral ports of 127.0.0.1 when it is made; `run` serves until `stop`."""
+    """Binds its sockets to ports of 127.0.0.1 when it is made; `run` serves until `stop`."""
 
     def __init__(self, world: World, camera: Renders, options: FieldOptions) -> None:
         self._options = options
@@ -76,7 +82,8 @@ class FieldServer:
         self._frozen = threading.Event()
         self._failure: Exception | None = None
         self._drawn = 0
-        self._ports = {port: UdpPort() for port in Port}
+        companion, ground, frames = options.ports()
+        self._ports = {Port.COMPANION: UdpPort(companion), Port.GCS: UdpPort(ground)}
         self._simulation = Simulation(
             world,
             self._send,
@@ -96,7 +103,7 @@ class FieldServer:
             self.no_script = "PX4 runs none"
         elif options.script:
             self.no_script = install(self._simulation.autopilot)
-        self._frames = FrameServer()
+        self._frames = FrameServer(port=frames)
         self._album = Album(world, options.distortion)
         self._selector = selectors.DefaultSelector()
         requests = ControlRequests(

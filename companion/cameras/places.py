@@ -33,7 +33,8 @@ def check_place(kind: str, place: str) -> None:
         raise SourceError(
             f"{kind}: is for files and devices of this computer: begin an address with rtsp:// or http://"
         )
-    _CHECKS.get(kind, lambda _: None)(place)
+    if kind in _CHECKS:
+        _CHECKS[kind](place)
 
 
 def field_address(place: str) -> tuple[str, int]:
@@ -82,7 +83,8 @@ def pipe_words(command: str) -> list[str]:
 _CHECKS: Mapping[str, Callable[[str], object]] = {
     "field": field_address,
     "pipe": pipe_words,
-    **{scheme: lambda place, scheme=scheme: network_url(f"{scheme}:{place}") for scheme in ("rtsp", "http")},
+    "rtsp": lambda place: network_url(f"rtsp:{place}"),
+    "http": lambda place: network_url(f"http:{place}"),
     "https": lambda place: network_url(f"https:{place}"),
 }
 

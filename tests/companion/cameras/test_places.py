@@ -58,7 +58,7 @@ def test_what_a_start_refuses_for_ever_the_configuration_s_check_refuses(source:
 
 @given(st.sampled_from([*KINDS, "x", ""]), st.text(max_size=20))
 def test_any_source_is_split_or_refused_with_a_reason(kind: str, place: str) -> None:
-    reason, split = "", ("", "")
+    reason, split = "", None
     try:
         split = split_source(f"{kind}:{place}")
     except SourceError as error:

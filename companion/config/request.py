@@ -7,6 +7,7 @@ leaves `ANSWER` in its own. Who reads either must not trust it: `read_request`, 
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 from pathlib import Path
 
@@ -95,5 +96,5 @@ def _take_away(path: Path) -> None:
     """Remove whatever lies there: systemd would start the helper again at once."""
     try:
         path.unlink(missing_ok=True)
-    except (IsADirectoryError, PermissionError):
-        path.rmdir()
+    except IsADirectoryError:
+        shutil.rmtree(path)

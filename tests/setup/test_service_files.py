@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from companion.config.request import ANSWERS, REQUEST
+from companion.config.root_helper import REQUESTS
 from companion.system.service_manager import LONGEST_PAUSE
 
 if TYPE_CHECKING:
@@ -143,6 +145,18 @@ def test_a_kill_that_failed_leaves_its_request_and_is_tried_again() -> None:
     assert unit["ExecStart"].startswith("/usr/bin/systemctl kill "), "its failure counts"
     assert unit["ExecStartPost"] == "/usr/bin/rm -f /run/anytraverse/kill-%i", "only after a success"
     assert (unit["Restart"], unit["RestartSec"], unit["StartLimitIntervalSec"]) == ("on-failure", "1", "0")
+
+
+def test_the_helper_that_changes_settings_waits_where_the_supervisor_lays_its_requests() -> None:
+    path = settings((ROOT / "systemd/anytraverse-config.path").read_text())
+    assert path["PathExists"] == str(REQUESTS / REQUEST)
+    unit = settings((ROOT / "systemd/anytraverse-config.service").read_text())
+    assert unit["RuntimeDirectory"] == ANSWERS.name
+    assert ANSWERS.parent == REQUESTS.parent
+    assert unit["ReadWritePaths"] == "/etc/anytraverse /run/anytraverse", "and nothing else"
+    assert "-I" in unit["ExecStart"].split()
+    assert f"rm -rf {REQUESTS / REQUEST}" in unit["ExecStopPost"], "a helper that fails is not started again"
+    assert "anytraverse-config.path" in UNIT.read_text()
 
 
 def test_no_hardening_breaks_what_the_daemon_needs() -> None:

@@ -141,7 +141,7 @@ def test_what_is_no_file_of_the_supervisor_is_not_read(file: Path, folder: Path,
     assert not answered(file, folder, USER).written
     os.mkfifo(request)
     assert not answered(file, folder, USER).written
-    request.mkdir()
+    (request / "x").mkdir(parents=True)
     assert not answered(file, folder, USER).written
     assert not answered(file, folder, USER).written  # nothing lies there
     request.write_bytes(other.read_bytes())

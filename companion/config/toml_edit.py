@@ -6,7 +6,6 @@ shipped file has every setting as "# name = default", below a headline that may 
 
 from __future__ import annotations
 
-import copy
 import math
 import re
 import sys
@@ -36,26 +35,27 @@ def edited(text: str, changes: Mapping[KeyPath, object]) -> str:
 
     Raises EditError for a value that is none of TOML, or where the result would say anything else than asked.
     """
-    wanted = copy.deepcopy(tomllib.loads(text))
-    replaced: dict[KeyPath, object] = {}
-    added: dict[KeyPath, object] = {}
-    for keys, value in changes.items():
-        if value is None:
-            text = _removed(text, keys, wanted)
-            continue
-        plain = _plain(value)
-        (replaced if _has(wanted, keys) else added)[keys] = plain
-        _put(wanted, keys, plain)
+    wanted = tomllib.loads(text)
     try:
-        text = _replaced(text, replaced)
-        for keys, value in added.items():
-            text = _inserted(text, keys, value)
+        for keys in (keys for keys, value in changes.items() if value is None):
+            text = _removed(text, keys, wanted)
+        given = {keys: _plain(value) for keys, value in changes.items() if value is not None}
+        there = {keys: value for keys, value in given.items() if _has(wanted, keys)}
+        for keys, value in given.items():
+            _put(wanted, keys, value)
+        text = _replaced(text, there)
+        for keys, value in given.items():
+            text = text if keys in there else _inserted(text, keys, value)
         right = _filled(tomllib.loads(text)) == _filled(wanted)
     except (TOMLKitError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
-        raise EditError(f"{'.'.join(next(iter(changes)))}: edit it by hand: {error}") from error
+        raise EditError(f"{_names(changes)}: edit the file by hand: {error}") from error
     if not right:
-        raise EditError(f"{', '.join('.'.join(keys) for keys in changes)}: edit the file by hand")
+        raise EditError(f"{_names(changes)}: edit the file by hand")
     return text
+
+
+def _names(changes: Mapping[KeyPath, object]) -> str:
+    return ", ".join(".".join(keys) for keys in changes)
 
 
 def _plain(value: object) -> object:
@@ -88,6 +88,9 @@ def _put(data: MutableMapping[str, Any], keys: KeyPath, value: object) -> None:
         data = data.setdefault(key, {})
         if not isinstance(data, MutableMapping):
             raise EditError(f"{key} is no table: edit the file by hand")
+    old = data.get(keys[-1])
+    if isinstance(old, Mapping) or (isinstance(old, list) and any(isinstance(one, Mapping) for one in old)):
+        raise EditError(f"{'.'.join(keys)} is a table: give its settings")
     data[keys[-1]] = value
 
 

@@ -126,5 +126,6 @@ def write(path: Path, proposal: Proposal) -> Path:
     try:
         return write_version(path, proposal.before.encode(), proposal.after.encode())
     except OSError as error:
-        why = error.strerror or str(error)
-        raise ConfigError([Problem(path, None, "", None, f"is not written: {why}")]) from error
+        denied = ": try again with sudo" if isinstance(error, PermissionError) else ""
+        why = f"is not written: {error.strerror or error}{denied}"
+        raise ConfigError([Problem(path, None, "", None, why)]) from error

@@ -42,7 +42,8 @@ _COMMANDS = frozenset(
 )
 """What decides whether and how the vehicle is commanded, and who may stop that."""
 _WHO_MAY = frozenset({"link.allowed_senders", "link.unsigned_autopilot"})
-_DEVICE = re.compile(r"/dev/(?!.*\.\.)[\w.:/@+-]+", re.ASCII)
+_DEVICE = re.compile(r"/dev/(?!.*\.\.)(video|v4l/|tty|serial|anytraverse-)[\w.:/@+-]*", re.ASCII)
+"""Of cameras and serial ports."""
 
 
 def _harmless_source(source: str) -> bool:

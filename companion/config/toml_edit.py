@@ -24,6 +24,8 @@ else:
 
 _HEADLINE = re.compile(r"#\s*\[+\s*([\w.-]+)\s*\]+\s*\Z")
 _SETTING = re.compile(r'#\s*("?)([\w -]+)\1\s*=')
+_FREE = frozenset({"words", "aliases"})
+"""Tables in which any key may stand: what comments show there is an example."""
 
 
 class EditError(ValueError):
@@ -158,6 +160,8 @@ def _place(text: str, own: list[Statement], key: str) -> int:
     That is below the comment that shows its default, else below the table's last setting.
     """
     first, last = own[0].line, own[-1].last
+    if own[0].table[0] in _FREE:
+        return last
     following = (one.line for one in statements(text) if one.line > last)
     end = next(following, text.count("\n") + 2)
     for line, comment in comments(text).items():

@@ -77,7 +77,7 @@ def _lay(folder: int, name: str, content: bytes, like: os.stat_result) -> None:
         with os.fdopen(descriptor, "wb") as file:
             own = os.fstat(descriptor)
             if (own.st_uid, own.st_gid) != (like.st_uid, like.st_gid):
-                _give(descriptor, like)
+                os.fchown(descriptor, like.st_uid, like.st_gid)
             os.fchmod(descriptor, stat.S_IMODE(like.st_mode))
             file.write(content)
             file.flush()
@@ -86,13 +86,6 @@ def _lay(folder: int, name: str, content: bytes, like: os.stat_result) -> None:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(name, dir_fd=folder)
         raise
-
-
-def _give(descriptor: int, like: os.stat_result) -> None:
-    try:
-        os.fchown(descriptor, like.st_uid, like.st_gid)
-    except PermissionError as error:
-        raise OSError(errno.EPERM, "its owner is another user: try again with sudo") from error
 
 
 def _rename(folder: int, old: str, new: str) -> None:

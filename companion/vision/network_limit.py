@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ipaddress
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from companion.cameras import CameraError, split_source
+from companion.cameras.places import pipe_words
 from companion.cameras.shown import CAMERA_ELEMENTS, address, program
 
 _SLICE = "companion-camera.slice"
@@ -60,10 +60,7 @@ def _is_of_this_computer(command: str) -> bool:
         return False
     if program(command) in _CAMERA_PROGRAMS:
         return True
-    try:
-        words = shlex.split(command)
-    except ValueError:
-        return False
+    words = pipe_words(command)
     ends = [word for word in words if _END.search(word) and word not in _OWN_SINKS]
     return len(ends) == 1 and ends[0] in CAMERA_ELEMENTS
 

@@ -274,7 +274,16 @@ def test_every_setting_has_a_guard_and_free_texts_are_guarded() -> None:
             guard = guard_of(name, "../../etc/x")
             if check.schema.get("type") == "string" or key == "more":
                 assert guard is Guard.LOOPBACK, name
-    assert guard_of("words.rock", 1.0) is Guard.OPEN
+    for key, value in (
+        ("words.rock", 1.0),
+        ("camera.source", "v4l2:/dev/anytraverse-camera"),
+        ("link.url", "serial:/dev/anytraverse-autopilot:57600"),
+        ("link.url", "serial:/dev/serial/by-id/usb-Hex_CubeOrange-if00:115200"),
+        ("link.url", None),
+        ("mount.height", None),
+        ("call.votes", 3),
+    ):
+        assert guard_of(key, value) is Guard.OPEN, key
     with pytest.raises(ValueError, match="is not known"):
         guard_of("camera.sorce", "x")
 
@@ -288,6 +297,7 @@ def test_every_setting_has_a_guard_and_free_texts_are_guarded() -> None:
         ("camera.source", "v4l2:/dev/../etc/passwd"),
         ("camera.source", "v4l2:/etc/passwd"),
         ("camera.source", "v4l2:dev/video0"),
+        ("camera.source", "v4l2:/dev/mem"),
         ("camera.source", None),
         ("camera.source", ["oak:"]),
         ("camera.calibration", "lens.yaml"),
@@ -297,6 +307,7 @@ def test_every_setting_has_a_guard_and_free_texts_are_guarded() -> None:
         ("link.url", "udpin:0.0.0.0:14550"),
         ("link.url", "tcp:10.0.0.7:5760"),
         ("link.url", "serial:/home/x:9600"),
+        ("link.url", "serial:/dev/sda:9600"),
         ("link.url", "udpin:127.0.0.1.evil:1"),
         ("link.signing_key", "key"),
         ("link.signing_key", None),

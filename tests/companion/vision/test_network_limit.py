@@ -35,7 +35,6 @@ NONE, UNKNOWN = NetworkNeeds(any=False), NetworkNeeds(any=True, networks=None)
         ("pipe:rpicam-vid -t 0 -o udp://10.0.0.7:5600", UNKNOWN),
         ("pipe:ffmpeg -i /dev/video0 -", UNKNOWN),
         ("pipe:sh -c 'rpicam-vid -o -'", UNKNOWN),
-        ("pipe:gst-launch-1.0 'v4l2src", UNKNOWN),
         (
             "rtsp://user:rtsp%3A%2F%2F10.0.0.9@10.0.0.7:554/main",
             NetworkNeeds(any=True, networks=("10.0.0.7/32",)),

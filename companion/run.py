@@ -25,6 +25,7 @@ from companion.link.link import Link
 from companion.link.signing import Signing, open_signing
 from companion.observers.live.live import Live
 from companion.observers.page.page import Page
+from companion.observers.recording.deleting import RecordingDeleter
 from companion.observers.recording.packer import IncidentPacker
 from companion.observers.recording.recorder import Recorder
 from companion.observers.video.video import Video
@@ -55,10 +56,12 @@ class _Beside(NamedTuple):
     recorder: Recorder
     live: Live
     packer: IncidentPacker
+    deleter: RecordingDeleter
 
     @classmethod
     def of(cls, config: Config) -> _Beside:
-        return cls(Page(config), Video(config), Recorder(config), Live(config), IncidentPacker(config))
+        files = IncidentPacker(config), RecordingDeleter(config)
+        return cls(Page(config), Video(config), Recorder(config), Live(config), *files)
 
     def poll(self, link: Link, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
         """Keep them running, and hear them. news: what the page is told. link: tells where the video is."""
@@ -68,6 +71,7 @@ class _Beside(NamedTuple):
         self.recorder.poll(now)
         self.live.poll(now)
         self.packer.poll(now)
+        self.deleter.poll()
 
     def show(self, supervisor: Supervisor, now: float) -> None:
         """Give page and video the pictures that were drawn for them."""
@@ -145,7 +149,7 @@ def _main(
     log.info("perceiver: %s, %.0f ms a frame", ready.model, 1e3 * ready.step)
     log.info("ready: policy %s", supervisor.calls.policy.name.lower())
     supervisor.pointing.shown_for = beside.video.shown_for
-    supervisor.incidents.packer = beside.packer
+    supervisor.files.packer, supervisor.files.deleter = beside.packer, beside.deleter
     supervisor.recording.feeds = beside.recorder, beside.live
     closing.enter_context(supervisor.recording.log_lines())
     checks = CheckReport(config)

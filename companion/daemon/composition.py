@@ -30,7 +30,7 @@ from companion.daemon.policy.shadow_statistics import ShadowReporter, ShadowStat
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
 from companion.daemon.reports import VehicleReports, VisionResults
-from companion.daemon.requests import IncidentRequests, Requests
+from companion.daemon.requests import FilesRequests, Requests
 from companion.daemon.settings.echo import ParameterEcho
 from companion.daemon.settings.runtime import (
     RuntimeSettings,
@@ -135,8 +135,8 @@ def compose(
     executor = DecisionExecutor(
         link.modes, frames, persistence, statistics, calls, health.fault_name, guard, events
     )
-    test_call, incidents = TrialCall(folder, calls, link, vision, position), IncidentRequests(link, vision)
-    requests = Requests(link, executor, persistence, settings, answer_handler, (incidents, test_call))
+    test_call, files = TrialCall(folder, calls, link, vision, position), FilesRequests(link, vision)
+    requests = Requests(link, executor, persistence, settings, answer_handler, (files, test_call))
     deciders = Deciders(
         requests,
         VehicleReports(link, calls, position, CourseJudge(config.mount.heading, config.camera.view)),
@@ -192,7 +192,7 @@ def compose(
         answer_handler=answer_handler,
         position=position,
         computer=computer,
-        incidents=incidents,
+        files=files,
         test_call=test_call,
         observers=observers,
         status=status,

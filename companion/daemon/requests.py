@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Protocol
@@ -19,7 +20,16 @@ from companion.link.link import Link
 from companion.vision.client import VisionClient, VisionResult
 from companion.vision.messages import Done
 from companion.wire import notices
-from companion.wire.answers import Acknowledgement, Answer, CancelIncident, IncidentRequest, PackIncident, Via
+from companion.wire.answers import (
+    Acknowledgement,
+    Answer,
+    CancelIncident,
+    FilesRequest,
+    PackIncident,
+    RecordingWish,
+    Via,
+    Wish,
+)
 from companion.wire.ids import ERROR, NOTICE, Motion, Result, words_hash
 
 log = logging.getLogger(__name__)
@@ -127,30 +137,67 @@ class Packer(Protocol):
         """Have it packed no more. Returns what the requester is told."""
 
 
-class IncidentRequests:
-    """Answers such requests, which answer no call, and teach nothing. packer: None: nothing is packed."""
+class Deleter(Protocol):
+    """Deletes recordings, see `RecordingDeleter`."""
+
+    def ask(self, number: int, tell: Callable[[Result, str], None]) -> None:
+        """Have one deleted. tell: told what became of it, later."""
+
+
+class FilesRequests:
+    """Answers requests about incident files and recordings, which answer no call, and teach nothing.
+
+    packer, deleter: None: nothing is packed or deleted.
+    """
 
     def __init__(self, link: Link, vision: VisionClient) -> None:
         self._link = link
         self._vision = vision
         self.packer: Packer | None = None
+        self.deleter: Deleter | None = None
 
     def receive(self, answer: Answer, now: float) -> bool:
         """Take an answer, if it is such a request. Whether it was."""
-        if not any(isinstance(one, IncidentRequest) for one in answer.operations):
+        if not any(isinstance(one, FilesRequest) for one in answer.operations):
             return False
-        result, text = self._result(answer, now)
-        ack = Acknowledgement.without_figures(answer.transaction, 0, result, text)
-        self._link.answers.acknowledge(answer, replace(ack, words=words_hash(self._vision.words)), now)
-        log.info("incident file: %s %s", ack.result.name, ack.text)
+        deletes = any(isinstance(one, RecordingWish) and one.wish is Wish.DELETE for one in answer.operations)
+        result, text = self._delete(answer) if deletes else self._pack(answer, now)
+        if text:
+            self._tell(answer, result, text, now)
         return True
 
-    def _result(self, answer: Answer, now: float) -> tuple[Result, str]:
-        match answer.operations:
-            case (PackIncident() | CancelIncident(),) if answer.motion is Motion.NONE and self.packer is None:
-                return Result.REFUSED, "nothing is packed here"
-            case (PackIncident(call_id),) if answer.motion is Motion.NONE and self.packer is not None:
+    def _pack(self, answer: Answer, now: float) -> tuple[Result, str]:
+        if len(answer.operations) != 1 or answer.motion is not Motion.NONE:
+            return _ALONE
+        if self.packer is None:
+            return Result.REFUSED, "nothing is packed here"
+        match answer.operations[0]:
+            case PackIncident(call_id):
                 return self.packer.ask(call_id, now)
-            case (CancelIncident(call_id),) if answer.motion is Motion.NONE and self.packer is not None:
+            case CancelIncident(call_id):
                 return self.packer.cancel(call_id, now)
-        return Result.REFUSED, "an incident file is asked for alone, without motion or words"
+            case RecordingWish(number, Wish.PACK):
+                return self.packer.ask(-number, now)
+            case RecordingWish(number, Wish.CANCEL):
+                return self.packer.cancel(-number, now)
+        return _ALONE
+
+    def _delete(self, answer: Answer) -> tuple[Result, str]:
+        """Have a recording deleted. Returns why not; no text where it is told later what became of it."""
+        match answer.operations:
+            case (RecordingWish(number),) if answer.motion is Motion.NONE:
+                if answer.via is not Via.PAGE or self.deleter is None:
+                    return Result.REFUSED, "a recording is deleted on the rover's own page"
+                self.deleter.ask(
+                    number, lambda result, text: self._tell(answer, result, text, time.monotonic())
+                )
+                return Result.APPLIED, ""
+        return _ALONE
+
+    def _tell(self, answer: Answer, result: Result, text: str, now: float) -> None:
+        ack = Acknowledgement.without_figures(answer.transaction, 0, result, text)
+        self._link.answers.acknowledge(answer, replace(ack, words=words_hash(self._vision.words)), now)
+        log.info("files: %s %s", ack.result.name, ack.text)
+
+
+_ALONE = Result.REFUSED, "a request about files comes alone, without motion or words"

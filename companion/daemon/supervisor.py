@@ -18,7 +18,7 @@ from companion.daemon.pointing import Pointing
 from companion.daemon.policy.shadow_statistics import ShadowReporter
 from companion.daemon.recording import Recording
 from companion.daemon.records import Records
-from companion.daemon.requests import IncidentRequests
+from companion.daemon.requests import FilesRequests
 from companion.daemon.settings.service import SettingsService
 from companion.daemon.status import Status, StatusFile
 from companion.daemon.trial_call import TrialCall
@@ -39,7 +39,7 @@ class Supervisor:
     answer_handler: AnswerHandler
     position: VehiclePosition
     computer: Computer
-    incidents: IncidentRequests
+    files: FilesRequests
     test_call: TrialCall
     observers: Observers
     status: Status

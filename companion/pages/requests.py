@@ -9,9 +9,10 @@ from anytraverse.errors import PreferencesError
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap, taps_of
 from anytraverse.preferences import check_weight, clean_word
 from companion.wire import json_values
-from companion.wire.answers import Answer, AnyOperation, CancelIncident
+from companion.wire.answers import Answer, AnyOperation, CancelIncident, Wish
 from companion.wire.call_report import CallReport
 from companion.wire.ids import Motion, Stage
+from companion.wire.incidents import MOST_NUMBER
 from companion.wire.packing import Fractions
 
 MOST_POSTED = 16 << 10
@@ -75,6 +76,15 @@ def check_answer(answer: Answer, call: CallReport | None, current: int) -> None:
 def read_incident(told: Mapping[str, Any]) -> int:
     """Read for which call an incident file is asked; 0: the last minute. Raises RequestError."""
     return 0 if told.get("call") is None else whole(told, "call", 1, 0xFFFF)
+
+
+def read_recording(told: Mapping[str, Any]) -> tuple[int, Wish]:
+    """Read which recording is meant, and what is to become of it. Raises RequestError."""
+    wishes = {wish.name.lower(): wish for wish in Wish}
+    wish = wishes.get(told["wish"]) if isinstance(told.get("wish"), str) else None
+    if wish is None:
+        raise RequestError(f"wish is one of {', '.join(wishes)}")
+    return whole(told, "number", 1, MOST_NUMBER), wish
 
 
 def whole(told: Mapping[str, Any], name: str, low: int, high: int) -> int:

@@ -39,6 +39,7 @@ class _Code(IntEnum):
     OTHER_PLACE = 6
     PACK_INCIDENT = 7
     CANCEL_INCIDENT = 8
+    RECORDING = 9
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,24 @@ class CancelIncident:
     id: int = 0
 
 
-IncidentRequest = PackIncident | CancelIncident
-AnyOperation = Operation | IncidentRequest
+class Wish(IntEnum):
+    """What is to become of a recording: packed as an incident is, packed no more, or deleted."""
+
+    PACK = 0
+    CANCEL = 1
+    DELETE = 2
+
+
+@dataclass(frozen=True)
+class RecordingWish:
+    """Do this with the recording of that number. It stands alone."""
+
+    number: int
+    wish: Wish
+
+
+FilesRequest = PackIncident | CancelIncident | RecordingWish
+AnyOperation = Operation | FilesRequest
 
 
 def _pack_operation(operation: AnyOperation) -> bytes:
@@ -84,6 +101,8 @@ def _pack_operation(operation: AnyOperation) -> bytes:
             return _CODE.pack(_Code.PACK_INCIDENT) + layouts.PACK_INCIDENT.struct.pack(call_id)
         case CancelIncident(call_id):
             return _CODE.pack(_Code.CANCEL_INCIDENT) + layouts.CANCEL_INCIDENT.struct.pack(call_id)
+        case RecordingWish(number, wish):
+            return _CODE.pack(_Code.RECORDING) + layouts.RECORDING.struct.pack(number, wish)
 
 
 def _weight(raw: int) -> float:
@@ -124,6 +143,11 @@ def _read_operation(reader: Reader) -> AnyOperation:
     if code == _Code.CANCEL_INCIDENT:
         (call_id,) = reader.take(layouts.CANCEL_INCIDENT.struct)
         return CancelIncident(call_id)
+    if code == _Code.RECORDING:
+        number, wish = reader.take(layouts.RECORDING.struct)
+        if wish not in tuple(Wish):
+            raise PayloadError(f"wish {wish} is unknown: update this end")
+        return RecordingWish(number, Wish(wish))
     raise PayloadError(f"operation {code} is unknown: update this end")
 
 
@@ -177,12 +201,12 @@ class Answer:
 
     @property
     def changes(self) -> tuple[Operation, ...]:
-        """The operations that change words, examples or scenes: all but those about incident files."""
-        return tuple(one for one in self.operations if not isinstance(one, IncidentRequest))
+        """The operations that change words, examples or scenes: all but those about files."""
+        return tuple(one for one in self.operations if not isinstance(one, FilesRequest))
 
     @property
     def about_files(self) -> bool:
-        """Whether it is about incident files alone, which concerns no call and changes nothing."""
+        """Whether it is about files alone, which concerns no call and changes nothing of it."""
         return bool(self.operations) and not self.changes
 
     @property

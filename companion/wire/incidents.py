@@ -21,7 +21,9 @@ MOST_MEMBERS = 200
 """Files in one zip."""
 SHORT = "-short"
 """What the name of the short file has more than that of the whole one."""
-_NAME = re.compile(r"([0-9]{4,9})-(?:C([0-9]{1,5})|last)", re.ASCII)
+MOST_NUMBER = 999_999_999
+"""Of a recording."""
+_NAME = re.compile(r"([0-9]{4,9})-(?:C([0-9]{1,5})|R([0-9]{1,9})|last)", re.ASCII)
 _FILE = re.compile(rf"({_NAME.pattern})({SHORT})?\.zip", re.ASCII)
 
 
@@ -29,8 +31,8 @@ class Packed(NamedTuple):
     """An incident that was packed, in two files.
 
     number: rises by one from incident to incident, so that a name never means another content.
-    call: id of the call or hold, 0: the last minute. size, short: bytes of the whole file, and of the short
-    one. note: what is missing in it, for a person; "" where nothing is.
+    call: id of the call or hold, 0: the last minute, -N: the recording of number N. size, short: bytes of the
+    whole file, and of the short one. note: what is missing in it, for a person; "" where nothing is.
     """
 
     number: int
@@ -52,7 +54,7 @@ class Packed(NamedTuple):
 class Incidents(NamedTuple):
     """What a rover tells of its incident files.
 
-    packing: the call that is being packed (0: the last minute), None for none. failed: the call that could
+    packing: what is being packed, as `Packed.call` has it, None for nothing. failed: the call that could
     not be packed last, and why; None after one that could. packed: the newest first.
     """
 
@@ -74,7 +76,9 @@ class Incidents(NamedTuple):
 
 
 def about(call: int) -> str:
-    """Return what an incident is about, as its files' names have it."""
+    """Return what an incident is about, as its files' names have it. call: as of `Packed`."""
+    if call < 0:
+        return f"R{-call}"
     return name(Kind.CALL, call) if call else "last"
 
 
@@ -88,7 +92,7 @@ def read_name(file: str) -> tuple[int, int, bool] | None:
     found = _FILE.fullmatch(file)
     if found is None:
         return None
-    return int(found[2]), int(found[3] or 0), found[4] is not None
+    return int(found[2]), _about(found[3], found[4]), found[5] is not None
 
 
 def read_incidents(content: bytes) -> Incidents:
@@ -110,7 +114,12 @@ def incidents_from(told: Mapping[str, Any]) -> Incidents:
 
 def _call(raw: Any) -> int | None:
     found = _NAME.fullmatch(f"0000-{text_of(raw)}")
-    return int(found[2] or 0) if found else None
+    return _about(found[2], found[3]) if found else None
+
+
+def _about(call: str | None, recording: str | None) -> int:
+    """Return what a name is about, as `Packed.call` has it."""
+    return -int(recording) if recording else int(call or 0)
 
 
 def packed_from(told: Mapping[str, Any]) -> Packed | None:
@@ -119,4 +128,6 @@ def packed_from(told: Mapping[str, Any]) -> Packed | None:
     size, short = (number_of(told.get(key), 0, 1e12) for key in ("bytes", "short"))
     if found is None or size is None or short is None:
         return None
-    return Packed(int(found[1]), int(found[2] or 0), int(size), int(short), clean(text_of(told.get("note"))))
+    return Packed(
+        int(found[1]), _about(found[2], found[3]), int(size), int(short), clean(text_of(told.get("note")))
+    )

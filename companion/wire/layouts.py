@@ -139,6 +139,12 @@ PACK_INCIDENT = Layout(
     start=1,
 )
 CANCEL_INCIDENT = Layout("8 CANCEL INCIDENT", Field("H", "id", "as in 7"), start=1)
+RECORDING = Layout(
+    "9 RECORDING: pack, or delete, one recording",
+    Field("I", "number", "in its file's name"),
+    Field("B", "wish", "0: pack it into a file, 1: pack it no more, 2: delete it"),
+    start=1,
+)
 OPERATIONS = {
     1: SET,
     2: TAP,
@@ -148,6 +154,7 @@ OPERATIONS = {
     6: OTHER_PLACE,
     7: PACK_INCIDENT,
     8: CANCEL_INCIDENT,
+    9: RECORDING,
 }
 
 ACKNOWLEDGEMENT = Layout(

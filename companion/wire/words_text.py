@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from anytraverse.errors import PreferencesError
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, Operation, OtherPlace, SetWord, Tap
 from anytraverse.preferences import MAX_WORDS, check_weight, clean_word, turns_sign
-from companion.wire.answers import AnyOperation, CancelIncident, PackIncident
+from companion.wire.answers import AnyOperation, CancelIncident, PackIncident, RecordingWish
 from companion.wire.parameters import NOT_IN_USE
 
 MAX_TEXT_VALUE = 128
@@ -54,6 +54,8 @@ def operation_text(operation: AnyOperation) -> str:
             return f"incident {call_id}" if call_id else "incident"
         case CancelIncident(call_id):
             return f"cancel incident {call_id}" if call_id else "cancel incident"
+        case RecordingWish(number, wish):
+            return f"{wish.name.lower()} recording {number}"
 
 
 def read_words(text: str) -> tuple[Operation, ...]:

@@ -15,9 +15,17 @@ from companion.pages.requests import (
     read_answer,
     read_incident,
     read_object,
+    read_recording,
     whole,
 )
-from companion.wire.answers import Acknowledgement, Answer, AnyOperation, PackIncident
+from companion.wire.answers import (
+    Acknowledgement,
+    Answer,
+    AnyOperation,
+    PackIncident,
+    RecordingWish,
+    Wish,
+)
 from companion.wire.delivery import Pending, random_transaction
 from companion.wire.documents import state_from
 from companion.wire.ids import Motion, Result
@@ -52,7 +60,9 @@ class Answering:
         self._undone: dict[int, Pending] = {}
         """By call: what takes back the answers to it."""
         self._incidents: dict[int, Pending] = {}
-        """By call, 0 for the last minute: the newest request for an incident file."""
+        """As `Packed.call` has it: the newest request for an incident file."""
+        self._deletions: dict[int, Pending] = {}
+        """By number: the newest request to delete a recording."""
         self.revision = 0
 
     def answer(self, body: bytes) -> str:
@@ -85,6 +95,18 @@ class Answering:
         self._require_news()
         return self._ask(self._incidents, call, (PackIncident(call),))
 
+    def recording(self, body: bytes) -> str:
+        """Ask to have a recording packed, packed no more, or deleted. Returns what was done.
+
+        Raises RequestError.
+        """
+        number, wish = read_recording(read_object(body))
+        self._require_news()
+        operations = (RecordingWish(number, wish),)
+        if wish is Wish.DELETE:
+            return self._ask(self._deletions, number, operations)
+        return self._ask(self._incidents, -number, operations)
+
     def _ask(self, requests: dict[int, Pending], call: int, operations: tuple[AnyOperation, ...]) -> str:
         """Send what answers no call, and keep it as the newest request about this one."""
         requests[call] = self._begin(Answer(0, Motion.NONE, operations))
@@ -94,8 +116,15 @@ class Answering:
         return "asked for"
 
     def asked_for_incident(self, call: int) -> Pending | None:
-        """Return the newest request for an incident file of a call, 0: of the last minute."""
+        """Return the newest request for an incident file of a call: as of `Packed`."""
         return self._incidents.get(call)
+
+    def deletion(self, number: int) -> str:
+        """Say how the newest request to delete a recording goes, "" without one."""
+        asked = self._deletions.get(number)
+        if asked is None or asked.applied:
+            return ""
+        return f"The request to delete it: {asked.told}." if asked.settled else "It is being deleted."
 
     def by_call(self) -> dict[int, OwnAnswers]:
         """Return what was answered to each call."""
@@ -150,6 +179,6 @@ class Answering:
 
     def _unsettled(self) -> list[Pending]:
         """Return what waits for its acknowledgement, in the order in which it is sent."""
-        alone = *self._undone.values(), *self._incidents.values()
+        alone = *self._undone.values(), *self._incidents.values(), *self._deletions.values()
         all_pending = [*(one.pending for one in self._answers), *alone]
         return sorted((one for one in all_pending if not one.settled), key=lambda one: one.urgency)

@@ -10,23 +10,24 @@ import re
 import select
 import socket
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from threading import BoundedSemaphore
-from typing import Any, BinaryIO, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from companion.observers.page.answering import Answering
 from companion.observers.page.calls import shown_calls
+from companion.observers.page.disk import Disk, no_file
 from companion.observers.page.files import StateFolder
 from companion.observers.page.messages import ALIVE, ANSWER, WANTED, PageMessageKind
 from companion.observers.page.metrics import Metrics
 from companion.observers.page.news import SILENT, News
+from companion.observers.page.recording_routes import RecordingRoutes
+from companion.observers.page.recordings import RecordingsFolder
 from companion.pages.access import Gate, WrongTokens
 from companion.pages.calls import incident_shown
 from companion.pages.requests import MOST_POSTED
@@ -42,18 +43,10 @@ log = logging.getLogger(__name__)
 _MOST_MEMORY = 256 << 20
 """Bytes of data. It needs a sixth of it."""
 _BEAT = 1.0
-_DISK_PATIENCE = 5.0
-MOST_READING = 16
-"""Requests that may wait for the disk."""
-MOST_DOWNLOADS = 4
-"""Incident files that are fetched at once."""
-_PIECE = 64 << 10
-_ZIP = "application/zip"
 _SETUP_WITHIN = 10.0
 _STATIC = Path(__file__).parent / "static"
 _PICTURE = re.compile(r"([0-9]{1,5})(-large|-raw)?\.jpg", re.ASCII)
 _SCENE = re.compile(r"([0-9a-f]{16})\.jpg", re.ASCII)
-_T = TypeVar("_T")
 
 
 class PageSite:
@@ -63,6 +56,7 @@ class PageSite:
         self,
         news: News,
         folder: StateFolder,
+        recordings: RecordingsFolder,
         answering: Answering | None = None,
         ground: Sequence[Mapping[str, Any]] = (),
     ) -> None:
@@ -73,9 +67,8 @@ class PageSite:
         self._ground = ground
         self.wrong_tokens = WrongTokens()
         self._metrics = Metrics(news, self.wrong_tokens)
-        self._disk = ThreadPoolExecutor(2, "disk")
-        self._reading = BoundedSemaphore(MOST_READING)
-        self._downloads = 0
+        self._disk = Disk(2)
+        self._recordings = RecordingRoutes(news, recordings, answering)
         self.streams = EventStreams()
 
     def app(self) -> Starlette:
@@ -92,6 +85,7 @@ class PageSite:
             Route("/scenes/{name}", self._scene),
             Route("/log.txt", self._log),
             *(Route(f"/{name}.json", self._document(name)) for name in ("status", "state", "check")),
+            *self._recordings.routes(),
             *static_routes(_STATIC),
         ]
         if self._answering is not None:
@@ -156,13 +150,13 @@ class PageSite:
         return show
 
     async def _calls(self, _: Request) -> Response:
-        return await self._read(self._folder.calls, as_json)
+        return await self._disk.answer(self._folder.calls, as_json)
 
     async def _shown_calls(self, _: Request) -> Response:
         state, told_at = self._news.told.get("state", {}), self._news.told_at
         folder, own = self._folder, self._answering.by_call() if self._answering is not None else {}
         incident = self._incidents()
-        return await self._read(
+        return await self._disk.answer(
             lambda: shown_calls(state, told_at, folder.calls(), folder.address, own, incident), as_json
         )
 
@@ -176,40 +170,19 @@ class PageSite:
         )
 
     async def _incident(self, request: Request) -> Response:
-        """Answer with an incident file, piece by piece: it may be larger than this process."""
         name = request.path_params["name"]
-        if self._downloads >= MOST_DOWNLOADS:
-            return PlainTextResponse(f"{MOST_DOWNLOADS} files are being fetched: ask again later\n", 503)
-        return await self._read(
-            lambda: self._folder.incident(name), lambda file: self._download(request, name, file)
+        return await self._disk.download(
+            request, lambda: (f"incident-{name}", self._folder.incident(name)), "application/zip"
         )
 
-    def _download(self, request: Request, name: str, file: BinaryIO) -> Response:
-        headers = {
-            "content-disposition": f'attachment; filename="incident-{name}"',
-            "content-length": str(os.fstat(file.fileno()).st_size),
-        }
-        if request.method == "HEAD":
-            return Response(headers=headers, media_type=_ZIP)
-        return StreamingResponse(self._pieces(file), headers=headers, media_type=_ZIP)
-
-    async def _pieces(self, file: BinaryIO) -> AsyncIterator[bytes]:
-        self._downloads += 1
-        try:
-            while piece := await self._from_disk(lambda: file.read(_PIECE)):
-                yield piece
-        finally:
-            self._downloads -= 1
-            file.close()
-
     async def _log(self, _: Request) -> Response:
-        return await self._read(self._folder.log, PlainTextResponse)
+        return await self._disk.answer(self._folder.log, PlainTextResponse)
 
     async def _picture(self, request: Request) -> Response:
         named = _PICTURE.fullmatch(request.path_params["name"])
         if named is None:
-            return PlainTextResponse("there is no such file\n", 404)
-        return await self._read(
+            return no_file()
+        return await self._disk.answer(
             lambda: self._folder.picture(int(named[1]), named[2] or ""),
             lambda content: Response(content, media_type="image/jpeg"),
         )
@@ -217,27 +190,10 @@ class PageSite:
     async def _scene(self, request: Request) -> Response:
         named = _SCENE.fullmatch(request.path_params["name"])
         if named is None:
-            return PlainTextResponse("there is no such file\n", 404)
-        return await self._read(
+            return no_file()
+        return await self._disk.answer(
             lambda: self._folder.scene(named[1]), lambda content: Response(content, media_type="image/jpeg")
         )
-
-    async def _read(self, read: Callable[[], _T], shown: Callable[[_T], Response]) -> Response:
-        """Answer with what the disk has: 404 without such a file, 503 from a disk that is slow or fails."""
-        try:
-            return shown(await self._from_disk(read))
-        except FileNotFoundError:
-            return PlainTextResponse("there is no such file\n", 404)
-        except (OSError, TimeoutError, asyncio.TimeoutError) as error:
-            return PlainTextResponse(f"the disk cannot be read: {error or 'it is slow'}\n", 503)
-
-    async def _from_disk(self, read: Callable[[], _T]) -> _T:
-        """Read in a thread. Raises TimeoutError of a disk that is slow, and what `read` raises."""
-        if not self._reading.acquire(blocking=False):
-            raise TimeoutError("too much waits for it: ask again later")
-        running = self._disk.submit(read)
-        running.add_done_callback(lambda _: self._reading.release())
-        return await asyncio.wait_for(asyncio.wrap_future(running), _DISK_PATIENCE)
 
 
 def main(channel: int, listener: int) -> NoReturn:
@@ -265,7 +221,8 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
         answering = Answering(
             news, lambda payload, now: _send(channel, Datagram(ANSWER, {"at": now}, payload).encoded())
         )
-    site = PageSite(news, StateFolder(setup["folder"]), answering, setup["ground"])
+    folder = setup["folder"]
+    site = PageSite(news, StateFolder(folder), RecordingsFolder(folder), answering, setup["ground"])
     asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
     most_posted = MOST_POSTED if answering is not None else 0
     gate = Gate(

@@ -10,17 +10,13 @@ from typing import Any
 
 from companion.config import format_config, load_config, state_folder
 from companion.observers.recording import incident
-from companion.observers.recording.contents import read_json
 from companion.observers.recording.foxglove import NS
 from companion.observers.recording.recorder import missing
 from companion.observers.recording.ring import FOLDER, recordings
-from companion.observers.recording.topics import TOPICS, Topic
 
 _CALL = re.compile(r"[CHch]?([0-9]{1,5})", re.ASCII)
 _SECONDS = re.compile(r"([0-9]{1,6})\s*(s|m|min|h)?", re.ASCII)
 _UNITS = {None: 1, "s": 1, "m": 60, "min": 60, "h": 3600}
-_TOLD = ("call opened", "call closed", "hold started", "would hold")
-"""Decisions that the list shows."""
 HEAD = f"{'recording':<20}  {'begins':<19}  {'s':>4}  {'MB':>6}  {'frames':>6}  what"
 
 
@@ -128,22 +124,15 @@ def _seconds(text: str) -> float:
 
 
 def _row(path: Path) -> dict[str, Any]:
-    from companion.observers.recording.reading import messages, summary
+    from companion.observers.recording.listing import listed
 
-    found = summary(path)
-    decisions, told = TOPICS[Topic.DECISIONS].name, []
-    for one in messages(path, {decisions, TOPICS[Topic.STATE].name}):
-        content = read_json(one.message.data)
-        if one.channel.topic != decisions:
-            told += ["fault"] if content.get("state") == "fault" else []
-        elif content.get("decision") in _TOLD:
-            told.append(f"{content.get('decision')} {content.get('id')}")
+    found = listed(path)
     return {
         "file": path.name,
         "bytes": path.stat().st_size,
         "begins": found.begin / NS if found.begin else None,
         "seconds": round((found.end - found.begin) / NS, 1),
-        "frames": found.counts.get(TOPICS[Topic.CAMERA].name, 0),
+        "frames": found.frames,
         "finished": found.finished,
-        "events": list(dict.fromkeys(told)),
+        "events": list(dict.fromkeys(one.text for one in found.happened)),
     }

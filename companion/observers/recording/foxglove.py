@@ -113,6 +113,8 @@ ENUMS: Mapping[str, tuple[str, ...]] = {
 }
 _SCALARS = {"double": 1, "int64": 3, "int32": 5, "fixed32": 7, "string": 9, "bytes": 12}
 """Type -> its number in a descriptor."""
+_WIDTHS = {1: 8, 5: 4}
+"""Bytes of what is encoded in so many, by its wire type."""
 _MESSAGE, _ENUM = 11, 14
 _ONE, _LIST = 1, 3
 
@@ -132,19 +134,47 @@ def encode(name: str, content: Mapping[str, Any]) -> bytes:
 
 def jpeg_of(message: bytes) -> bytes:
     """Return the picture in a foxglove.CompressedImage. Raises ValueError for any other bytes."""
-    wanted = next(number for field, number, _ in MESSAGES["foxglove.CompressedImage"] if field == "data")
-    at = 0
-    while at < len(message):
-        key, at = _read_varint(message, at)
-        if key & 7 != 2:
-            raise ValueError("no CompressedImage")
-        length, at = _read_varint(message, at)
-        if at + length > len(message):
-            raise ValueError("a CompressedImage that is cut off")
-        if key >> 3 == wanted:
-            return message[at : at + length]
-        at += length
+    for name, value in _fields("foxglove.CompressedImage", message):
+        if name == "data":
+            return value
     raise ValueError("a CompressedImage without a picture")
+
+
+def outlines_of(message: bytes) -> list[list[tuple[float, float]]]:
+    """Return the corners of each outline in foxglove.ImageAnnotations, in pixels. Raises ValueError."""
+    found = []
+    for name, outline in _fields("foxglove.ImageAnnotations", message):
+        if name == "points":
+            corners = [
+                one for field, one in _fields("foxglove.PointsAnnotation", outline) if field == "points"
+            ]
+            found.append([_corner(one) for one in corners])
+    return found
+
+
+def _corner(message: bytes) -> tuple[float, float]:
+    told = dict(_fields("foxglove.Point2", message))
+    x, y = (struct.unpack("<d", told.get(name, bytes(8)))[0] for name in ("x", "y"))
+    return x, y
+
+
+def _fields(message: str, packed: bytes) -> Iterator[tuple[str, bytes]]:
+    """Yield the fields of a message and the bytes of each; other numbers than bytes are left out.
+
+    Raises ValueError.
+    """
+    names, at = {number: field for field, number, _ in MESSAGES[message]}, 0
+    while at < len(packed):
+        key, at = _read_varint(packed, at)
+        kind = key & 7
+        if kind == 0:
+            _, at = _read_varint(packed, at)
+            continue
+        length, at = _read_varint(packed, at) if kind == 2 else (_WIDTHS.get(kind, len(packed) + 1), at)
+        if at + length > len(packed):
+            raise ValueError(f"no {message}, or one that is cut off")
+        yield names.get(key >> 3, ""), packed[at : at + length]
+        at += length
 
 
 def descriptors(name: str) -> bytes:

@@ -76,6 +76,16 @@ def around_call(folder: Path, number: int) -> list[Window]:
     return _merged(found)
 
 
+def of_recording(folder: Path, number: int) -> list[Window]:
+    """Return all of the recording of a number; nothing where it is gone. Raises OSError."""
+    from companion.observers.recording.reading import summary
+
+    for one in recordings(folder / FOLDER):
+        if one.number == number and (found := summary(folder / FOLDER / one.name)).begin:
+            return [(found.begin, found.end + 1)]
+    return []
+
+
 def last(folder: Path, seconds: float) -> list[Window]:
     """Return the last `seconds` of what is recorded. Raises OSError."""
     from companion.observers.recording.reading import messages
@@ -173,7 +183,7 @@ def _copy(
     """Copy the messages of the windows, and before each what held at its beginning. Adds ids to `calls`."""
     from mcap.writer import CompressionType
 
-    from companion.observers.recording.reading import Copy, messages
+    from companion.observers.recording.reading import Copy, messages, summary
 
     # The zip compresses a short one better as a whole.
     copy = Copy(out, CompressionType.NONE if short else CompressionType.LZ4)
@@ -182,6 +192,8 @@ def _copy(
     standing: dict[str, Read] = {}
     begun = set[int]()
     for path in _paths(folder):
+        if summary(path).end < begin:  # each tells at its own begin what holds
+            continue
         for one in messages(path, end=end):
             topic, at = one.channel.topic, one.message.log_time
             if topic in _STANDING:

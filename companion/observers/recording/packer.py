@@ -74,7 +74,7 @@ class IncidentPacker:
     def ask(self, call: int, now: float) -> tuple[Result, str]:
         """Have an incident packed; one that was packed just now counts. Returns what a requester is told.
 
-        call: id of the call or hold, 0: the last minute.
+        call: as of `Packed`.
         """
         last = self.told.packed[0] if self.told.packed else None
         if self.told.packing is not None:
@@ -185,4 +185,4 @@ def _not_started(error: Exception) -> str:
 
 
 def _named(call: int) -> str:
-    return about(call) if call else "the last minute"
+    return f"recording {-call}" if call < 0 else about(call) if call else "the last minute"

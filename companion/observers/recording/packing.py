@@ -40,7 +40,7 @@ class PackingError(Exception):
 class PackingRequest(NamedTuple):
     """What is to be packed. folder: the companion's state. config: as `format_config` makes it.
 
-    call: id of the call or hold, 0: the last minute. not_recorded: why nothing is recorded, "" where it is.
+    call: as of `Packed`. not_recorded: why nothing is recorded, "" where it is.
     """
 
     folder: str
@@ -92,7 +92,12 @@ def pack(asked: PackingRequest, written: Callable[[], object] = lambda: None) ->
     most = min(LARGEST, room)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
     recorded = not missing()
-    if asked.call:
+    if asked.call < 0:
+        what, calls = f"the recording {-asked.call}", []
+        windows = incident.of_recording(folder, -asked.call) if recorded else []
+        if not windows:
+            raise PackingError("it is gone, or nothing in it can be read")
+    elif asked.call:
         what, calls = f"call or hold {asked.call}", [asked.call]
         windows = incident.around_call(folder, asked.call) if recorded else []
         if not windows and not (folder / "calls" / f"{asked.call}.json").is_file():
@@ -109,7 +114,8 @@ def pack(asked: PackingRequest, written: Callable[[], object] = lambda: None) ->
     except BaseException as error:
         _clear(home, {one.name for one in before})
         if isinstance(error, OSError) and error.errno == errno.EFBIG:
-            raise PackingError(f"it is larger than {most >> 20} MB: use `companion incident`") from error
+            other = "save the recording itself" if asked.call < 0 else "use `companion incident`"
+            raise PackingError(f"it is larger than {most >> 20} MB: {other}") from error
         raise
     for kind, path in files.items():
         os.replace(path, home / f"{name}{kind}.zip")

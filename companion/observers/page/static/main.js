@@ -5,13 +5,15 @@ import { Feed } from "./feed.js";
 import * as model from "./model.js";
 import { listenToKeys } from "./keys.js";
 import { joined } from "./plots.js";
-import { poster } from "./sending.js";
+import { Recordings } from "./recordings.js";
+import { poster, say } from "./sending.js";
 import * as views from "./views.js";
 
 const send = poster("the rover does not answer. See what it says at the top.");
 // What /shown-calls.json changes with.
 const opened = (content) => [content?.state?.open?.id, content?.state?.open?.stage, content?.state?.open?.holding, content?.state?.reasons, content?.incidents];
 const now = () => performance.now() / 1000;
+const recordings = new Recordings(document.getElementById("recordings"), say);
 const picture = document.getElementById("picture");
 let news = null;
 let connection = "";
@@ -37,6 +39,11 @@ function loaded(shown) {
   if (next) load(next);
   next = null;
   tick();
+}
+
+function readFiles() {
+  feed.readFiles();
+  recordings.refresh();
 }
 
 picture.addEventListener("load", () => loaded(true));
@@ -76,14 +83,16 @@ const feed = new Feed((kind, content, late) => {
     case "news":
       if (!news) {
         views.begin(content.answers ? send : null);
+        recordings.begin(content.answers ? send : null);
         if (content.answers) document.getElementById("about").before(keys);
       }
-      if (JSON.stringify(opened(news)) !== JSON.stringify(opened(content))) feed.readFiles();
+      if (JSON.stringify(opened(news)) !== JSON.stringify(opened(content))) readFiles();
       news = { ...content, receivedAt: now() - late };
       offset = news.receivedAt - content.clock;
       showFacts("now", model.facts(news));
       showFacts("computer", model.computer(news));
       views.showPlace(news);
+      recordings.show(news.status?.recording);
       views.showChecks(model.checks(news));
       showText("about", `AnyTraverse companion ${news.status?.version ?? ""}. ${news.answers ? "Calls can be answered here." : "This page only shows: answer calls from a ground station, or set [web] token."}`);
       break;
@@ -94,7 +103,7 @@ const feed = new Feed((kind, content, late) => {
       break;
     }
     case "answered":
-      feed.readFiles();
+      readFiles();
       break;
     case "calls":
       told = content;

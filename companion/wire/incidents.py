@@ -23,7 +23,7 @@ SHORT = "-short"
 """What the name of the short file has more than that of the whole one."""
 MOST_NUMBER = 999_999_999
 """Of a recording."""
-_NAME = re.compile(r"([0-9]{4,9})-(?:C([0-9]{1,5})|R([0-9]{1,9})|last)", re.ASCII)
+_NAME = re.compile(r"([0-9]{4,9})-(?:C([0-9]{1,5})|R([1-9][0-9]{0,8})|last)", re.ASCII)
 _FILE = re.compile(rf"({_NAME.pattern})({SHORT})?\.zip", re.ASCII)
 
 

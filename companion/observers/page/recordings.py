@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 PAGE = 20
 """Recordings that are listed at once."""
 BEGUN_WITHIN, _ONE_WITHIN = 0.8, 1.0
-"""Seconds within which looking into recordings is begun, and those for one of them. The others are told of when
-it is asked again."""
+"""Seconds within which looking into recordings is begun, and those for one of them. The others are told of
+when it is asked again."""
 SHOWN_WITHIN = 3.0
 """Seconds for a moment of one."""
 _MOST_KNOWN, _MOST_INDEXES = 512, 4

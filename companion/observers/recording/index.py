@@ -62,6 +62,7 @@ def _written(file: IO[bytes]) -> Index | None:
     opcode, _, begin, _, _, magic = _FOOTER.unpack(file.read(_FOOTER.size))
     if magic != MAGIC or opcode != Opcode.FOOTER or not size - LARGEST_INDEX <= begin < size:
         return None
+    file.seek(0)
     try:
         found = SeekingReader(file, record_size_limit=LARGEST_RECORD).get_summary()
     except Exception:  # it may lead anywhere, also before the file's beginning

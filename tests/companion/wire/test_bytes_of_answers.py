@@ -5,7 +5,15 @@ import math
 import pytest
 
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
-from companion.wire.answers import Acknowledgement, Answer, AnyOperation, CancelIncident, PackIncident
+from companion.wire.answers import (
+    Acknowledgement,
+    Answer,
+    AnyOperation,
+    CancelIncident,
+    PackIncident,
+    RecordingWish,
+    Wish,
+)
 from companion.wire.delivery import split
 from companion.wire.ids import Motion, Outcome, Reasons, Result, Stage
 from companion.wire.packing import Fractions, PayloadError
@@ -28,6 +36,10 @@ ANSWERS: dict[str, tuple[tuple[AnyOperation, ...], str]] = {
     "another place than a call's": ((OtherPlace(7),), "010403020102010100010106" + "0700"),
     "an incident file": ((PackIncident(9),), "010403020102010100010107" + "0900"),
     "no incident file any more": ((CancelIncident(9),), "010403020102010100010108" + "0900"),
+    "a recording to delete": (
+        (RecordingWish(70_000, Wish.DELETE),),
+        "010403020102010100010109" + "7011010002",
+    ),
     "several operations": (
         (
             ForgetWord("bush"),

@@ -11,10 +11,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.wire.incidents import MOST_KEPT, SHORT, Incidents, Packed, read_incidents, read_name
+from companion.wire.incidents import (
+    MOST_KEPT,
+    MOST_NUMBER,
+    SHORT,
+    Incidents,
+    Packed,
+    read_incidents,
+    read_name,
+)
 from companion.wire.packing import clean
 
-CALL = st.integers(0, 0xFFFF)
+CALL = st.integers(-MOST_NUMBER, 0xFFFF)
+"""A call, the last minute, or a recording."""
 TEXT = st.text(min_size=1, max_size=40).map(clean)
 PACKED = st.builds(Packed, st.integers(0, 10**8), CALL, st.integers(0, 10**9), st.integers(0, 10**9), TEXT)
 TOLD = st.builds(
@@ -52,7 +61,7 @@ def test_what_a_rover_says_of_them_is_cleaned() -> None:
 def test_whatever_comes_is_read_within_bounds(document: dict[str, Any]) -> None:
     told = read_incidents(json.dumps(document).encode())
     assert len(told.packed) <= 2 * MOST_KEPT
-    assert told.packing is None or 0 <= told.packing <= 99_999
+    assert told.packing is None or -MOST_NUMBER <= told.packing <= 99_999
 
 
 @pytest.mark.parametrize(
@@ -64,6 +73,7 @@ def test_whatever_comes_is_read_within_bounds(document: dict[str, Any]) -> None:
         "../0012-C7.zip",
         ".0012-C7.zip",
         "0012-C7.zip\n",
+        "0012-R0.zip",
         "12-C7.zip",
         "\u0661234-C7.zip",
     ],

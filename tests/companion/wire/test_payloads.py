@@ -7,7 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.operations import ForgetCall, ForgetWord, NewEpisode, OtherPlace, SetWord, Tap
-from companion.wire.answers import Acknowledgement, Answer, AnyOperation, CancelIncident, PackIncident
+from companion.wire.answers import (
+    Acknowledgement,
+    Answer,
+    AnyOperation,
+    CancelIncident,
+    PackIncident,
+    RecordingWish,
+    Wish,
+)
 from companion.wire.call_report import CallReport
 from companion.wire.ids import (
     HeartbeatMode,
@@ -93,6 +101,7 @@ OPERATIONS: st.SearchStrategy[AnyOperation] = st.one_of(
     st.builds(OtherPlace, U16),
     st.builds(PackIncident, U16),
     st.builds(CancelIncident, U16),
+    st.builds(RecordingWish, U32, st.sampled_from(Wish)),
 )
 ANSWERS = st.builds(
     Answer,
@@ -146,6 +155,7 @@ def test_what_is_packed_comes_back_and_fits_a_tunnel(message: Message) -> None:
         NewEpisode(),
         OtherPlace(5),
         PackIncident(6),
+        RecordingWish(7, Wish.CANCEL),
     ],
 )
 def test_each_operation_comes_back_as_itself(operation: AnyOperation) -> None:

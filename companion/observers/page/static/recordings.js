@@ -1,6 +1,6 @@
 // Lists the recordings while somebody wants to see them, the newest first, and opens one.
 
-import { arrange, changed, element, showText } from "./elements.js";
+import { arrange, element, showText } from "./elements.js";
 import { overview, named, rowEvents, rowNote, rowText, rowTitle } from "./recorded.js";
 import { Replay, frameUrl } from "./replay.js";
 import { PATIENCE } from "./stream.js";
@@ -99,7 +99,8 @@ export class Recordings {
 // One recording of the list: a button that opens it.
 class Row {
   constructor(open) {
-    this.image = element("img", { alt: "", loading: "lazy", hidden: true });
+    this.failed = false;
+    this.image = element("img", { alt: "", loading: "lazy", hidden: true, onerror: () => (this.image.hidden = this.failed = true) });
     this.title = element("b");
     this.text = element("span");
     this.events = element("span", { className: "what" });
@@ -117,10 +118,10 @@ class Row {
     showText(this.note, rowNote(data));
     this.button.setAttribute("aria-pressed", String(opened));
     const at = data.frames ? data.events?.find(({ id }) => id)?.at ?? Math.round(500 * data.seconds) : null;
-    changed(this.image, [at === null], (image) => {
-      image.hidden = at === null;
-      if (at !== null) image.src = frameUrl(data, at);
-    });
+    if (at === null || (this.image.src && !this.failed)) return;
+    this.failed = false; // a picture that did not come is asked for again
+    this.image.hidden = false;
+    this.image.src = frameUrl(data, at);
   }
 }
 

@@ -61,13 +61,13 @@ export class Replay {
     changed(this.events, row.events, (list) => list.replaceChildren(...(row.events ?? []).map((event) =>
       element("li", {}, button(`${seconds(event.at)}: ${eventText(event)}`, () => this.want(event.at), "chip")))));
     if (!first) return;
-    this.moment = this.shown = null;
-    this.wanted = null;
+    this.moment = this.shown = this.wanted = null;
+    this.previous.disabled = this.next.disabled = true;
     Object.assign(this.canvas, { width: 320, height: 240 });
     showFacts(this.facts, []);
     showText(this.missing, row.frames ? "" : "There is no picture in it.");
     const times = row.frames ? Array.from({ length: THUMBNAILS }, (_, at) => Math.round((this.length * (at + 0.5)) / THUMBNAILS)) : [];
-    this.strip.replaceChildren(...times.map((at) => element("img", { src: frameUrl(row, at), alt: "", loading: "lazy", draggable: false })));
+    this.strip.replaceChildren(...times.map((at) => element("img", { src: frameUrl(row, at), alt: "", loading: "lazy", draggable: false, onerror: ({ target }) => target.classList.add("gone") })));
     this.want(row.events?.find(({ id }) => id)?.at ?? 0);
   }
 

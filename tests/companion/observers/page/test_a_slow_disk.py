@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from pathlib import Path
 
 import pytest
 
@@ -12,25 +11,24 @@ pytest.importorskip("starlette")
 
 from starlette.responses import PlainTextResponse, Response
 
-from companion.observers.page import server
-from companion.observers.page.files import StateFolder
-from companion.observers.page.news import News
+from companion.observers.page import disk
+from companion.observers.page.disk import Disk
 
 
-def test_only_so_many_wait_for_a_disk_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "_DISK_PATIENCE", 0.2)
+def test_only_so_many_wait_for_a_disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(disk, "PATIENCE", 0.2)
     answers = threading.Event()
 
     def read() -> str:
         answers.wait(10.0)
         return "read"
 
-    async def ask(site: server.PageSite) -> Response:
-        return await site._read(read, PlainTextResponse)
+    async def ask(site: Disk) -> Response:
+        return await site.answer(read, PlainTextResponse)
 
     async def asked() -> None:
-        site = server.PageSite(News(), StateFolder(str(tmp_path)))
-        first = await asyncio.gather(*(ask(site) for _ in range(server.MOST_READING + 4)))
+        site = Disk(2)
+        first = await asyncio.gather(*(ask(site) for _ in range(disk.MOST_READING + 4)))
         texts = [bytes(one.body) for one in first]
         assert [one.status_code for one in first] == [503] * len(first)
         assert texts.count(b"the disk cannot be read: too much waits for it: ask again later\n") == 4

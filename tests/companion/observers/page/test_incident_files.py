@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
+from companion.observers.page.disk import MOST_DOWNLOADS
 from companion.observers.page.page import missing
-from companion.observers.page.server import MOST_DOWNLOADS
 from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from companion.observers.recording.listing import Listed
     from companion.observers.recording.moment import Moments
 
+    _Look = Callable[[Path, Callable[[], object]], Listed]
+
 PAGE = 20
 """Recordings that are listed at once."""
 BEGUN_WITHIN, _ONE_WITHIN = 0.8, 1.0
@@ -68,15 +70,16 @@ class RecordingsFolder:
 
         before: only those up to this number. on: whether it is being recorded.
         """
+        from companion.observers.recording.listing import listed
+
         until = self._clock() + BEGUN_WITHIN
         found = recordings(self._folder)
         older = [one for one in reversed(found) if one.number <= before]
-        newest = found[-1].number if found else 0
         return {
             "files": len(found),
             "bytes": sum(one.size for one in found),
             "older": len(older) > PAGE,
-            "recordings": [self._row(one, on and one.number == newest, until) for one in older[:PAGE]],
+            "recordings": [self._row(one, on and one is found[-1], until, listed) for one in older[:PAGE]],
         }
 
     def moment(self, number: int, at: int) -> dict[str, Any]:
@@ -111,11 +114,11 @@ class RecordingsFolder:
                 raise FileNotFoundError(number)
             return ask(Moments(Seeker(file, index, check), index.statistics.message_start_time))
 
-    def _row(self, one: RecordingFile, writing: bool, until: float) -> dict[str, Any]:
+    def _row(self, one: RecordingFile, writing: bool, until: float, look: _Look) -> dict[str, Any]:
         """Tell of one recording, as far as the time reaches."""
         row: dict[str, Any] = {"number": one.number, "name": one.name, "bytes": one.size, "writing": False}
         try:
-            return row | _row_of(self._listed(one, until), writing)
+            return row | _row_of(self._listed(one, until, look), writing)
         except TimeoutError:
             return row | {"unread": True}
         except OSError as error:
@@ -123,16 +126,14 @@ class RecordingsFolder:
         except MemoryError:
             return row | {"trouble": "it cannot be read: it needs too much memory"}
 
-    def _listed(self, one: RecordingFile, until: float) -> Listed:
-        from companion.observers.recording.listing import listed
-
+    def _listed(self, one: RecordingFile, until: float, look: _Look) -> Listed:
         path, now = self._folder / one.name, self._clock()
         if now >= until:
             raise TimeoutError
         check = self._until(now + _ONE_WITHIN)
         with self.file(one.number)[1] as file:
             key = _key(one.number, file)
-        return self._known.get(key, lambda: listed(path, check))
+        return self._known.get(key, lambda: look(path, check))
 
     def _until(self, until: float) -> Callable[[], None]:
         def check() -> None:

@@ -68,7 +68,7 @@ export class Replay {
     showText(this.missing, row.frames ? "" : "There is no picture in it.");
     const times = row.frames ? Array.from({ length: THUMBNAILS }, (_, at) => Math.round((this.length * (at + 0.5)) / THUMBNAILS)) : [];
     this.strip.replaceChildren(...times.map((at) => element("img", { src: frameUrl(row, at), alt: "", loading: "lazy", draggable: false, onerror: ({ target }) => target.classList.add("gone") })));
-    this.want(row.events?.find(({ id }) => id)?.at ?? 0);
+    if (row.begin) this.want(row.events?.find(({ id }) => id)?.at ?? 0);
   }
 
   pressed(event) {

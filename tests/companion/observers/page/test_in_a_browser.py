@@ -17,16 +17,22 @@ import pytest
 from anytraverse.judged_picture import draw_frame
 from anytraverse.operations import Tap
 from companion.config import Config
-from companion.config.schema import MountSection
+from companion.config.schema import JournalSection, MountSection
 from companion.config.stopping import lines_of
 from companion.observers.page.page import missing
+from companion.observers.recording.contents import as_json, image
+from companion.observers.recording.deleting import RecordingDeleter
+from companion.observers.recording.mcap_file import McapFile
+from companion.observers.recording.messages import RecordedMessage
+from companion.observers.recording.topics import Topic
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
-from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident
+from companion.wire.answers import Acknowledgement, Answer, CancelIncident, PackIncident, RecordingWish, Wish
 from companion.wire.ids import Motion, Result
 from companion.wire.incidents import Incidents, Packed
 from tests.companion.observers.page import played
 from tests.companion.observers.page.played import Stage
+from tests.companion.observers.recording.made import BEGAN, NS, opened
 from tests.waiting import wait_for
 
 playwright = pytest.importorskip("playwright.sync_api")
@@ -275,3 +281,118 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         browser.close()
     stage.close()
     assert errors == []
+
+
+def recorded(path: Path, grey: int = 120) -> McapFile:
+    """Record ten seconds: a frame a second, brighter from one to the next; call 7 opens after four."""
+    path.parent.mkdir(exist_ok=True)
+    file = McapFile(path, 1 << 22)
+    kinds = ((Topic.CAMERA, "jpeg", (240, 320, 3)), (Topic.TRAVERSABILITY, "png", (60, 80)))
+    for second in range(10):
+        at = BEGAN + second * NS
+        for topic, kind, shape in (*kinds, (Topic.UNCERTAINTY, "png", (60, 80))):
+            level = 0 if topic is Topic.UNCERTAINTY else grey + 10 * second
+            packed = cv2.imencode(f".{kind[:3]}", np.full(shape, level, np.uint8))[1].tobytes()
+            file.add(RecordedMessage(topic, at, image(packed, kind, at), second + 1))
+        told = {"state": "ok" if second < 4 else "calling", "open": 7 if second >= 4 else None}
+        file.add(RecordedMessage(Topic.STATE, at, as_json(told)))
+        if second == 4:
+            file.add(opened(7, second))
+        file.flush()
+    return file
+
+
+PIXEL = "shown => [...shown.getContext('2d').getImageData(9, 9, 1, 1).data]"
+
+
+def test_a_recording_is_found_and_scrubbed_through_with_the_keys(stage: Stage, tab: Any) -> None:
+    recorded(stage.folder / "recordings" / "000001.mcap").finish()
+    (stage.folder / "recordings" / "000002.mcap").write_bytes(b"rubbish")
+    tab.get_by_role("button", name="Show recordings").click()
+    rows, replay = tab.locator(".recording"), tab.locator(".replay")
+    stage.until(lambda: rows.count() == 2)
+    stage.until(lambda: "9 s" in rows.nth(1).inner_text())
+    assert "Nothing in it can be read" in rows.nth(0).inner_text()
+    assert "C7" in rows.nth(1).inner_text()
+    stage.until(lambda: rows.nth(1).locator("img").evaluate("shown => shown.naturalWidth") == 320)
+    rows.nth(1).click()
+    stage.until(lambda: "4.0 s of 9.0 s" in replay.inner_text())
+    assert "CALLING" in replay.inner_text(), "it opens where the call did"
+    assert "call 7" not in tab.locator("#open").inner_text()
+    before = replay.locator("canvas").evaluate(PIXEL)
+    assert before[1] > before[0], "what is drivable is tinted green"
+    tab.keyboard.press("ArrowLeft")
+    stage.until(lambda: "3.0 s of 9.0 s" in replay.inner_text())
+    assert "OK: The way ahead" in replay.inner_text()
+    assert replay.locator("canvas").evaluate(PIXEL) != before
+    tab.keyboard.press("End")
+    stage.until(lambda: "9.0 s of 9.0 s" in replay.inner_text())
+    assert tab.get_by_role("button", name="Frame after").is_disabled()
+    tab.get_by_label("How it was judged").uncheck()
+    red, green, blue, _ = replay.locator("canvas").evaluate(PIXEL)
+    assert max(red, green, blue) - min(red, green, blue) < 6, "as it was seen"
+    assert replay.get_by_label("Moment of the recording").get_attribute("aria-valuetext") == (
+        "9.0 s of 9.0 s, calling"
+    )
+    assert replay.get_by_role("button", name=re.compile("Delete|Pack")).count() == 0, "it only shows"
+    rows.nth(0).click()
+    stage.until(lambda: "There is no picture in it." in replay.inner_text())
+    replay.get_by_role("button", name="Close").click()
+    assert replay.count() == 0
+
+
+def test_a_recording_is_deleted_by_a_second_click_and_never_the_one_that_is_being_written(
+    tmp_path: Path,
+) -> None:
+    home = tmp_path / "recordings"
+    recorded(home / "000001.mcap").finish()
+    writing = recorded(home / "000002.mcap", 60)
+    stage, given = Stage(tmp_path, token=played.TOKEN), list[Answer]()
+    deleter = RecordingDeleter(replace(Config(), journal=JournalSection(folder=str(tmp_path))))
+    stage.page.answer = lambda payload, _at: given.append(Answer.unpack(payload)[0])
+    stage.news["status"]["recording"] = {"on": True, "files": 2, "bytes": 9000}
+    stage.until(stage.up)
+    with closing(stage), playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        tab = browser.new_page(viewport={"width": 390, "height": 844})
+        tab.goto(f"{stage.page.url}?token={played.TOKEN}")
+        tab.get_by_role("button", name="Show recordings").click()
+        rows, replay = tab.locator(".recording"), tab.locator(".replay")
+        stage.until(lambda: rows.count() == 2)
+        stage.until(lambda: "It is being written." in rows.nth(0).inner_text())
+        rows.nth(0).click()
+        assert replay.get_by_role("button", name="Delete recording 000002").is_disabled()
+        rows.nth(1).click()
+        with tab.expect_download() as saving:
+            replay.get_by_role("link", name="Save 000001.mcap").click()
+        assert Path(saving.value.path()).read_bytes() == (home / "000001.mcap").read_bytes()
+        ask = replay.get_by_role("button", name="Delete recording 000001")
+        ask.click()
+        assert replay.get_by_role("button", name="Keep it").evaluate("one => one === document.activeElement")
+        tab.keyboard.press("Enter")
+        assert ask.is_visible()
+        assert not given
+        ask.click()
+        replay.get_by_role("button", name="Delete it for good").click()
+        stage.until(lambda: bool(given))
+        (wish,) = given[0].operations
+        assert wish == RecordingWish(1, Wish.DELETE)
+        acknowledge = stage.page.acknowledge
+        deleter.ask(
+            wish.number,
+            lambda result, text: acknowledge(
+                Acknowledgement.without_figures(given[0].transaction, 0, result, text)
+            ),
+        )
+
+        def gone() -> bool:
+            deleter.poll()
+            return rows.count() == 1
+
+        stage.until(gone)
+        assert replay.count() == 0
+        assert "Recording 000001 is gone." in tab.locator("#say").text_content()
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+        assert [one.name for one in home.iterdir()] == ["000002.mcap"]
+        browser.close()
+    writing.finish()

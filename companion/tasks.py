@@ -50,6 +50,7 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
         Task("live view", "shows what is recorded to viewers", "process, as told",  None,  "no live view",
              LIVE),
         Task("packer",  "packs an incident file",      "process, on request",     None,  "killed"),
+        Task("deleter", "deletes a recording",         "thread, on request",      None,  "no reply"),
         Task("signing", "syncs signing's clock",          "thread, while signing",    None,  "reported"),
     )
     # fmt: on

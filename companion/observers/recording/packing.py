@@ -93,7 +93,7 @@ def pack(asked: PackingRequest, written: Callable[[], object] = lambda: None) ->
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
     recorded = not missing()
     if asked.call < 0:
-        what, calls = f"the recording {-asked.call}", []
+        what, calls = f"recording {-asked.call}", []
         windows = incident.of_recording(folder, -asked.call) if recorded else []
         if not windows:
             raise PackingError("it is gone, or nothing in it can be read")

@@ -387,7 +387,7 @@ def test_a_recording_is_deleted_by_a_second_click_and_never_the_one_that_is_bein
 
         def gone() -> bool:
             deleter.poll()
-            return rows.count() == 1
+            return bool(rows.count() == 1)
 
         stage.until(gone)
         assert replay.count() == 0

@@ -107,7 +107,8 @@ def test_at_its_ends_there_is_nothing_before_and_after(drive: Moments) -> None:
 
 
 def test_each_frame_is_reached_from_the_one_before(drive: Moments) -> None:
-    at, seen = 0, []
+    at: int | None = 0
+    seen = []
     while at is not None:
         found = drive.moment(at)
         seen.append(found["frame"])

@@ -157,6 +157,20 @@ def test_two_files_are_packed_and_the_short_one_has_few_small_frames_and_no_maps
     assert b"short file" not in whole["README.txt"]
 
 
+def test_a_recording_is_packed_by_itself_with_the_calls_in_it(rover: Path) -> None:
+    packed = pack(asked(rover, -2))
+    assert (packed.call, packed.name.partition("-")[2]) == (-2, "R2")
+    whole = unpacked(rover / "incidents" / f"{packed.name}.zip")
+    (path,) = (rover / "recordings").glob("000002*.mcap")
+    frames = topics_of(whole["recording.mcap"])[TOPICS[Topic.CAMERA].name]
+    assert [one.sequence for one in frames] == [
+        one.sequence for one in topics_of(path.read_bytes())[TOPICS[Topic.CAMERA].name]
+    ]
+    assert "config.toml" in whole
+    with pytest.raises(PackingError, match="it is gone"):
+        pack(asked(rover, -99))
+
+
 def test_of_many_incidents_the_newest_stay_and_what_was_left_half_done_goes(rover: Path) -> None:
     home = rover / "incidents"
     home.mkdir(exist_ok=True)

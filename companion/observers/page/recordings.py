@@ -30,6 +30,8 @@ PAGE = 20
 BEGUN_WITHIN, _ONE_WITHIN = 0.8, 1.0
 """Seconds within which looking into recordings is begun, and those for one of them. The others are told of
 when it is asked again."""
+_AGAIN = 60.0
+"""Seconds for which one that took too long is left alone."""
 SHOWN_WITHIN = 3.0
 """Seconds for a moment of one."""
 _MOST_KNOWN, _MOST_INDEXES = 512, 4
@@ -43,6 +45,9 @@ class _Kept(Generic[_T]):
     def __init__(self, most: int) -> None:
         self._most = most
         self._found = OrderedDict[Hashable, _T]()
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._found
 
     def get(self, key: Hashable, find: Callable[[], _T]) -> _T:
         if key not in self._found:
@@ -64,6 +69,8 @@ class RecordingsFolder:
         self._clock = clock
         self._known: _Kept[Listed] = _Kept(_MOST_KNOWN)
         self._indexes: _Kept[Index] = _Kept(_MOST_INDEXES)
+        self._late: dict[Hashable, float] = {}
+        """Those that took too long, and when they are tried again."""
 
     def shown(self, before: int, *, on: bool) -> dict[str, Any]:
         """List the newest recordings, the newest first, and how many there are.
@@ -119,7 +126,7 @@ class RecordingsFolder:
         row: dict[str, Any] = {"number": one.number, "name": one.name, "bytes": one.size, "writing": False}
         try:
             return row | _row_of(self._listed(one, until, look), writing)
-        except TimeoutError:
+        except (TimeoutError, FileNotFoundError):  # it has been renamed or deleted since it was listed
             return row | {"unread": True}
         except OSError as error:
             return row | {"trouble": f"it cannot be read: {(error.strerror or str(error)).lower()}"}
@@ -127,13 +134,20 @@ class RecordingsFolder:
             return row | {"trouble": "it cannot be read: it needs too much memory"}
 
     def _listed(self, one: RecordingFile, until: float, look: _Look) -> Listed:
+        """Look into a recording. Raises OSError, TimeoutError where that has to wait for the next time."""
         path, now = self._folder / one.name, self._clock()
-        if now >= until:
-            raise TimeoutError
-        check = self._until(now + _ONE_WITHIN)
         with self.file(one.number)[1] as file:
             key = _key(one.number, file)
-        return self._known.get(key, lambda: look(path, check))
+        if self._late.get(key, now) > now:
+            raise OSError("that takes too long; it is tried again within a minute")
+        if now >= until and key not in self._known:
+            raise TimeoutError
+        check = self._until(now + _ONE_WITHIN)
+        try:
+            return self._known.get(key, lambda: look(path, check))
+        except TimeoutError:
+            self._late = {one: at for one, at in self._late.items() if at > now} | {key: now + _AGAIN}
+            raise
 
     def _until(self, until: float) -> Callable[[], None]:
         def check() -> None:

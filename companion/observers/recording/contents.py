@@ -37,6 +37,8 @@ from companion.observers.recording.foxglove import encode
 from companion.wire.json_values import place_document
 
 _DIGITS = 6
+_LARGEST_READ = 1 << 20
+"""Bytes of JSON that are read: a hundred times those of ours."""
 EVENTS = (CallOpened, CallClosed, HoldStarted, HoldMoved, WouldHold, WouldResume)
 """Decisions whose surroundings are kept longest."""
 
@@ -73,6 +75,8 @@ def as_json(content: Mapping[str, Any]) -> bytes:
 
 def read_json(data: bytes) -> Mapping[str, Any]:
     """Read what `as_json` encoded; {} for anything else: a recording may come from anywhere."""
+    if len(data) > _LARGEST_READ:
+        return {}
     try:
         found = json.loads(data)
     except (ValueError, RecursionError):

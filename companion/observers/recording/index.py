@@ -78,6 +78,8 @@ class _Search:
         self._known = Known()
         self.index.schemas, self.index.channels = self._known.schemas, self._known.channels
         self._file = file
+        self._learnt: ChunkIndex | None = None
+        """The chunk that was read last: each is read once, whatever it tells."""
         self._counts = Counter[int]()
         """Messages by channel, of all chunks but the last."""
         self._newest = Counter[int]()
@@ -121,12 +123,13 @@ class _Search:
             if size:
                 chunks[-1].message_index_offsets[channel] = at
                 self._newest[channel] = size // _OF_AN_ENTRY
-                if channel not in self.index.channels:
+                if channel not in self.index.channels and self._learnt is not chunks[-1]:
                     self._learn(chunks[-1])
         return bool(opcode)
 
     def _learn(self, place: ChunkIndex) -> bytes:
         """Take the schemas and channels that a chunk tells, and return its content."""
+        self._learnt = place
         content = chunk_at(self._file, place)
         for one in islice(records(io.BytesIO(content), magic=False), MOST_MESSAGES):
             self._known.take(one)

@@ -10,6 +10,7 @@ from companion.observers.recording.contents import read_json
 from companion.observers.recording.foxglove import NS
 from companion.observers.recording.reading import messages, summary
 from companion.observers.recording.topics import TOPICS, Topic
+from companion.wire.json_values import whole_of
 
 MOST_TOLD = 200
 """Things that happened which are told of one recording."""
@@ -60,16 +61,16 @@ def listed(path: Path, check: Callable[[], object] = lambda: None) -> Listed:
             content, at = read_json(one.message.data), one.message.log_time
             if one.channel.topic != decisions:
                 before, faulty = faulty, content.get("state") == "fault"
-                what, number = "fault" if faulty and not before and at - fault_at >= _APART else "", 0
+                what, number = "fault" if faulty and not before and at - fault_at >= _APART else "", None
                 fault_at = at if faulty else fault_at
             else:
-                what, number = str(content.get("decision")), content.get("id", content.get("number"))
+                what, number = str(content.get("decision")), whole_of(content.get("id"), 1, 0xFFFF)
             if what not in {*_TOLD, "fault"}:
                 continue
             if len(happened) == MOST_TOLD:
                 more = True
                 break
-            happened.append(Happened(at, what, number if isinstance(number, int) else 0))
+            happened.append(Happened(at, what, number or 0))
     except TimeoutError:
         more = True
     return Listed(found.begin, found.end, frames, found.finished, tuple(happened), more)

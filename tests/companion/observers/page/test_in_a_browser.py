@@ -396,3 +396,30 @@ def test_a_recording_is_deleted_by_a_second_click_and_never_the_one_that_is_bein
         assert [one.name for one in home.iterdir()] == ["000002.mcap"]
         browser.close()
     writing.finish()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_whole_page_with_a_recording_open_is_accessible_by_axe(tmp_path: Path, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    recorded(tmp_path / "recordings" / "000001.mcap").finish()
+    (tmp_path / "calls").mkdir()
+    (tmp_path / "calls" / "7.json").write_text(json.dumps({"id": 7, "reasons": ["unknown_object"]}))
+    stage = Stage(tmp_path, token=played.TOKEN)
+    opened = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3}
+    stage.news["state"] |= {"open": opened, "reasons": ["unknown_object"], "known_place": KNOWN}
+    stage.until(stage.up)
+    with closing(stage), playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        context = browser.new_context(bypass_csp=True, color_scheme=scheme)  # axe is a script of its own
+        tab = context.new_page()
+        tab.goto(f"{stage.page.url}?token={played.TOKEN}")
+        stage.until(tab.locator("#open .call").is_visible)
+        tab.get_by_role("button", name="Show recordings").click()
+        stage.until(lambda: tab.locator(".recording").count() == 1)
+        tab.locator(".recording").click()
+        stage.until(lambda: "of 9.0 s" in tab.locator(".replay").inner_text())
+        tab.get_by_role("button", name="Delete recording 000001").click()
+        found = axe.Axe().run(tab)
+        assert found.violations_count == 0, found.generate_report()
+        assert len(found.response["passes"]) > 30, "it has looked"
+        browser.close()

@@ -172,6 +172,12 @@ def test_what_takes_too_long_is_left_for_the_next_time(page: Recorded) -> None:
         [row.get("unread", False) for row in folder.shown(3, on=False)["recordings"]] for _ in range(2)
     )
     assert first.count(True) > second.count(True)
+    hurried = count(0.0, 0.6)
+    folder = RecordingsFolder(str(page.home.parent), lambda: next(hurried))
+    (row,) = (one for one in folder.shown(4, on=False)["recordings"] if one["number"] == 4)
+    assert row["unread"]
+    (row,) = (one for one in folder.shown(4, on=False)["recordings"] if one["number"] == 4)
+    assert "takes too long" in row["trouble"], "it is left alone for a minute"
     with pytest.raises(TimeoutError):
         RecordingsFolder(str(page.home.parent), iter(range(0, 99, 4)).__next__).moment(4, 0)
 

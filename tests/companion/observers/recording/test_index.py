@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections import Counter
 from pathlib import Path
 from random import Random
@@ -100,6 +101,17 @@ def test_a_recording_with_damaged_bytes_is_still_looked_into(
     for _ in range(count):
         spoilt[random.randrange(len(spoilt))] = random.randrange(256)
     index_of(io.BytesIO(bytes(spoilt)))
+
+
+def test_a_chunk_that_names_thousands_of_channels_which_it_does_not_tell_is_read_twice_at_most(
+    recorded: bytes,
+) -> None:
+    first = index_of(io.BytesIO(recorded)).chunk_indexes[0]
+    chunk = recorded[: first.chunk_start_offset + first.chunk_length]
+    names = (b"\x07" + struct.pack("<QHI", 22, number, 16) + bytes(16) for number in range(100, 9000))
+    file = CountedFile(chunk + b"".join(names))
+    assert len(index_of(file).chunk_indexes) == 1
+    assert file.taken < 9000 * 50 + 3 * len(chunk)
 
 
 def test_whoever_asks_may_end_the_search(recorded: bytes) -> None:

@@ -207,7 +207,7 @@ def measure(
     config = folder / "companion.toml"
     config.write_text(_CONFIG.format(**values, rate=rate or 1.0))
     process = subprocess.Popen(
-        [sys.executable, "-m", "companion", "run", "--config", str(config)],
+        [sys.executable, "-m", "companion", "run", str(config)],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.DEVNULL,

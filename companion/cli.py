@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import sys
 import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from anytraverse.release import own_version
-from companion.cli_config import add_config
+from companion.cli_config import SERVICE, add_config, default_config
 from companion.cli_drives import add_drives
 from companion.cli_errors import UserError, error_text, told
+from companion.cli_settings import add_settings
 from companion.system.log_lines import dump_when_aborted, end_process, log_to_stderr, say_last
 
 if TYPE_CHECKING:
@@ -26,8 +28,12 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
 
     vision: as for `companion.run.main`.
     """
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     options.vision = vision
+    if getattr(options, "config", "") is None:
+        options.config = default_config()
+        if os.path.exists(options.config):
+            print(f"companion {options.command}: by {options.config}", file=sys.stderr)
     try:
         code: int = options.run(options)
     except UserError as error:
@@ -38,13 +44,19 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="companion", description=__doc__)
-    parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    root = argparse.ArgumentParser(
+        prog="companion",
+        description=__doc__,
+        epilog=f"Every command about a configuration takes --config FILE; by default it is ./companion.toml, "
+        f"or {SERVICE} where there is none here. A command about nothing else takes it as FILE, too.",
+    )
+    root.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
+    commands = root.add_subparsers(dest="command", required=True, metavar="command")
 
     run = commands.add_parser("run", help="look, judge and call, until stopped")
-    run.add_argument("--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml")
+    add_config(run, alone=True)
     run.add_argument("-v", "--verbose", action="store_true", help="log more")
     run.set_defaults(run=_run)
 
@@ -61,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     demo.set_defaults(run=_demo)
 
     whole = commands.add_parser("check", help="check the rover: stopping, autopilot, perceiver, journal")
-    whole.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
+    add_config(whole, alone=True)
     whole.add_argument("--link", metavar="URL", help="a way of the check's own to the autopilot")
     whole.add_argument("--json", action="store_true", help="the last line is one JSON object")
     whole.add_argument("--dry-run", action="store_true", help="raise a test call, and wait for its answer")
@@ -69,30 +81,29 @@ def _parser() -> argparse.ArgumentParser:
     whole.set_defaults(run=_check_rover)
 
     cameras = commands.add_parser("cameras", help="list the cameras that are there, with a picture of each")
-    cameras.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
+    add_config(cameras, alone=True)
     cameras.add_argument("--out", default=".", metavar="FOLDER", help="for the pictures, by default here")
     cameras.set_defaults(run=_cameras)
 
     status = commands.add_parser("status", help="say what the companion that runs says of itself")
-    status.add_argument("file", nargs="?", default="companion.toml", metavar="FILE")
+    add_config(status, alone=True)
     status.add_argument("--json", action="store_true", help="the last line is one JSON object")
     status.set_defaults(run=_status)
 
     _add_memory(commands)
     add_drives(commands)
-    add_config(commands)
+    add_settings(commands)
 
-    return parser
+    return root
 
 
 def _add_memory(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     memory = commands.add_parser("memory", help="list, show, forget, export or import the answered scenes")
     shared = argparse.ArgumentParser(add_help=False)
-    shared.add_argument(
-        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
-    )
+    add_config(shared)
     actions = memory.add_subparsers(dest="action", required=True, metavar="action")
-    each = actions.add_parser("list", parents=[shared], help="one line for each scene, with its number")
+    each = actions.add_parser("list", help="one line for each scene, with its number")
+    add_config(each, alone=True)
     each.add_argument("--json", action="store_true", help="the last line is one JSON object")
     show = actions.add_parser("show", parents=[shared], help="a scene's words, and where its picture is")
     show.add_argument("number", type=int, metavar="N", help="as listed")
@@ -163,26 +174,26 @@ def _check_rover(options: argparse.Namespace) -> int:
     if options.dry_run:
         from companion.desk.check.running import dry_run
 
-        return dry_run(options.file, as_json=options.json)
+        return dry_run(options.config, as_json=options.json)
     if options.measure:
         from companion.desk.check.measure import measure
 
-        return measure(options.file, link=options.link)
+        return measure(options.config, link=options.link)
     from companion.desk.check.table import check
 
-    return check(options.file, link=options.link, as_json=options.json)
+    return check(options.config, link=options.link, as_json=options.json)
 
 
 def _cameras(options: argparse.Namespace) -> int:
     from companion.desk.check.cameras import list_cameras
 
-    return list_cameras(options.file, options.out)
+    return list_cameras(options.config, options.out)
 
 
 def _status(options: argparse.Namespace) -> int:
     from companion.desk.check.running import print_status
 
-    return print_status(options.file, as_json=options.json)
+    return print_status(options.config, as_json=options.json)
 
 
 def _memory(options: argparse.Namespace) -> int:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import logging
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from companion.cli_config import add_config, default_config
 from companion.cli_errors import UserError, told
 from companion.system.log_lines import log_to_stderr
 
@@ -27,9 +29,7 @@ def add_drives(commands: Commands) -> None:
 def _add_look_ground(commands: Commands) -> None:
     look = commands.add_parser("look-ground", help="draw into a picture where [mount] puts the ground")
     look.add_argument("picture", metavar="PICTURE", help="of the rover's camera; of a drive its first frame")
-    look.add_argument(
-        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
-    )
+    add_config(look)
     look.add_argument("--out", default="ground.png", metavar="PNG", help="by default ./%(default)s")
     look.add_argument(
         "--estimate", action="store_true", help="of a drive: propose height and tilt, and draw nothing"
@@ -50,7 +50,7 @@ def _speed(text: str) -> float:
 def _add_costmap(commands: Commands) -> None:
     costmap = commands.add_parser("costmap", help="write what a recorded drive knew of the ground around it")
     costmap.add_argument("recording", metavar="RECORDING", help="a file *.mcap, or a folder with some")
-    costmap.add_argument("--config", metavar="FILE", help="by default the recording's")
+    costmap.add_argument("--config", default="", metavar="FILE", help="by default the recording's")
     costmap.add_argument("--out", default="costmap", metavar="FOLDER", help="by default ./%(default)s")
     costmap.add_argument(
         "--at", type=_seconds, metavar="SECONDS", help="after the first frame, by default at the end"
@@ -68,9 +68,7 @@ def _seconds(text: str) -> float:
 def _add_rehearse(commands: Commands) -> None:
     rehearse = commands.add_parser("rehearse", help="say which calls a drive would raise, and answer them")
     rehearse.add_argument("drive", metavar="DRIVE", help="a folder of pictures, a video, or a recording")
-    rehearse.add_argument(
-        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
-    )
+    add_config(rehearse)
     rehearse.add_argument("--out", default="rehearsal", metavar="FOLDER", help="by default ./%(default)s")
     rehearse.add_argument("--answers", metavar="FILE", help="answers, as an earlier rehearsal wrote them")
     rehearse.add_argument(
@@ -85,7 +83,9 @@ def _add_rehearse(commands: Commands) -> None:
 def _add_replay(commands: Commands) -> None:
     replay = commands.add_parser("replay", help="judge a drive again, and say what differs from before")
     replay.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
-    replay.add_argument("--config", metavar="FILE", help="by default the recording's, or ./companion.toml")
+    replay.add_argument(
+        "--config", default="", metavar="FILE", help="by default the recording's, else as for other commands"
+    )
     replay.add_argument("--refs", metavar="FILE", help="references, by default DRIVE.refs.jsonl")
     replay.add_argument("--update-refs", action="store_true", help="write the references anew")
     replay.set_defaults(run=_replay)
@@ -96,9 +96,7 @@ def _add_tune(commands: Commands) -> None:
         "tune", help="propose thresholds and a region by which a drive calls as wanted"
     )
     tune.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
-    tune.add_argument(
-        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
-    )
+    add_config(tune)
     tune.add_argument(
         "--calls-per-minute", type=float, default=1.0, metavar="N", help="at most, by default %(default)g"
     )
@@ -116,12 +114,11 @@ def _add_tune(commands: Commands) -> None:
 
 def _add_recordings(commands: Commands) -> None:
     shared = argparse.ArgumentParser(add_help=False)
-    shared.add_argument(
-        "--config", default="companion.toml", metavar="FILE", help="by default ./companion.toml"
-    )
+    add_config(shared)
     record = commands.add_parser("record", help="list or repair what was recorded")
     actions = record.add_subparsers(dest="action", required=True, metavar="action")
-    each = actions.add_parser("list", parents=[shared], help="one line for each recording")
+    each = actions.add_parser("list", help="one line for each recording")
+    add_config(each, alone=True)
     each.add_argument("--json", action="store_true", help="the last line is one JSON object")
     torn = actions.add_parser("repair", help="give a recording that was cut off its index again")
     torn.add_argument("file", metavar="FILE", help="it is replaced once the new one is complete")
@@ -152,11 +149,19 @@ def _costmap(options: argparse.Namespace) -> int:
 
     with told(MountError):
         return _of_drives(
-            lambda: command.run(options.recording, file=options.config, out=options.out, at=options.at)
+            lambda: command.run(
+                options.recording, file=options.config or None, out=options.out, at=options.at
+            )
         )
 
 
+def _begin(options: argparse.Namespace) -> None:
+    """Say what begins: importing what a command needs takes a second, on a small computer several."""
+    print(f"companion {options.command}: {options.drive}", file=sys.stderr, flush=True)
+
+
 def _rehearse(options: argparse.Namespace) -> int:
+    _begin(options)
     from companion.desk.drives import rehearsing
 
     return _of_drives(
@@ -173,16 +178,22 @@ def _rehearse(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    _begin(options)
     from companion.desk.drives import replaying
 
     return _of_drives(
         lambda: replaying.run(
-            options.drive, file=options.config, refs=options.refs, update=options.update_refs
+            options.drive,
+            file=options.config or None,
+            default=default_config(),
+            refs=options.refs,
+            update=options.update_refs,
         )
     )
 
 
 def _tune(options: argparse.Namespace) -> int:
+    _begin(options)
     from companion.desk.tuning import tune_command
 
     return _of_drives(

@@ -100,7 +100,7 @@ def _typed(*words: str) -> bytes:
 
 def _run(place: Path, config: Path) -> bytes:
     """Run the companion until it has said why it sees nothing."""
-    command = [sys.executable, "-m", "companion", "run", "--config", str(config)]
+    command = [sys.executable, "-m", "companion", "run", str(config)]
     with (place / "stderr").open("wb") as errors, subprocess.Popen(command, stderr=errors) as daemon:
         status, until = place / "state" / "status.json", time.monotonic() + _SEES_WITHIN
         while time.monotonic() < until and not (status.is_file() and "fault" in status.read_text()):

@@ -61,9 +61,7 @@ class Rover:
         self.second_link = f"udpout:127.0.0.1:{port}"
         with config.open("a", encoding="utf-8") as more:
             more.write(f'\n[link.more.second]\nurl = "udpin:127.0.0.1:{port}"\nbudget = 0.0\n')
-        self.daemon = LoggedProcess(
-            "daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log"
-        )
+        self.daemon = LoggedProcess("daemon", ["companion", "run", str(config)], folder / "daemon.log")
         self._blocked_since: float | None = None
         self._held_by_script = False
         self.script_holds = 0

@@ -161,7 +161,7 @@ def _produce(work: Work) -> RowOutcome:
 
 def _refused_by_daemon(path: Path, number: int) -> list[str]:
     """Start the daemon with a configuration that is refused."""
-    command = [sys.executable, "-m", "companion", "run", "--config", str(path)]
+    command = [sys.executable, "-m", "companion", "run", str(path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
     if done.returncode == 2 and "Traceback" not in done.stderr and done.stderr.startswith("companion run: "):
         return []

@@ -174,7 +174,7 @@ class Standing:
 
     def another(self, name: str, config: Path, environment: Mapping[str, str] | None = None) -> LoggedProcess:
         """Start a daemon besides; the caller ends it."""
-        arguments = ["companion", "run", "--config", str(config)]
+        arguments = ["companion", "run", str(config)]
         log = self.out / f"{name}.log"
         return LoggedProcess(name, arguments, log, orphaned=signal.SIGKILL, environment=environment)
 

@@ -174,7 +174,7 @@ class Stage:
         (self.out / "state" / "status.json").unlink(missing_ok=True)
         module = "bench.stopping.perceivers" if self.plan.breakable else "companion"
         environment = self.disk.environment if self.disk is not None else {}
-        self.daemon = self._child("daemon", [module, "run", "--config", str(self.config)], environment)
+        self.daemon = self._child("daemon", [module, "run", str(self.config)], environment)
 
     def start_operator(self) -> LoggedProcess:
         """Starts the operator's terminal, into which lines can be typed; its lines are its events as JSON."""

@@ -31,7 +31,7 @@ import sys
 from tests.companion.vision.painted import COMMAND, register
 register()
 from companion.cli import main
-sys.exit(main(["run", "--config", sys.argv[1]], vision=COMMAND))
+sys.exit(main(["run", sys.argv[1]], vision=COMMAND))
 """
 _CONFIG = """
 {top}

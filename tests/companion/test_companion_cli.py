@@ -49,7 +49,7 @@ def test_what_check_prints_is_a_configuration(tmp_path: Path, capsys: pytest.Cap
     assert load_config(tmp_path / "again.toml").words == load_config(tmp_path / "companion.toml").words
 
 
-@pytest.mark.parametrize("command", [["run", "--config"], ["config", "check"]])
+@pytest.mark.parametrize("command", [["run"], ["run", "--config"], ["config", "check"]])
 def test_a_wrong_configuration_ends_with_2_and_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
 ) -> None:
@@ -121,3 +121,16 @@ def test_check_refuses_a_signing_key_that_others_may_read(
     assert f"chmod 600 {key}" in capsys.readouterr().err
     key.chmod(0o600)
     assert main(["config", "check", str(path)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("companion.cli", ("numpy", "msgspec", "companion.config", "companion.daemon")),
+        ("companion.desk.check.running", ("cv2", "onnxruntime", "companion.daemon")),
+    ],
+)
+def test_help_and_status_import_nothing_that_lets_a_person_wait(module: str, heavy: tuple[str, ...]) -> None:
+    asked = f"import sys, {module}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    assert not set(done.stdout.split()) & set(heavy)

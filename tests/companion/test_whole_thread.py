@@ -85,7 +85,7 @@ class Play:
         """Another daemon on the same configuration."""
         daemon = self.stage.daemon
         self.stage.daemon = LoggedProcess(
-            "daemon", ["companion", "run", "--config", str(self.stage.out / "companion.toml")], daemon.log
+            "daemon", ["companion", "run", str(self.stage.out / "companion.toml")], daemon.log
         )
 
 

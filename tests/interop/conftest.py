@@ -49,7 +49,7 @@ class Stage:
         config = write_config(out, camera=camera, link=ports["companion"], policy="hold", speed=SPEED)
         with config.open("a", encoding="utf-8") as file:
             file.write(more_config)
-        self.daemon = self._start("daemon", ["companion", "run", "--config", str(config)])
+        self.daemon = self._start("daemon", ["companion", "run", str(config)])
 
     def _start(self, name: str, arguments: list[str]) -> LoggedProcess:
         self._children.append(LoggedProcess(name, arguments, self.out / f"{name}.log"))

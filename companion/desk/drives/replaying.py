@@ -26,10 +26,17 @@ from companion.vision.warm_up import load_engine
 _ENDING = ".refs.jsonl"
 
 
-def run(where: str, *, file: str | None, refs: str | None = None, update: bool = False) -> int:
+def run(
+    where: str,
+    *,
+    file: str | None,
+    default: str = "companion.toml",
+    refs: str | None = None,
+    update: bool = False,
+) -> int:
     """Replay a drive. Returns 0 if it was judged as before, else 1.
 
-    file: the configuration; None: that of the recording, else companion.toml. refs: the file of references,
+    file: the configuration; None: that of the recording, else `default`. refs: the file of references,
     by default beside the drive. update: write it anew.
     Raises DriveError, ConfigError, AnyTraverseError, OSError.
     """
@@ -42,7 +49,7 @@ def run(where: str, *, file: str | None, refs: str | None = None, update: bool =
     if is_recording(path):
         rows, found = _recording(RecordedDrive(path), file, known)
     else:
-        config = load_config(file or "companion.toml")
+        config = load_config(file or default)
         drive = open_drive(where, config.camera.rate)
         if known is None and not update:
             raise DriveError(f"{references} is not there: write it with --update-refs")

@@ -169,9 +169,7 @@ def set_stage(
             rate=rate,
             guide=guide,
         )
-        daemon = track(
-            LoggedProcess("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
-        )
+        daemon = track(LoggedProcess("daemon", ["companion", "run", str(config)], logs / "daemon.log"))
         operator = track(start_operator(ports["gcs"], logs, auto=auto, console=console))
         host, _, port = ports["control"].rpartition(":")
         return Stage(out, field, daemon, operator, FieldControl(host, int(port)))

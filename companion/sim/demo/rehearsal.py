@@ -32,7 +32,7 @@ def run_camera_demo(camera: str, out: Path, story: Story, *, auto: bool) -> int:
     operator = start_operator(f"udpin:127.0.0.1:{port}", logs, auto=auto)
     try:
         config = write_config(out, camera=camera, link=f"udpout:127.0.0.1:{port}", policy="shadow")
-        daemon = LoggedProcess("daemon", ["companion", "run", "--config", str(config)], logs / "daemon.log")
+        daemon = LoggedProcess("daemon", ["companion", "run", str(config)], logs / "daemon.log")
         try:
             figures = _Rehearsal(daemon, operator, out, story, auto=auto).follow()
         finally:

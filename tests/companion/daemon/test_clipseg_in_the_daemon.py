@@ -156,7 +156,7 @@ def test_a_check_of_the_configuration_finds_a_torn_bundle(
 def test_a_bundle_that_is_not_there_is_told_with_its_place(
     site: Site, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["run", "--config", str(site.configure())]) == 2
+    assert main(["run", str(site.configure())]) == 2
     assert f"{site.folder}/tiny is not a bundle" in capsys.readouterr().err
 
 

@@ -97,9 +97,7 @@ class Drive:
         limits = {"rate": self.rate, "freshness": self.freshness}
         path.write_text(CONFIG.format(**ports, folder=folder, **limits))
         self.operator = start_operator(ports["gcs"], folder, auto=True)
-        self.daemon = LoggedProcess(
-            "daemon", ["companion", "run", "--config", str(path)], folder / "daemon.log"
-        )
+        self.daemon = LoggedProcess("daemon", ["companion", "run", str(path)], folder / "daemon.log")
         host, _, port = ports["control"].rpartition(":")
         self.control = FieldControl(host, int(port))
 
@@ -248,7 +246,7 @@ def test_a_signal_while_the_networks_load_ends_it_cleanly(folder: Path) -> None:
     place = {"frames": "127.0.0.1:9", "companion": "udpout:127.0.0.1:9"}
     config.write_text(CONFIG.format(**place, folder=folder, rate=RATE, freshness=SHORTEST_FRESHNESS))
     for wait in (0.0, 0.7):
-        daemon = LoggedProcess("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
+        daemon = LoggedProcess("daemon", ["companion", "run", str(config)], folder / "daemon.log")
         wait_for(lambda: _catches_sigterm(daemon.process.pid), 20.0)  # noqa: B023
         time.sleep(wait)
         daemon.process.terminate()

@@ -156,7 +156,7 @@ os.abort()
     [
         (("-c", _ENDS), 3),
         (("-c", _ABORTS), -signal.SIGABRT),
-        (("-m", "companion", "run", "--config", "there-is-none.toml"), 2),
+        (("-m", "companion", "run", "there-is-none.toml"), 2),
     ],
     ids=["an error", "an abort", "what the user can mend"],
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.cli import _parser
+from companion.cli import parser
 from companion.config import load_config
 from companion.desk.check import interview as checked
 from companion.wire import notices, parameters, texts
@@ -95,7 +95,7 @@ def test_every_command_of_ours_is_understood() -> None:
     assert len(commands) >= 6
     for command in commands:
         words = [*command.split(), *(["udpin:0.0.0.0:14551"] if command.endswith("--link") else [])]
-        _parser().parse_args(words)
+        parser().parse_args(words)
 
 
 def test_every_file_of_ours_that_it_names_is_there() -> None:

@@ -59,7 +59,7 @@ def _record(folder: Path) -> None:
     )
     on = "[recording]\nsize = 200\nrate = 1.0"
     config.write_text(re.sub(r"\[recording\]\nsize = 0", on, config.read_text()))
-    daemon = LoggedProcess("daemon", ["companion", "run", "--config", str(config)], folder / "daemon.log")
+    daemon = LoggedProcess("daemon", ["companion", "run", str(config)], folder / "daemon.log")
     state, unseen = folder / "state", partial(daemon.error, "saw nothing that it knows")
     wait_for(lambda: read_status(state)[1].get("state") == "ok", 40.0, unseen)
     control.start()

@@ -1,0 +1,84 @@
+"""How a command is told its configuration: one rule for all of them, and the older spellings."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from companion import cli_config
+from companion.cli import main, parser
+
+ALONE = ("run", "check", "cameras", "status", "config check", "memory list", "record list")
+BESIDE = (
+    "memory show 1",
+    "memory forget 1 2",
+    "memory export FILE",
+    "memory import FILE",
+    "look-ground PICTURE",
+    "costmap RECORDING",
+    "rehearse DRIVE",
+    "replay DRIVE",
+    "tune DRIVE",
+    "incident C7",
+)
+NONE = {"demo", "init", "config schema", "record repair"}
+
+
+def parsed(*words: str) -> argparse.Namespace:
+    return parser().parse_args(words)
+
+
+@pytest.mark.parametrize("command", ALONE)
+def test_a_command_about_nothing_else_takes_the_file_alone_or_by_its_option(command: str) -> None:
+    words = command.split()
+    assert parsed(*words, "a.toml").config == "a.toml"
+    assert parsed(*words, "--config", "a.toml").config == "a.toml"
+    assert parsed(*words).config is None
+
+
+@pytest.mark.parametrize("command", BESIDE)
+def test_a_command_about_another_thing_takes_the_file_by_its_option(command: str) -> None:
+    words = command.split()
+    assert parsed(*words, "--config", "a.toml").config == "a.toml"
+
+
+def test_every_command_follows_the_rule() -> None:
+    known = {" ".join(word for word in command.split() if word.islower()) for command in (*ALONE, *BESIDE)}
+    assert set(_commands(parser())) == known | NONE
+
+
+def test_two_configurations_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        parsed("status", "a.toml", "--config", "b.toml")
+    assert ended.value.code == 2
+    assert "not allowed with" in capsys.readouterr().err
+
+
+def test_by_default_it_is_the_folders_and_else_the_services(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = tmp_path / "service.toml"
+    monkeypatch.setattr(cli_config, "SERVICE", str(service))
+    monkeypatch.chdir(tmp_path)
+    assert main(["config", "check"]) == 2
+    assert "companion config: companion.toml: " in capsys.readouterr().err, "there is none"
+    service.write_text("[camera]\nrate = 0\n")
+    assert main(["config", "check"]) == 2
+    assert f"companion config: by {service}\n" in capsys.readouterr().err
+    Path("companion.toml").write_text("[camera]\nrate = 0\n")
+    assert main(["config", "check"]) == 2
+    assert capsys.readouterr().err.startswith("companion config: by companion.toml\n")
+
+
+def _commands(within: argparse.ArgumentParser, before: str = "") -> list[str]:
+    below = [
+        one
+        for action in within._actions
+        if isinstance(action, argparse._SubParsersAction)
+        for one in action.choices.items()
+    ]
+    if not below:
+        return [before.strip()]
+    return [name for word, one in below for name in _commands(one, f"{before} {word}")]

@@ -1,7 +1,7 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
 .PHONY: help demo console docs test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-ground bench-field bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
-.PHONY: ready-rover ready-dev ready-export ready-interop
+.PHONY: ready-sim ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
 unexport PYTHONPATH PYTHONHOME
@@ -11,10 +11,10 @@ PYTHON_IN_VENV := .venv/bin/python
 # One worker more than cores: many tests wait for other processes.
 WORKERS := $(shell echo $$(( $$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1) + 1 )))
 
-demo: ready-rover ## drive the simulated trail; AUTO=1 answers by itself, GUIDE=1 drives round things, SEED=7 another trail, OUT=folder
+demo: ready-sim ## drive the simulated trail; AUTO=1 answers by itself, GUIDE=1 drives round things, SEED=7 another trail, OUT=folder
 	@.venv/bin/companion demo $(if $(filter-out 0,$(AUTO)),--auto) $(if $(filter-out 0,$(GUIDE)),--guide) $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
 
-console: ready-rover ## the same trail, and you answer in a browser; SEED=7 another trail, OUT=folder
+console: ready-sim ## the same trail, and you answer in a browser; SEED=7 another trail, OUT=folder
 	@.venv/bin/companion demo --console $${SEED:+--seed "$$SEED"} $${OUT:+--out "$$OUT"}
 
 PYTEST = $(PYTHON_IN_VENV) -m pytest -n $(WORKERS) --dist=loadfile --no-loadscope-reorder
@@ -109,7 +109,7 @@ help: ## this list; PYTHON=python3.12 before or after any target chooses the int
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1	\2/p' $(firstword $(MAKEFILE_LIST)) | while IFS='	' read -r name what; do \
 		printf '  make %-14s %s\n' "$$name" "$$what"; done
 
-# Three set-ups in one .venv, and one apart: the first demo waits only for what a rover needs. The developer's tools, several
-# times as big, come with the first `make test`, and what makes bundles of networks with the first bench.
-ready-rover ready-dev ready-export ready-interop: ready-%:
+# Three set-ups in one .venv, and one apart: the first demo waits only for what a rover and the simulated field need.
+# The developer's tools, several times as big, come with the first `make test`, and what makes bundles of networks with the first bench.
+ready-sim ready-dev ready-export ready-interop: ready-%:
 	@GOAL='$(firstword $(MAKECMDGOALS))' sh .ci/setup.sh $*

@@ -1,10 +1,10 @@
 #!/bin/sh
-# Makes .venv ready for one extra of the distribution: sh .ci/setup.sh rover|dev|export|interop
+# Makes .venv ready for one extra of the distribution: sh .ci/setup.sh sim|dev|export|interop
 # interop has .venv-interop to itself: MAVProxy brings an OpenCV that would overwrite the rover's.
 # Says nothing and calls no pip when it is ready already. PYTHON=... chooses the interpreter.
 set -eu
 
-extra=${1:?give the extra to install: rover, dev, export or interop}
+extra=${1:?give the extra to install: sim, dev, export or interop}
 cd -- "$(dirname -- "$0")/.."
 name=.venv
 [ "$extra" != interop ] || name=.venv-interop
@@ -122,8 +122,8 @@ PIP_RETRIES=${PIP_RETRIES:-3} "$venv/bin/python" -m pip install --no-user --no-i
     explain_pip
 }
 
-# dev and export contain rover.
-case $extra in dev | export) printf '%s\n' "$stamp" >"$venv/.ready-rover" ;; esac
+# dev contains sim.
+case $extra in dev) printf '%s\n' "$stamp" >"$venv/.ready-sim" ;; esac
 printf '%s\n' "$stamp" >"$venv/.ready-$extra"
 rm -f "$unfinished"
 echo 'set-up: ready'

@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = ["basename", "cat", "cksum", "cp", "df", "dirname", "env", "find", "grep", "make", "mkdir"]
-TOOLS += ["paste", "rm", "sed", "sh", "tail", "tr"]
+TOOLS += ["ln", "paste", "readlink", "rm", "sed", "sh", "tail", "tr"]
 
 # Answers the script's questions with the facts of its own JSON file, and notes every call of venv and pip.
 FAKE = """#!{python} -IS
@@ -37,6 +37,7 @@ if what == ["-m", "venv"]:
     shutil.copy(here, sys.argv[-1] + "/bin/python")
     shutil.copy(here, sys.argv[-1] + "/bin/companion")
     for name, content in facts.get("makes", {{}}).items():
+        os.makedirs(os.path.dirname(sys.argv[-1] + "/" + name), exist_ok=True)
         with open(sys.argv[-1] + "/" + name, "w") as made:
             made.write(content)
 if what == ["-m", "pip"]:
@@ -97,10 +98,10 @@ class Checkout:
             check=False,
         )
 
-    def set_up(self, extra: str = "rover", **environment: str) -> subprocess.CompletedProcess[str]:
+    def set_up(self, extra: str = "sim", **environment: str) -> subprocess.CompletedProcess[str]:
         return self.run("sh", ".ci/setup.sh", extra, **environment)
 
-    def refusal(self, extra: str = "rover", **environment: str) -> str:
+    def refusal(self, extra: str = "sim", **environment: str) -> str:
         """What a set-up that must fail says; it must be one line."""
         done = self.set_up(extra, **environment)
         assert done.returncode != 0

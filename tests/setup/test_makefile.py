@@ -48,7 +48,7 @@ def test_make_demo_installs_only_what_a_rover_needs(checkout: Checkout) -> None:
     checkout.python()
     checkout.run("make", "demo")
     (install,) = (call for call in checkout.calls if call.startswith("-m pip"))
-    assert install.endswith("-e .[rover]")
+    assert install.endswith("-e .[sim]")
 
 
 def test_make_test_hands_its_arguments_to_pytest(checkout: Checkout) -> None:
@@ -98,12 +98,12 @@ def test_real_ground_stations_get_an_environment_of_their_own(checkout: Checkout
     made = [call.split()[-1].rpartition("/")[2] for call in checkout.calls[:-1]]
     assert made == [".venv", ".[dev]", ".venv-interop", ".[interop]"]
     assert checkout.calls[-1] == "-m pytest tests/interop -k ftp"
-    assert checkout.stamps == {".ready-rover", ".ready-dev"}
+    assert checkout.stamps == {".ready-sim", ".ready-dev"}
 
 
 def test_the_packages_of_a_sourced_ros_do_not_come_in(checkout: Checkout) -> None:
     checkout.python()
-    checkout.run("make", "ready-rover")
+    checkout.run("make", "ready-sim")
     program = checkout.venv / "bin/companion"
     program.write_text('#!/usr/bin/env sh\necho "path: $PYTHONPATH"\n')
     assert "path: \n" in checkout.run("make", "demo", PYTHONPATH="/opt/ros/lib").stdout

@@ -85,18 +85,17 @@ def test_a_second_set_up_says_nothing_and_calls_neither_venv_nor_pip(checkout: C
     assert checkout.calls == before
 
 
-@pytest.mark.parametrize("extra", ["dev", "export"])
-def test_a_larger_set_up_is_enough_for_the_demo(checkout: Checkout, extra: str) -> None:
+def test_a_developers_set_up_is_enough_for_the_demo(checkout: Checkout) -> None:
     checkout.python()
-    checkout.set_up(extra)
+    checkout.set_up("dev")
     before = checkout.calls
-    assert checkout.set_up("rover").returncode == 0
+    assert checkout.set_up("sim").returncode == 0
     assert checkout.calls == before
 
 
 def test_the_demos_set_up_is_kept_and_added_to_for_the_tests(checkout: Checkout) -> None:
     checkout.python()
-    checkout.set_up("rover")
+    checkout.set_up("sim")
     checkout.set_up("dev")
     assert [call.split()[1] for call in checkout.calls] == ["venv", "pip", "pip"]
     assert checkout.calls[-1].endswith(".[dev]")
@@ -107,7 +106,7 @@ def test_the_benchs_set_up_adds_to_the_tests_and_neither_stands_for_the_other(ch
     checkout.set_up("dev")
     checkout.set_up("export")
     assert [call.rpartition(" ")[2] for call in checkout.calls[1:]] == [".[dev]", ".[export]"]
-    assert checkout.stamps == {".ready-rover", ".ready-dev", ".ready-export"}
+    assert checkout.stamps == {".ready-sim", ".ready-dev", ".ready-export"}
 
 
 def test_a_changed_project_file_is_installed_again(checkout: Checkout) -> None:
@@ -127,7 +126,7 @@ def test_a_checkout_that_was_moved_gets_a_new_environment(checkout: Checkout) ->
     checkout.root = moved
     done = checkout.set_up()
     assert "making .venv" in done.stdout
-    assert str(moved / ".venv") in (moved / ".venv/.ready-rover").read_text()
+    assert str(moved / ".venv") in (moved / ".venv/.ready-sim").read_text()
 
 
 def test_an_environment_whose_interpreter_is_gone_is_made_again(checkout: Checkout) -> None:
@@ -173,27 +172,27 @@ def test_an_activated_environment_is_not_asked_to_replace_itself(checkout: Check
 
 def test_without_network_the_tests_set_up_leaves_the_demos_usable(checkout: Checkout) -> None:
     checkout.python()
-    checkout.set_up("rover")
+    checkout.set_up("sim")
     checkout.python(pip_says="NewConnectionError", pip_exits=1)
     checkout.refusal("dev")
-    assert checkout.stamps == {".ready-rover"}
-    assert checkout.set_up("rover").stdout == ""
+    assert checkout.stamps == {".ready-sim"}
+    assert checkout.set_up("sim").stdout == ""
 
 
 def test_a_pip_that_fails_while_installing_begins_again_from_nothing(checkout: Checkout) -> None:
     checkout.python()
-    checkout.set_up("rover")
+    checkout.set_up("sim")
     checkout.python(pip_says="Installing collected packages: numpy", pip_exits=1)
     checkout.refusal("dev")
     checkout.python()
-    assert "making .venv" in checkout.set_up("rover").stdout
+    assert "making .venv" in checkout.set_up("sim").stdout
 
 
 def test_a_set_up_that_was_killed_begins_again_from_nothing(checkout: Checkout) -> None:
     checkout.python()
-    checkout.set_up("rover")
+    checkout.set_up("sim")
     checkout.python(pip_kills_the_script=True)
     assert checkout.set_up("dev").returncode == -signal.SIGKILL
-    assert checkout.stamps == {".ready-rover"}
+    assert checkout.stamps == {".ready-sim"}
     checkout.python()
-    assert "making .venv" in checkout.set_up("rover").stdout
+    assert "making .venv" in checkout.set_up("sim").stdout

@@ -38,7 +38,7 @@ def install(autopilot: SimulatedAutopilot) -> str:
         steps = int(autopilot.parameters["SCR_VM_I_COUNT"])
         autopilot.script = Scripting(source, "anytraverse.lua", ScriptHost(autopilot), vm_steps=steps)
     except ImportError:
-        return "lupa is missing: pip install 'anytraverse-companion[rover]'"
+        return "lupa is missing: pip install 'anytraverse-companion[sim]'"
     except (OSError, ValueError) as reason:
         return str(reason)
     autopilot.parameters.set("SCR_ENABLE", 1)

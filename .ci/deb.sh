@@ -23,6 +23,11 @@ DESTDIR=$stage PYTHON=$python sh systemd/install.sh "anytraverse-companion[words
 echo "deb: pack it"
 "$stage/opt/anytraverse/bin/python" -m compileall -q -f -s "$stage" "$stage/opt/anytraverse/lib"
 mkdir -p "$stage/usr/lib/systemd/system" "$stage/usr/lib/udev/rules.d" "$stage/DEBIAN"
+[ -d "$stage/usr/local/share/man" ] || fail "the manual pages are missing: the lines above say why"
+mv "$stage"/usr/local/share "$stage"/usr/local/bin "$stage/usr"
+rmdir "$stage/usr/local"
+mv "$stage/usr/share/zsh/site-functions" "$stage/usr/share/zsh/vendor-completions"
+links=$(cd "$stage" && find usr/bin usr/share -type l | sort | tr '\n' ' ')
 mv "$stage"/etc/systemd/system/* "$stage/usr/lib/systemd/system"
 mv "$stage/etc/udev/rules.d/70-anytraverse.rules" "$stage/usr/lib/udev/rules.d"
 rm -r "$stage/etc/systemd" "$stage/etc/udev"
@@ -47,13 +52,25 @@ Description: companion of an off-road rover: which ground is drivable, and who t
  operator chose, which ground is drivable. Where no word describes it, it stops
  the rover and asks the operator over MAVLink.
 X
-cat >"$stage/DEBIAN/preinst" <<'X'
+cat >"$stage/DEBIAN/preinst" <<X
 #!/bin/sh
 set -e
 if [ -L /opt/anytraverse ]; then
     echo "anytraverse-companion: install.sh installed it before: type: sudo sh systemd/install.sh --uninstall" >&2
     exit 1
 fi
+# dpkg would overwrite what is there and of no package.
+for link in $links; do
+    if [ -e "/\$link" ] || [ -L "/\$link" ]; then
+        case \$(readlink "/\$link") in
+        /opt/anytraverse/*) ;;
+        *)
+            echo "anytraverse-companion: /\$link is not of this package: move it away, then install again" >&2
+            exit 1
+            ;;
+        esac
+    fi
+done
 X
 cat >"$stage/DEBIAN/postinst" <<X
 #!/bin/sh

@@ -57,11 +57,8 @@ EXTRAS = {"export": "export", "fit": "train"}
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; 2, with one line on stderr, when the input cannot be used."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    parser = argparse.ArgumentParser(prog="anytraverse", description=__doc__)
-    parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
     try:
-        _add(parser, COMMANDS, words)
-        options = parser.parse_args(words)
+        options = parser(words).parse_args(words)
         code: int = options.run(options)
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
@@ -81,19 +78,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _add(parser: argparse.ArgumentParser, commands: Commands, words: Sequence[str]) -> None:
-    """Add `commands` to the parser, and the arguments of the command that `words` begin with."""
+def parser(words: Sequence[str] | None = None) -> argparse.ArgumentParser:
+    """Return the parser, with the arguments of the command that `words` begin with; None: of all commands."""
+    root = argparse.ArgumentParser(prog="anytraverse", description=__doc__)
+    root.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
+    _add(root, COMMANDS, words)
+    return root
+
+
+def _add(parser: argparse.ArgumentParser, commands: Commands, words: Sequence[str] | None) -> None:
     actions = parser.add_subparsers(required=True, metavar="command")
     for name, (text, below) in commands.items():
         action = actions.add_parser(name, help=text)
-        if words[:1] != [name]:
+        if words is not None and words[:1] != [name]:
             continue
         if isinstance(below, str):
             module = importlib.import_module(below)
             module.add_arguments(action)
             action.set_defaults(run=module.run)
         else:
-            _add(action, below, words[1:])
+            _add(action, below, None if words is None else words[1:])
 
 
 def _command(words: Sequence[str]) -> str:

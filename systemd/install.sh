@@ -17,6 +17,8 @@ config=$destination/etc/anytraverse
 state=/var/lib/anytraverse
 units=$destination/etc/systemd/system
 rules=$destination/etc/udev/rules.d
+local=$destination/usr/local
+programs="companion anytraverse anytraverse-console anytraverse-operator"
 package=/var/lib/dpkg/info/anytraverse-companion.list
 unit_files=$(cd -- "$here" && echo *.service *.socket *.path *.slice)
 room_needed=700 # MB: the old program stays until the new one is complete
@@ -63,6 +65,49 @@ configure() {
     reload
 }
 
+# Makes $1 a link to $2 of the program, unless somebody else's file is there.
+link() {
+    if [ -e "$1" ] || [ -L "$1" ]; then
+        [ "$(readlink "$1")" = "/opt/anytraverse/$2" ] ||
+            say "note: $1 is not of this installation, and stays as it is: type /opt/anytraverse/$2"
+        return 0
+    fi
+    mkdir -p "$(dirname -- "$1")"
+    ln -s "/opt/anytraverse/$2" "$1"
+}
+
+link_all() {
+    for program in $programs; do
+        link "$local/bin/$program" "bin/$program"
+        for file in "man/man1/$program.1" "bash-completion/completions/$program" "zsh/site-functions/_$program"; do
+            [ ! -e "$opt/$new/share/$file" ] || link "$local/share/$file" "share/$file"
+        done
+    done
+}
+
+unlink_all() {
+    for link in "$local"/bin/* "$local"/share/man/man1/* "$local"/share/bash-completion/completions/* "$local"/share/zsh/site-functions/*; do
+        [ ! -L "$link" ] || case $(readlink "$link") in /opt/anytraverse/*) rm -f "$link" ;; esac
+    done
+}
+
+# Writes manual pages and completion of bash and zsh. What it needs for that is removed again.
+write_pages() {
+    "$opt/$new/bin/python" -m pip install --quiet --disable-pip-version-check --target "$opt/$new/pages" argparse-manpage shtab &&
+        PYTHONPATH=$opt/$new/pages "$opt/$new/bin/python" "$here/shell_files.py" "$opt/$new/share" ||
+        say "note: there are no manual pages and no completion: the lines above say why"
+    rm -rf "${opt:?}/$new/pages"
+}
+
+# Removes what the program never imports: all MAVLink dialects but two, and numpy's tests.
+slim() {
+    for site in "$opt/$new"/lib/python3*/site-packages; do
+        [ -d "$site" ] || continue
+        find "$site/pymavlink/dialects" -type f ! -name '__init__.*' ! -path '*/v20/*common.*' ! -path '*/v20/*development.*' -delete
+        find "$site/numpy" -type d -name tests -prune -exec rm -rf {} +
+    done
+}
+
 uninstall() {
     [ ! -e "$package" ] || fail "a Debian package installed it: type: sudo apt remove anytraverse-companion"
     ! booted || systemctl disable --now companion 2>/dev/null || true
@@ -72,6 +117,7 @@ uninstall() {
     done
     rm -f "$rules/70-anytraverse.rules"
     rm -rf /run/systemd/system.control/companion-camera.slice.d
+    unlink_all
     rm -rf "$opt/anytraverse" "$opt/anytraverse-a" "$opt/anytraverse-b"
     reload
     if [ "$1" != --purge ]; then
@@ -140,6 +186,8 @@ rm -rf "${opt:?}/$new"
     rm -rf "${opt:?}/$new"
     fail "pip could not install $source: check the network and type it again"
 }
+write_pages
+slim
 
 say "3/4 write settings, unit and device rules; what is in $config stays as it is"
 (cd -- "$here/../config" && find . -type f ! -name '.*') | while IFS= read -r file; do
@@ -158,6 +206,7 @@ for file in $unit_files; do
     esac
 done
 cp -- "$here/70-anytraverse.rules" "$rules/70-anytraverse.rules"
+link_all
 if [ -n "$destination" ]; then
     # Programs and byte code name the folder they will be in.
     for program in "$opt/$new"/bin/*; do
@@ -179,10 +228,10 @@ mv -T "$opt/anytraverse.new" "$opt/anytraverse"
 release=$("$opt/anytraverse/bin/companion" --version)
 if booted && systemctl --quiet is-active companion; then
     say "done: $release runs, with your settings of before. To see what it does, type:"
-    say "  sudo $opt/anytraverse/bin/companion status $config/companion.toml"
+    say "  sudo companion status"
 else
     say "done: $release is installed and does not run yet. Name your camera and your autopilot, then start it. Type:"
     say "  sudoedit $config/companion.toml"
     say "  sudo systemctl enable --now companion"
-    say "  sudo $opt/anytraverse/bin/companion status $config/companion.toml"
+    say "  sudo companion status"
 fi

@@ -69,7 +69,7 @@ def wheels(cache: Path, root: Path) -> Path:
         asked += [f"--platform={one}_{os.uname().machine}" for one in _PLATFORMS]
         with tempfile.TemporaryDirectory() as built:
             own = wheel(Path(built) / "own")
-            run([*asked, f"{own}[{_EXTRA}]", "hatchling>=1.27"], "pip download")
+            run([*asked, f"{own}[{_EXTRA},pages]", "hatchling>=1.27"], "pip download")
         for unwanted in folder.glob("anytraverse_companion-*"):
             unwanted.unlink()
         stamp.write_bytes(needed)

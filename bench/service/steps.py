@@ -30,7 +30,7 @@ _STEP = 0.05
 _STEADY = 11.0
 
 _LEFT = r"""find / -xdev \( -path /root -o -path /own -o -path /checkout \) -prune \
--o -iname '*anytraverse*' -print
+-o \( -iname '*anytraverse*' -o -lname '/opt/anytraverse/*' \) -print
 getent passwd anytraverse"""
 
 Figures = dict[str, Any]
@@ -118,7 +118,7 @@ def install(service: Service) -> Figures:
     page = service.until("its page says that all is well", service.page_is_well, 20.0)
     exposure = service.sh("systemd-analyze security companion --no-pager | tail -n 1")
     found = re.search(r"companion.service: ([0-9.]+)", exposure)
-    status = service.sh("/opt/anytraverse/bin/companion status /etc/anytraverse/companion.toml").splitlines()
+    status = service.sh("companion status").splitlines()
     owner = service.sh("ps -o user= -p $(systemctl show --property=MainPID --value companion)").strip()
     size = int(service.sh("du -sm /opt/anytraverse/").split()[0])
     return {

@@ -40,7 +40,7 @@ class OptionError(ValueError):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run until a signal. Returns the exit code."""
-    options = _options(argv)
+    options = parser().parse_args(argv)
     try:
         listen, token = _listen(options)
         chosen = options.connect or [DEFAULT_LINK]
@@ -207,46 +207,47 @@ def _background(text: str) -> Background:
         raise OptionError(str(error)) from error
 
 
-def _options(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="anytraverse-console", description=__doc__)
-    parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
-    parser.add_argument(
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
+    root = argparse.ArgumentParser(prog="anytraverse-console", description=__doc__)
+    root.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
+    root.add_argument(
         "--connect",
         action="append",
         metavar="LINK",
         help=f"{EXAMPLES} (default {DEFAULT_LINK}); several, the best one first",
     )
-    parser.add_argument("--port", type=int, default=0, help="of the page; by default any free one")
-    parser.add_argument("--host", default="127.0.0.1", help="where the page listens (default %(default)s)")
-    parser.add_argument("--origin", default="", metavar="URL", help="how browsers elsewhere open it")
-    parser.add_argument("--token-file", type=Path, metavar="FILE", help="what a browser must know to see it")
-    parser.add_argument(
+    root.add_argument("--port", type=int, default=0, help="of the page; by default any free one")
+    root.add_argument("--host", default="127.0.0.1", help="where the page listens (default %(default)s)")
+    root.add_argument("--origin", default="", metavar="URL", help="how browsers elsewhere open it")
+    root.add_argument("--token-file", type=Path, metavar="FILE", help="what a browser must know to see it")
+    root.add_argument(
         "--background",
         metavar="FILE@NORTH,WEST,SOUTH,EAST",
         help="PNG or JPEG to draw tracks on, with its upper left and lower right corner in degrees",
     )
-    parser.add_argument("--no-browser", action="store_true", help="do not open a browser")
-    parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="write events to a file, for programs")
-    parser.add_argument(
+    root.add_argument("--no-browser", action="store_true", help="do not open a browser")
+    root.add_argument("--log", type=Path, metavar="FILE.jsonl", help="write events to a file, for programs")
+    root.add_argument(
         "--incidents",
         type=Path,
         default=state_folder() / "incidents",
         metavar="FOLDER",
         help="where incident files are stored that are fetched (default %(default)s)",
     )
-    parser.add_argument(
+    root.add_argument(
         "--page",
         action="append",
         metavar="SYSTEM=URL",
         help="a rover's own page, from which incident files come by HTTP: 1=http://rover:8191",
     )
-    parser.add_argument("--page-token-file", type=Path, metavar="FILE", help="the token of these pages")
-    parser.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
-    parser.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
-    parser.add_argument(
+    root.add_argument("--page-token-file", type=Path, metavar="FILE", help="the token of these pages")
+    root.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
+    root.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
+    root.add_argument(
         "--signing-key", type=Path, metavar="FILE", help="sign with this key, and believe nothing unsigned"
     )
-    return parser.parse_args(argv)
+    return root
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ MAX_SCRIPT_BYTES = 1 << 20
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run until `quit`, the end of the input, --quit-after or a signal. Returns the exit code."""
-    options = _options(argv)
+    options = parser().parse_args(argv)
     stopped = _Stopped()
     try:
         script = None if options.script is None else _read_script(options.script)
@@ -191,32 +191,33 @@ def identity(text: str) -> int:
     return value
 
 
-def _options(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
+    root = argparse.ArgumentParser(
         prog="anytraverse-operator", description=__doc__, epilog="Type `help` once it runs."
     )
-    parser.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
-    parser.add_argument(
+    root.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
+    root.add_argument(
         "--connect", default="udpin:0.0.0.0:14550", metavar="LINK", help=f"{EXAMPLES} (default %(default)s)"
     )
-    parser.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
-    parser.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
-    parser.add_argument(
+    root.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
+    root.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
+    root.add_argument(
         "--signing-key", type=Path, metavar="FILE", help="sign with this key, and believe nothing unsigned"
     )
-    parser.add_argument("--script", type=Path, metavar="FILE.json", help="answer by this table")
-    parser.add_argument("--events", action="store_true", help="one JSON object per event, for programs")
-    parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="also write those objects to a file")
-    parser.add_argument(
+    root.add_argument("--script", type=Path, metavar="FILE.json", help="answer by this table")
+    root.add_argument("--events", action="store_true", help="one JSON object per event, for programs")
+    root.add_argument("--log", type=Path, metavar="FILE.jsonl", help="also write those objects to a file")
+    root.add_argument(
         "--pictures",
         type=Path,
         default=Path(),
         metavar="FOLDER",
         help="where `picture` puts them",
     )
-    parser.add_argument("--show", action="store_true", help="open each with the desktop's viewer")
-    parser.add_argument("--quit-after", type=float, metavar="SECONDS", help="end by itself")
-    return parser.parse_args(argv)
+    root.add_argument("--show", action="store_true", help="open each with the desktop's viewer")
+    root.add_argument("--quit-after", type=float, metavar="SECONDS", help="end by itself")
+    return root
 
 
 if __name__ == "__main__":

@@ -188,7 +188,7 @@ def test_an_update_leaves_what_a_person_edited(checkout: Checkout, tmp_path: Pat
 
 def test_the_service_is_installed_with_what_a_rover_needs(checkout: Checkout, tmp_path: Path) -> None:
     installed(checkout, tmp_path)
-    assert checkout.calls[-1].endswith(f"{checkout.root}[rover]")
+    assert any(call.endswith(f"{checkout.root}[rover]") for call in checkout.calls)
 
 
 def test_without_root_the_script_says_what_to_type(checkout: Checkout) -> None:
@@ -259,6 +259,59 @@ def test_programs_of_a_package_name_the_folder_they_will_be_in(checkout: Checkou
     program = stage / "opt/anytraverse"
     assert (program / "bin/written").read_text() == "#!/opt/anytraverse/bin/python\n"
     assert (program / "pyvenv.cfg").read_text() == "command = /opt/anytraverse\n"
+
+
+PAGES = ("man/man1/companion.1", "bash-completion/completions/companion", "zsh/site-functions/_companion")
+
+
+def test_programs_pages_and_completion_are_where_a_shell_looks_for_them(
+    checkout: Checkout, tmp_path: Path
+) -> None:
+    makes = {f"share/{page}": "" for page in PAGES}
+    _, stage = installed(checkout, tmp_path, makes=makes)
+    for program in ("companion", "anytraverse", "anytraverse-console", "anytraverse-operator"):
+        link = stage / "usr/local/bin" / program
+        assert os.readlink(link) == f"/opt/anytraverse/bin/{program}"
+    for page in PAGES:
+        assert os.readlink(stage / "usr/local/share" / page) == f"/opt/anytraverse/share/{page}"
+    assert not (stage / "opt/anytraverse/pages").exists(), "what wrote them is not kept"
+    done, _ = installed(checkout, tmp_path, makes=makes)
+    assert "is not of this installation" not in done.stdout
+
+
+def test_a_program_of_somebody_else_stays_as_it_is(checkout: Checkout, tmp_path: Path) -> None:
+    theirs = tmp_path / "stage/usr/local/bin/companion"
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text("theirs")
+    other = theirs.with_name("anytraverse")
+    other.symlink_to("/home/somebody/anytraverse")
+    done, _ = installed(checkout, tmp_path)
+    assert theirs.read_text() == "theirs"
+    assert os.readlink(other) == "/home/somebody/anytraverse"
+    assert f"{theirs} is not of this installation" in done.stdout
+    assert "type /opt/anytraverse/bin/companion" in done.stdout
+
+
+def test_what_the_program_never_imports_is_removed(checkout: Checkout, tmp_path: Path) -> None:
+    site = "lib/python3.11/site-packages"
+    kept = {f"{site}/pymavlink/dialects/v20/{name}.py" for name in ("__init__", "common", "development")}
+    gone = {
+        f"{site}/pymavlink/dialects/v10/common.py",
+        f"{site}/pymavlink/dialects/v20/all.py",
+        f"{site}/numpy/lib/tests/test_io.py",
+    }
+    _, stage = installed(checkout, tmp_path, makes=dict.fromkeys(kept | gone, ""))
+    program = stage / "opt/anytraverse"
+    assert {name for name in kept | gone if (program / name).exists()} == kept
+
+
+def test_the_program_imports_no_dialect_that_is_removed() -> None:
+    asked = "import sys, companion.run, companion.desk.check.table, companion.sim.field.__main__\n"
+    asked += "import companion.desk.check.measure, gcs_plugin.console.main, gcs_plugin.terminal.main\n"
+    asked += "print([name for name in sys.modules if name.startswith('pymavlink.dialects.v')])"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    kept = {"pymavlink.dialects.v20", *(f"pymavlink.dialects.v20.{one}" for one in ("common", "development"))}
+    assert set(re.findall(r"[\w.]+", done.stdout)) == kept
 
 
 def test_a_packagers_folder_never_removes_what_is_installed_on_this_computer(checkout: Checkout) -> None:

@@ -107,10 +107,11 @@ class Watched:
         self._progress = Progress(len(folder), "frames")
 
     def __enter__(self) -> Watched:
+        self._progress.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._progress.close()
+        self._progress.__exit__()
 
     def __iter__(self) -> Iterator[LabelledFrame]:
         for frame in self._folder.frames(self._report_torn):

@@ -16,6 +16,7 @@ from anytraverse.evaluation.defaults import Defaults, read_defaults
 from anytraverse.evaluation.evaluating import Evaluation, WorkShare
 from anytraverse.evaluation.labels import DatasetError
 from anytraverse.evaluation.matching import asked_names, refuse_asked
+from anytraverse.evaluation.progress import doing
 from anytraverse.evaluation.records import TallyStore
 from anytraverse.evaluation.seeing import PerceiverRun, maps_identity
 from anytraverse.evaluation.summary import TallySummary
@@ -73,11 +74,13 @@ class EvaluationRequest:
         """
         kind, _ = kind_and_path(options.folder)
         defaults = read_defaults(kind)
-        dataset = open_chosen(options, defaults.split)
+        with doing(f"opening {options.folder}"):
+            dataset = open_chosen(options, defaults.split)
         words = tuple(Preferences.parse(text) for text in prompts) or (defaults.words,)
         names = defaults.drivable if options.drivable is None else options.drivable.split(",")
         drivable = dataset.classes.choose(names)
-        perceiver = make_perceiver(options.perceiver, Runtime(threads=options.threads))
+        with doing(f"loading {options.perceiver}"):
+            perceiver = make_perceiver(options.perceiver, Runtime(threads=options.threads))
         unknown = _unknown(options, defaults, dataset, perceiver, [word for one in words for word in one])
         for name in unknown:
             if name in drivable:

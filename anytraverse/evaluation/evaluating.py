@@ -66,10 +66,9 @@ class Evaluation:
 
     def __iter__(self) -> Iterator[Judged]:
         """Raises DatasetError when every frame is damaged or records cannot be written; PerceiverError."""
-        progress = Progress(len(self._dataset) - self.resumed, "frames")
-        if self.resumed:
-            progress.say(f"{self.resumed} frames were judged before and are not judged again")
-        try:
+        with Progress(len(self._dataset) - self.resumed, "frames") as progress:
+            if self.resumed:
+                progress.say(f"{self.resumed} frames were judged before and are not judged again")
             for number, files in zip(self._dataset.numbers, self._dataset.files, strict=True):
                 name = self._dataset.name(number)
                 stored = [self._records.get(key, name, files) for key in self._keys]
@@ -85,8 +84,6 @@ class Evaluation:
                 else:
                     yield number, judged
                 progress.step()
-        finally:
-            progress.close()
         if self.torn == len(self._dataset):
             raise DatasetError(f"{self._dataset.path} has no frame that can be read: copy the folder again")
 
@@ -100,7 +97,6 @@ class Evaluation:
         shares = [
             replace(share, numbers=tuple(left[at : at + _AT_ONCE])) for at in range(0, len(left), _AT_ONCE)
         ]
-        progress = Progress(len(left), "frames on the cluster")
 
         def store(_number: int, found: list[tuple[int, tuple[bytes, ...]]]) -> None:
             for number, packed in found:
@@ -109,10 +105,8 @@ class Evaluation:
                     self._records.add(key, self._dataset.name(number), self._left[number], unpacked)
             progress.step(len(found))
 
-        try:
+        with Progress(len(left), "frames on the cluster") as progress:
             spread(judged_share, shares, dask=address, done=store)
-        finally:
-            progress.close()
         self.resumed = len(self._dataset)
 
     def _judged(self, number: int, files: FrameFiles, stored: Sequence[Tally | None]) -> tuple[Tally, ...]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from itertools import count
 from typing import Any, NamedTuple, TypeVar
 
 from anytraverse.errors import AnyTraverseError
@@ -15,6 +16,14 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 _CONNECT_S = 10
+_LOOKS = 0.5
+"""Seconds between two looks at how far the processes are."""
+
+
+class _Counting:
+    """Counts the steps of the work that this process does."""
+
+    tick: Callable[[], None] | None = None
 
 
 class SpreadError(AnyTraverseError):
@@ -25,6 +34,22 @@ class _Failed(NamedTuple):
     """A job that failed with an error of ours. Errors themselves may not survive the way back."""
 
     text: str
+
+
+def tick() -> None:
+    """Count a step of the work that is being done, wherever that is. `spread` tells how many there are."""
+    if _Counting.tick is not None:
+        _Counting.tick()
+
+
+def _count_into(steps: Any) -> None:
+    """Begin a process, whose steps are counted in a value that it shares with the others."""
+
+    def count_one() -> None:
+        with steps.get_lock():
+            steps.value += 1
+
+    _Counting.tick = count_one
 
 
 def _guarded(work: Callable[[Any], Any], job: Any) -> Any:
@@ -42,38 +67,61 @@ def spread(
     processes: int = 1,
     dask: str | None = None,
     done: Callable[[int, Result], None],
+    ticked: Callable[[int], None] | None = None,
 ) -> list[Result]:
     """Do all jobs. Without processes and cluster, one after the other in this process.
 
     work: a function of a module, so that another process can import it; so are the jobs' types. dask: the
     address of a scheduler, e.g. "tls://host:8786", with certificates from Dask's own configuration; its
     workers need this package and the same files. Results are unpickled: a cluster must be trusted.
-    done: called with the number of each job that is done, and its result.
+    done: called with the number of each job that is done, and its result. ticked: called now and then with
+    how often the jobs have called `tick` so far; never for a cluster.
     Raises SpreadError, and what `work` raises where it runs in this process.
     """
     if dask is not None:
         return _on_cluster(work, jobs, dask, done)
     if processes <= 1 or len(jobs) <= 1:
-        results = []
-        for number, job in enumerate(jobs):
-            results.append(work(job))
-            done(number, results[-1])
-        return results
+        return _here(work, jobs, done, ticked)
     # spawn: a fork would take over the threads of native libraries in any state
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(processes, len(jobs)), mp_context=context) as pool:
+    steps = context.Value("Q", 0)
+    with ProcessPoolExecutor(
+        min(processes, len(jobs)), mp_context=context, initializer=_count_into, initargs=(steps,)
+    ) as pool:
         numbers: dict[Future[Any], int] = {
             pool.submit(_guarded, work, job): number for number, job in enumerate(jobs)
         }
         try:
-            for future in as_completed(numbers):
-                done(numbers[future], _checked(future.result()))
+            left = set(numbers)
+            while left:
+                over, left = wait(left, timeout=_LOOKS, return_when=FIRST_COMPLETED)
+                if ticked is not None:
+                    ticked(steps.value)
+                for future in over:
+                    done(numbers[future], _checked(future.result()))
         except BrokenProcessPool:
             raise SpreadError("a process died, perhaps for lack of memory: give fewer --jobs") from None
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
         return [future.result() for future in numbers]
+
+
+def _here(
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    done: Callable[[int, Result], None],
+    ticked: Callable[[int], None] | None,
+) -> list[Result]:
+    before, steps, results = _Counting.tick, count(1), list[Result]()
+    _Counting.tick = None if ticked is None else lambda: ticked(next(steps))
+    try:
+        for number, job in enumerate(jobs):
+            results.append(work(job))
+            done(number, results[-1])
+    finally:
+        _Counting.tick = before
+    return results
 
 
 def _on_cluster(

@@ -112,8 +112,7 @@ class WeightSweep:
         ]
 
     def _frames(self, signs: Sequence[Signs]) -> Iterator[_Small]:
-        progress = Progress(len(self._dataset), "frames")
-        try:
+        with Progress(len(self._dataset), "frames") as progress:
             for number in self._dataset.numbers:
                 try:
                     frame = self._dataset.read(number)
@@ -123,8 +122,6 @@ class WeightSweep:
                 else:
                     yield self._small(frame, signs)
                 progress.step()
-        finally:
-            progress.close()
 
     def _small(self, frame: LabelledFrame, signs: Sequence[Signs]) -> _Small:
         features = self._perceiver.encode(frame.image)

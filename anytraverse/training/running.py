@@ -104,19 +104,17 @@ def prepared(given: argparse.Namespace) -> _Work:
 
 def trained(work: _Work, folder: Path) -> Fitted:
     """Train with a progress bar; the network is written to `folder`. Raises TrainingError."""
-    bar, shown = Progress(work.options.steps, "steps"), 0
+    shown = 0
 
     def report_progress(done: int, _steps: int, loss: float, _left: float) -> None:
         nonlocal shown
         bar.step(done - shown, f", loss {loss:.3f}")
         shown = done
 
-    try:
+    with Progress(work.options.steps, "steps") as bar:
         if work.start is None:
             return fit(work.material, work.split, work.options, folder, report_progress)
         return fit_on(work.start, work.material, work.split, work.options, folder, report_progress)
-    finally:
-        bar.close()
 
 
 def _compare_and_write(given: argparse.Namespace, work: _Work, fitted: Fitted) -> int:

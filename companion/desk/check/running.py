@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import ConfigError, Problem, load_config, state_folder
-from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST
 from companion.desk.check.computer import check_space
 from companion.desk.check.here import RUNNING, is_alive, read_status, status
 from companion.desk.check.observers import told_recordings
@@ -192,6 +191,8 @@ def dry_run(file: str, *, as_json: bool = False) -> int:
 
 
 def _dry_run(folder: Path) -> dict[str, Any]:
+    from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST  # slow to import: `status` needs it not
+
     if status(folder) is None:
         raise _DryRunError(
             f"no companion runs with {folder}: start the companion first, then type this again"
@@ -218,6 +219,8 @@ def _dry_run(folder: Path) -> dict[str, Any]:
 
 def _ask(folder: Path) -> int:
     """Create the request file, and return its modification time in ns."""
+    from companion.daemon.trial_call import REQUEST
+
     path = folder / REQUEST
     try:
         left = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import threading
 import time
 import webbrowser
@@ -12,6 +11,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from anytraverse.evaluation.progress import Progress, doing
 from anytraverse.memory import Memory, first_memory
 from companion.config import Config, load_config
 from companion.desk.drives.desk import AnswerFile, Terminal, answer_lines, terminal
@@ -32,7 +32,6 @@ from itertools import groupby
 from anytraverse.html_page import document, figure
 from companion.pages import wording
 
-_TOLD_EVERY = 5.0
 _OURS = ("frames.jsonl", "calls", "calls.json", "answers.txt", "memory.jsonl", "index.html")
 _STYLE = """
 h3 { margin: 1.2rem 0 .2rem; font-size: 1rem; }
@@ -66,10 +65,12 @@ def run(
     Raises DriveError, ConfigError, AnyTraverseError, MemoryCommandError, SceneFileError, OSError.
     """
     config = load_config(file)
-    drive = open_drive(where, config.camera.rate)
+    with doing(f"opening {where}"):
+        drive = open_drive(where, config.camera.rate)
     scripted = AnswerFile(Path(answers)) if answers else None
     before, pictures = _remembered(config, memory)
-    judge = DriveJudge(config, load_engine(config, before)[0])
+    with doing(f"loading {config.perceiver.name}"):
+        judge = DriveJudge(config, load_engine(config, before)[0])
     folder = _made(Path(out))
     clock, found = judge.engine.memory.clock, Rehearsal()
     person: Terminal | BrowserDesk | None = (
@@ -81,22 +82,25 @@ def run(
 
     def operator(call: AskedCall, problem: str) -> str | None:
         answer = scripted.ask(call, problem) if scripted is not None else None
-        return person.ask(call, problem) if answer is None and person is not None else answer
+        if answer is not None or person is None:
+            return answer
+        with progress.waiting():
+            return person.ask(call, problem)
 
-    progress = _Progress(drive.count)
+    began, progress = time.monotonic(), Progress(drive.count, "frames")
 
     def keep() -> None:
         _write_text(folder / "answers.txt", answer_lines(found.calls))
 
     def told(number: int) -> None:
-        progress.frame(number, len(found.calls))
+        progress.reach(number, f", {len(found.calls)} calls")
         if found.at_call[-1:] == [number]:
             keep()  # what was typed outlives a terminal that is closed
         if page is not None:
             page.progress(number)
 
     try:
-        with page if page is not None else nullcontext():
+        with page if page is not None else nullcontext(), progress:
             if page is not None:
                 _open(page.url)
             rehearse(drive, judge, operator, folder, found, told)
@@ -105,7 +109,7 @@ def run(
     figures = {
         **found.figures(),
         "drive_s": round(found.drive_s, 1),
-        "seconds": round(progress.seconds, 1),
+        "seconds": round(time.monotonic() - began, 1),
         "model": judge.engine.perceiver.model_id,
     }
     kept = learnt(judge.engine.memory, clock, found.calls)
@@ -208,25 +212,6 @@ def _report(folder: Path, found: Rehearsal, figures: dict[str, Any], unused: lis
     elif found.calls:
         print(f"write answers into {folder / 'answers.txt'}, and rehearse again with --answers")
     print(json.dumps(figures))
-
-
-class _Progress:
-    """Prints how far it is, on stderr. seconds: since the start."""
-
-    def __init__(self, count: int) -> None:
-        self._count = count
-        self._began = self._told_at = time.monotonic()
-
-    @property
-    def seconds(self) -> float:
-        return time.monotonic() - self._began
-
-    def frame(self, number: int, calls: int) -> None:
-        now = time.monotonic()
-        if now - self._told_at > _TOLD_EVERY:
-            self._told_at = now
-            left = max(0, self._count - number) * (now - self._began) / number
-            print(f"{number} of {self._count} frames, {calls} calls, {left:.0f} s left", file=sys.stderr)
 
 
 def _page(title: str, rehearsal: Rehearsal, figures: Mapping[str, Any], answers: str) -> str:

@@ -96,8 +96,8 @@ def exchange(
     Raises SettingsError where a region has no ground in a vehicle's camera, PerceiverError.
     """
     made = TruePerceiver() if perceiver == _TRUTH else make_perceiver(perceiver, Runtime(threads=1))
-    progress, pairs = Progress(len(vehicles) * len(seeds), "drives"), list[Pair]()
-    try:
+    pairs = list[Pair]()
+    with Progress(len(vehicles) * len(seeds), "drives") as progress:
         for vehicle in vehicles:
             regions = [vehicle.looking_at(other.region) for other in vehicles]
             judging = judging_settings(vehicle.config, made)
@@ -113,8 +113,6 @@ def exchange(
                 Pair(vehicle, other.name, one.near, one.far, tally)
                 for other, one, tally in zip(vehicles, regions, tallies, strict=True)
             ]
-    finally:
-        progress.close()
     return pairs
 
 

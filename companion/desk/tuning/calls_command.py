@@ -13,6 +13,7 @@ from anytraverse.evaluation.asking import conclude
 from anytraverse.evaluation.datasets import Selection, kind_and_path, open_dataset
 from anytraverse.evaluation.defaults import read_defaults
 from anytraverse.evaluation.labels import DatasetError
+from anytraverse.evaluation.progress import doing
 from anytraverse.evaluation.summary import as_csv
 from anytraverse.perception.stored import default_cache
 from anytraverse.preferences import Preferences
@@ -92,8 +93,10 @@ def run(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     config = _config(options)
-    episode, answered = _episode(options, config)
-    engine, _ = load_engine(config, None)
+    with doing(f"opening {options.episode}"):
+        episode, answered = _episode(options, config)
+    with doing(f"loading {config.perceiver.name}"):
+        engine, _ = load_engine(config, None)
     grid = _grid(options, around(engine.settings))
     combinations = grid.combinations(engine.settings)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import PerceiverError
-from anytraverse.evaluation.progress import Progress
+from anytraverse.evaluation.progress import Progress, doing
 from anytraverse.evaluation.seeing import maps_identity
-from anytraverse.evaluation.spreading import spread
+from anytraverse.evaluation.spreading import spread, tick
 from anytraverse.perception import surroundings_of
 from anytraverse.perception.stored import PerceptionStore, StoredPerceiver
 from companion.config import Config
-from companion.desk.drives.drive import DriveError
+from companion.desk.drives.drive import DriveError, DriveFrame
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.tuning.episode import Episode
 from companion.desk.tuning.trial import Combination, GridError, Trial, TrialEngine, TrialOutcome, run_trials
@@ -89,7 +89,7 @@ def perceive(config: Config, episode: Episode, where: Where) -> int:
     """
     parts = max(1, where.processes)
     shares = [_Part(_of_a_process(config, where), episode, where, number, parts) for number in range(parts)]
-    frames = sum(_spread(_perceive, shares, where, "parts perceived"))
+    frames = sum(_spread(_perceive, shares, where, episode.opened()[0].count, "perceived"))
     if not frames:
         raise DriveError(f"{episode.where} has no frame that can be read: copy it again")
     return frames
@@ -110,7 +110,8 @@ def judge(
         for number, chunk in enumerate(chunks)
         if chunk
     ]
-    found = [one for outcomes in _spread(_judge, jobs, where, "parts judged") for one in outcomes]
+    steps = len(jobs) * episode.opened()[0].count
+    found = [one for outcomes in _spread(_judge, jobs, where, steps, "judged") for one in outcomes]
     placed = dict(zip(order, found, strict=True))
     return [placed[number] for number in range(len(combinations))]
 
@@ -134,37 +135,40 @@ class _Figures(NamedTuple):
 def figures_of(config: Config, episode: Episode, where: Where) -> _Figures:
     """Judge a drive by the settings in force. Raises DriveError, AnyTraverseError, OSError."""
     part = _Part(config, episode, where, 0, 1)
-    engine, (drive, operator) = _engine(part), episode.opened()
+    with doing(f"loading {config.perceiver.name}"):
+        engine, (drive, operator) = _engine(part), episode.opened()
     found = _Figures(0.0, [], [], [])
     judge = DriveJudge(config, engine)
     trial = Trial(Combination.of(engine.settings), judge, operator)
     seconds = 0.0
-    for number, frame in enumerate(drive.frames()):
-        seen, seconds = trial.step(number, frame), frame.at
-        if seen is None:
-            continue
-        if seen.similarity is not None:
-            found.similarities.append(seen.similarity)
-        if seen.roi is not None:
-            found.uncertainties.append(seen.roi.uncertainty)
-            found.tiles.append(seen.roi.worst_tile.uncertainty)
+    with Progress(drive.count, "frames judged by the settings in force") as progress:
+        for number, frame in enumerate(drive.frames()):
+            seen, seconds = trial.step(number, frame), frame.at
+            progress.step()
+            if seen is None:
+                continue
+            if seen.similarity is not None:
+                found.similarities.append(seen.similarity)
+            if seen.roi is not None:
+                found.uncertainties.append(seen.roi.uncertainty)
+                found.tiles.append(seen.roi.worst_tile.uncertainty)
     return found._replace(seconds=seconds)
 
 
 def _spread(
-    work: Callable[[_Part], _Result], parts: Sequence[_Part], where: Where, unit: str
+    work: Callable[[_Part], _Result], parts: Sequence[_Part], where: Where, frames: int, what: str
 ) -> list[_Result]:
-    progress = Progress(len(parts), unit)
-    try:
+    """Do the parts, and show the progress: by frames, or by parts on a cluster, which tells no more."""
+    whole = len(parts) if where.dask else frames
+    with Progress(whole, f"{'parts' if where.dask else 'frames'} {what}") as progress:
         return spread(
             work,
             parts,
             processes=where.processes,
             dask=where.dask,
-            done=lambda _number, _result: progress.step(),
+            done=lambda _number, _result: progress.step() if where.dask else None,
+            ticked=progress.reach,
         )
-    finally:
-        progress.close()
 
 
 def _engine(part: _Part) -> AnyTraverse:
@@ -183,6 +187,7 @@ def _perceive(part: _Part) -> int:
         if number % part.of != part.number or frame.image is None:
             continue
         seen += 1
+        tick()
         try:
             observation = engine.observe(frame.numbered(number + 1))
             surroundings_of(engine.perceiver, observation.features)
@@ -198,4 +203,10 @@ def _judge(part: _Part) -> list[TrialOutcome]:
     for one in part.combinations:
         own = TrialEngine(engine.perceiver, one.applied(engine.settings), engine.memory)
         trials.append(Trial(one, DriveJudge(part.config, own), operator))
-    return run_trials(trials, drive.frames())
+    return run_trials(trials, _ticking(drive.frames()))
+
+
+def _ticking(frames: Iterator[DriveFrame]) -> Iterator[DriveFrame]:
+    for frame in frames:
+        yield frame
+        tick()

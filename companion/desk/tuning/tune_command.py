@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from anytraverse.evaluation.progress import doing
 from anytraverse.evaluation.summary import as_csv
 from anytraverse.html_page import document
 from anytraverse.line_plot import STYLE, Series, line_plot
@@ -59,13 +60,15 @@ def run(
             f"{wanted:g} calls a minute cannot be wanted: give a number above 0, at most {MOST_WANTED:g}"
         )
     config = load_config(file)
-    drive = open_drive(where, config.camera.rate)
+    with doing(f"opening {where}"):
+        drive = open_drive(where, config.camera.rate)
     given = given_answers(drive, answers)
     episode = Episode(where, config.camera.rate, given)
     place = Where(Path(cache) if cache else default_cache(), MOST_BYTES, processes_of(jobs))
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    settings = load_engine(config, None)[0].settings
+    with doing(f"loading {config.perceiver.name}"):
+        settings = load_engine(config, None)[0].settings
     now = Combination.of(settings)
     frames = perceive(config, episode, place)
     seen = figures_of(config, episode, place)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from anytraverse.release import own_version
 from companion.cli_config import SERVICE, add_config, default_config
 from companion.cli_drives import add_drives
-from companion.cli_errors import UserError, error_text, told
+from companion.cli_errors import UserError, error_text
+from companion.cli_memory import add_memory
 from companion.cli_settings import add_settings
 from companion.system.log_lines import dump_when_aborted, end_process, log_to_stderr, say_last
 
@@ -90,33 +91,11 @@ def parser() -> argparse.ArgumentParser:
     status.add_argument("--json", action="store_true", help="the last line is one JSON object")
     status.set_defaults(run=_status)
 
-    _add_memory(commands)
+    add_memory(commands)
     add_drives(commands)
     add_settings(commands)
 
     return root
-
-
-def _add_memory(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    memory = commands.add_parser("memory", help="list, show, forget, export or import the answered scenes")
-    shared = argparse.ArgumentParser(add_help=False)
-    add_config(shared)
-    actions = memory.add_subparsers(dest="action", required=True, metavar="action")
-    each = actions.add_parser("list", help="one line for each scene, with its number")
-    add_config(each, alone=True)
-    each.add_argument("--json", action="store_true", help="the last line is one JSON object")
-    show = actions.add_parser("show", parents=[shared], help="a scene's words, and where its picture is")
-    show.add_argument("number", type=int, metavar="N", help="as listed")
-    show.add_argument("--out", metavar="FILE", help="copy the picture to FILE")
-    forget = actions.add_parser("forget", parents=[shared], help="forget scenes; the companion is stopped")
-    forget.add_argument("which", nargs="+", metavar="N", help='as listed, or "all"')
-    to = actions.add_parser("export", parents=[shared], help="write all scenes to a new file")
-    to.add_argument("file", metavar="FILE")
-    source = actions.add_parser(
-        "import", parents=[shared], help="add an exported file's scenes; the companion is stopped"
-    )
-    source.add_argument("file", metavar="FILE")
-    memory.set_defaults(run=_memory)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -194,25 +173,6 @@ def _status(options: argparse.Namespace) -> int:
     from companion.desk.check.running import print_status
 
     return print_status(options.config, as_json=options.json)
-
-
-def _memory(options: argparse.Namespace) -> int:
-    log_to_stderr(logging.ERROR)
-    from companion.desk.memory import command
-    from companion.storage import JournalError
-
-    with told(JournalError, command.MemoryCommandError):
-        match options.action:
-            case "list":
-                return command.show_list(options.config, as_json=options.json)
-            case "show":
-                return command.show_scene(options.config, options.number, options.out)
-            case "forget":
-                return command.forget(options.config, options.which)
-            case "export":
-                return command.export(options.config, options.file)
-            case _:
-                return command.take_in(options.config, options.file)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from companion.cli_config import add_config
 from companion.cli_errors import UserError, error_text
@@ -44,35 +44,12 @@ def add_settings(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_config(check, alone=True)
     check.set_defaults(run=_check)
     change = actions.add_parser("set", help="change settings, and keep the file's comments")
-    change.add_argument(
-        "settings",
-        nargs="+",
-        action=_FileFirst,
-        metavar="[FILE] KEY=VALUE",
-        help="the configuration, and what to set: camera.rate=5; KEY= removes it",
-    )
-    add_config(change)
+    change.add_argument("config", metavar="FILE", help="the configuration")
+    change.add_argument("settings", nargs="+", metavar="KEY=VALUE", help="as camera.rate=5; KEY= removes it")
     change.add_argument("--yes", action="store_true", help="do not ask")
     change.set_defaults(run=_set)
     schema = actions.add_parser("schema", help="print its JSON schema, by which editors complete and check")
     schema.set_defaults(run=_schema)
-
-
-class _FileFirst(argparse.Action):
-    """Takes the configuration from the first word, where that is no KEY=VALUE."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        _option: str | None = None,
-    ) -> None:
-        if "=" not in values[0]:
-            namespace.config = values.pop(0)
-        if not values:
-            parser.error("KEY=VALUE is missing, as in camera.rate=5")
-        namespace.settings = values
 
 
 def _init(options: argparse.Namespace) -> int:

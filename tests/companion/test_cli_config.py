@@ -23,7 +23,8 @@ BESIDE = (
     "tune DRIVE",
     "incident C7",
 )
-NONE = {"demo", "init", "config schema", "record repair"}
+NONE = {"demo", "init", "config schema", "record repair", "config set"}
+"""Commands about no configuration, and `config set`, which writes no file that was not named."""
 
 
 def parsed(*words: str) -> argparse.Namespace:

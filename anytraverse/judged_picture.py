@@ -74,22 +74,30 @@ def draw_state(
 
 def draw_judgement(picture: Image, assessment: Assessment, region: Region) -> None:
     """Draw tint, boxes and the thing's outline of `draw_state` into a picture of any size."""
-    height, width = picture.shape[:2]
     marked = marked_box(assessment)
-    if assessment.maps is not None:
-        signed = enlarged(assessment.maps.signed, width, height)
-        unsure = enlarged(assessment.maps.uncertainty, width, height)
-        untouched = np.s_[:0, :0] if marked is None else marked.slices(height, width)
-        seen = picture[untouched].copy()
-        around = _thing_around(unsure, untouched) if Reason.UNKNOWN_OBJECT in assessment.reasons else []
-        tint(picture, GREEN, _TINT * signed.clip(0, 1))
-        tint(picture, VERMILION, _TINT * (-signed).clip(0, 1))
-        strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
-        tint(picture, VIOLET, strength * 0.8 * hatching(height, width))
-        cv2.drawContours(picture, around, -1, (20, 20, 20), 4, cv2.LINE_AA)
-        cv2.drawContours(picture, around, -1, YELLOW, 2, cv2.LINE_AA)
-        picture[untouched] = seen
-    draw_boxes(picture, assessment, region)
+    if (maps := assessment.maps) is not None:
+        around = Reason.UNKNOWN_OBJECT in assessment.reasons
+        draw_maps(picture, maps.signed, maps.uncertainty, marked, around=around)
+    draw_boxes(picture, region, marked)
+
+
+def draw_maps(picture: Image, signed: Map, uncertainty: Map, marked: Box | None, *, around: bool) -> None:
+    """Tint a picture of any size by its maps, (h, w), but not in the box `marked`.
+
+    around: outline the unknown thing that reaches into that box.
+    """
+    height, width = picture.shape[:2]
+    signed, unsure = enlarged(signed, width, height), enlarged(uncertainty, width, height)
+    untouched = np.s_[:0, :0] if marked is None else marked.slices(height, width)
+    seen = picture[untouched].copy()
+    outlines = _thing_around(unsure, untouched) if around else []
+    tint(picture, GREEN, _TINT * signed.clip(0, 1))
+    tint(picture, VERMILION, _TINT * (-signed).clip(0, 1))
+    strength = ((unsure - _UNSURE) / (1 - _UNSURE)).clip(0, 1)
+    tint(picture, VIOLET, strength * 0.8 * hatching(height, width))
+    cv2.drawContours(picture, outlines, -1, (20, 20, 20), 4, cv2.LINE_AA)
+    cv2.drawContours(picture, outlines, -1, YELLOW, 2, cv2.LINE_AA)
+    picture[untouched] = seen
 
 
 def draw_frame(image: Image, title: str, note: str = "", *, width: int = STATE_WIDTH) -> Image:
@@ -109,9 +117,10 @@ def _foot(width: int, text: str) -> Image:
     return foot
 
 
-def draw_boxes(picture: Image, assessment: Assessment, region: Region) -> None:
+def draw_boxes(picture: Image, region: Region, marked: Box | None) -> None:
+    """Outline the region of interest in white, and `marked` in yellow."""
     outline(picture, region, PAPER, 2)
-    if (marked := marked_box(assessment)) is not None:
+    if marked is not None:
         outline(picture, marked, YELLOW, 2)
 
 

@@ -163,7 +163,7 @@ def _framed(picture: Image, name: str, note: str, scale: _Scale | None) -> Image
 def _mark(tile: Image, image: Image, assessment: Assessment, region: Region) -> None:
     """Draw the boxes into the picture inside a framed tile."""
     height = fitted(image, tile.shape[1]).shape[0]
-    draw_boxes(tile[_CAPTION : _CAPTION + height], assessment, region)
+    draw_boxes(tile[_CAPTION : _CAPTION + height], region, marked_box(assessment))
 
 
 def _roi_note(assessment: Assessment) -> str:

@@ -8,6 +8,7 @@ import os
 import sys
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anytraverse.release import own_version
@@ -45,6 +46,14 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
     return code
 
 
+class _Version(argparse.Action):
+    """Looks the version up only where it is asked for, since that takes long."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f"{parser.prog} {own_version()}")
+        parser.exit()
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     root = argparse.ArgumentParser(
@@ -53,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=f"Every command about a configuration takes --config FILE; by default it is ./companion.toml, "
         f"or {SERVICE} where there is none here. A command about nothing else takes it as FILE, too.",
     )
-    root.add_argument("--version", action="version", version=f"%(prog)s {own_version()}")
+    root.add_argument("--version", action=_Version, nargs=0, help="show the program's version and exit")
     commands = root.add_subparsers(dest="command", required=True, metavar="command")
 
     run = commands.add_parser("run", help="look, judge and call, until stopped")
@@ -71,6 +80,7 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument(
         "--guide", action="store_true", help="let it drive round what leaves room on a wide path"
     )
+    demo.add_argument("--animation", metavar="FILE", help="also write 10 s of it, as a WebP; with --auto")
     demo.set_defaults(run=_demo)
 
     whole = commands.add_parser("check", help="check the rover: stopping, autopilot, perceiver, journal")
@@ -141,11 +151,19 @@ def _leave(code: int) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from companion.sim.demo.main import main as demo
+    from companion.sim.demo.opening import begin
 
     if options.console and options.camera:
         raise UserError("--console is for the simulated trail: leave --camera or --console away")
-    return demo(options)
+    if options.animation and (options.camera or not options.auto):
+        raise UserError("--animation is made of the simulated trail: give it with --auto, without --camera")
+    if options.animation and not Path(options.animation).absolute().parent.is_dir():
+        raise UserError(f"--animation {options.animation}: there is no such folder: make it first")
+    story = begin(options)  # before what takes a busy computer seconds to import
+    with story.signs_of_life():
+        from companion.sim.demo.main import main as demo
+
+        return demo(options, story)
 
 
 def _check_rover(options: argparse.Namespace) -> int:

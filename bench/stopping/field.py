@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import cv2
 
-from companion.sim.demo.main import SPEED
+from companion.sim.demo.pace import SPEED
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.server import AUTOPILOTS, FieldOptions, FieldServer
 from companion.sim.field.things import DEFAULT_SURPRISES, World

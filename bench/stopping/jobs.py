@@ -10,7 +10,7 @@ from random import Random
 
 from bench.stopping.stage import Disturbed, Plan, Stage
 from bench.stopping.stops import Stop
-from companion.sim.demo.main import SPEED
+from companion.sim.demo.pace import SPEED
 from companion.sim.field.trail import Trail
 
 SLOW, FAST = 0.6, SPEED

@@ -27,8 +27,8 @@ from companion.config import load_config
 from companion.desk.check.here import read_status
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
-from companion.sim.demo.main import SPEED
 from companion.sim.demo.operator import start_operator
+from companion.sim.demo.pace import SPEED
 from companion.sim.field.control import FieldControl
 from companion.sim.field.rover import STANDSTILL
 from companion.sim.field.server import AUTOPILOTS

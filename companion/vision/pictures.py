@@ -97,7 +97,7 @@ def _encoded(picture: Image, quality: int, *, smallest: bool = False) -> bytes:
     return encoded.tobytes()
 
 
-_COLOURS = {
+COLOURS = {
     State.STARTING: (110, 118, 129),
     State.OK: (0, 158, 115),
     State.CALLING: (230, 159, 0),
@@ -106,6 +106,7 @@ _COLOURS = {
     State.FAULT: (160, 30, 30),
     State.OFF: (110, 118, 129),
 }
+"""Of the bar above a picture, by the state."""
 RECORDED_QUALITY = 85
 """JPEG quality of recorded frames."""
 RECORDED_MAP = 96
@@ -126,7 +127,7 @@ def drawn(request: Draw, seen: Assessment, region: Region) -> Drawn:
             return b""
 
     if request.video is not None:
-        shown = seen, region, request.title, _COLOURS[request.state], request.video
+        shown = seen, region, request.title, COLOURS[request.state], request.video
         video = made("video", lambda: _encoded(video_picture(*shown), _VIDEO_QUALITY))
         return Drawn(request.number, request.frame_id, request.title, panel=video)
     return Drawn(
@@ -145,7 +146,7 @@ def panel(seen: Assessment, state: State, title: str, region: Region) -> bytes:
     """Draw the frame with its maps, title and figures, as JPEG. Raises ValueError, ImportError."""
     from anytraverse.judged_picture import draw_state
 
-    return _encoded(draw_state(seen.frame.image, seen, title, _COLOURS[state], region=region), _QUALITY)
+    return _encoded(draw_state(seen.frame.image, seen, title, COLOURS[state], region=region), _QUALITY)
 
 
 def unmarked(image: Image) -> bytes:

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from companion.sim.demo.child import LoggedProcess
-from companion.sim.demo.director import Stage
-from companion.sim.demo.main import set_stage
+from companion.sim.demo.pace import PACES
+from companion.sim.demo.stage import Stage, set_stage
 from companion.sim.field.trail import Trail
 from tests.waiting import wait_for
 
@@ -21,9 +21,9 @@ SEED = 1
 TRAIL = Trail(SEED)
 DRUM_AHEAD = 12.0
 """m from the start: far enough to be driven up to, nearer than where the trail has it."""
-PATIENCE = 30.0
-SPEED = 1.2
-"""m/s: slower than the demo's, so that a busy machine judges the drum before the rover is there."""
+PATIENCE = 60.0
+PACE = PACES[2]
+"""Slower than the demo's on a quick machine, so that a busy one judges in time."""
 
 
 class Play:
@@ -91,7 +91,7 @@ class Play:
 
 @pytest.fixture
 def play(tmp_path: Path) -> Iterator[Play]:
-    with closing(set_stage(tmp_path, seed=SEED, auto=True, speed=SPEED)) as stage:
+    with closing(set_stage(tmp_path, seed=SEED, auto=True, pace=PACE)) as stage:
         yield Play(stage)
 
 

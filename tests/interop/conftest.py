@@ -23,7 +23,7 @@ import pytest
 from companion.desk.check.here import read_status
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.config import write_config
-from companion.sim.demo.main import SPEED
+from companion.sim.demo.pace import SPEED
 from companion.sim.field.control import FieldControl
 from tests.waiting import wait_for
 

@@ -20,6 +20,8 @@ DRY = "gravel"
 
 THINK = 0.8
 """Seconds that the operator looks at a call before answering."""
+HEARS_WITHIN = 20.0
+"""Seconds for which the operator waits to hear of an answer: a busy computer takes its time."""
 
 
 @dataclass
@@ -27,6 +29,8 @@ class _Seen:
     since: float
     stage: str
     tries: int = 0
+    typed_at: float | None = None
+    """When an answer was typed of which nothing was heard yet."""
 
 
 @dataclass
@@ -38,25 +42,38 @@ class AutoOperator:
 
     _calls: dict[int, _Seen] = field(default_factory=dict)
 
-    def answer(self, call: Mapping[str, Any], shown: Shown, now: float) -> str | None:
+    def answer(
+        self, call: Mapping[str, Any], shown: Shown, now: float, *, stands_there: bool = False
+    ) -> str | None:
         """Returns the line to type now for an open call or hold; None while it waits.
 
-        call: its newest event. shown: what it is about. now: s of a steady clock.
+        call: its newest event. shown: what it is about. now: s of a steady clock. stands_there: what it is
+        about is still in the way, whatever the daemon makes of it.
         """
         seen = self._calls.setdefault(call["id"], _Seen(now, call["stage"]))
         if seen.stage != call["stage"]:
-            seen.stage, seen.since, seen.tries = call["stage"], now, 0
-        if now - seen.since < THINK * (1 + 2 * seen.tries):
+            seen.stage, seen.since, seen.tries, seen.typed_at = call["stage"], now, 0, None
+        unheard = seen.typed_at is not None and now - seen.typed_at < HEARS_WITHIN
+        if unheard or now - seen.since < THINK * (1 + 2 * seen.tries):
             return None
-        line = self._line(call, shown, seen.tries)
+        line = self._line(call, shown, seen.tries, stands_there=stands_there)
         if line is not None:
             seen.tries += 1
+            seen.typed_at = now
         return line
 
-    def _line(self, call: Mapping[str, Any], shown: Shown, tries: int) -> str | None:
+    def heard(self, number: int, result: str) -> None:
+        """Takes in what became of an answer to a call; one that was too early is given again."""
+        seen = self._calls.get(number)
+        if seen is not None and seen.typed_at is not None:
+            seen.typed_at = None
+            seen.tries -= result == "busy"
+
+    def _line(self, call: Mapping[str, Any], shown: Shown, tries: int, *, stands_there: bool) -> str | None:
         thing = shown.thing is not None
         if call["kind"] == "hold" or call["stage"] != "open":
             goes = call["stage"] == "clear" or (call["stage"] == "open" and not thing)
+            goes = goes and not stands_there
             return "go" if tries == 0 and goes else None
         if "unknown_scene" in call["reasons"] and tries == 0:
             return f"{WORDS_FOR_PLACE[shown.zone]}, go"

@@ -20,7 +20,7 @@ rate = {rate:g}
 [web]
 listen = ""
 [recording]
-size = 0
+{recording}
 [vehicle]
 file = ""
 {stopping}
@@ -36,7 +36,7 @@ keep = 200
 
 [call]
 policy = {policy}
-
+{freshness}
 {region}
 [words]
 "grass" = 1.0
@@ -111,13 +111,15 @@ def write_config(
     speed: float | None = None,
     network: bool = False,
     rate: float = 10.0,
+    freshness: float | None = None,
     guide: bool = False,
+    record: bool = False,
 ) -> Path:
     """Writes companion.toml into `out`, with the state folder beside it, and returns its path.
 
     speed: of the simulated rover in m/s; None for the user's own camera, whose mount is not known.
-    network: the link is no radio. rate: frames/s that are judged; the freshness limit follows it. guide: with
-    all that policy guide needs.
+    network: the link is no radio. rate: frames/s that are judged. freshness: the limit T in s, None: it
+    follows the rate. guide: with all that policy guide needs. record: every frame, into the state folder.
     """
     path = out / "companion.toml"
     values = {"camera": camera, "link": link, "policy": policy, "state": str(out / "state")}
@@ -131,6 +133,8 @@ def write_config(
         _TEXT.format(
             mark=_MARK,
             rate=rate,
+            freshness="" if freshness is None else f"freshness = {freshness:g}\n",
+            recording=f"size = 200\nrate = {rate:g}" if record else "size = 0",
             view=view,
             stopping=stopping,
             region=region,

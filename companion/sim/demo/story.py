@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -15,10 +18,16 @@ _REASONS = {
 }
 
 
+QUIET = 7.0
+"""Seconds without a line after which one says what it does."""
+_LOOKS = 0.5
+
+
 class Story:
     """Prints lines that begin with the time and the rover's place.
 
     clock: print the time of day, as the operator's terminal does, instead of seconds since the start.
+    doing: what is said after `QUIET` s without a line, "": nothing.
     """
 
     def __init__(self, stream: TextIO = sys.stdout, *, clock: bool = False) -> None:
@@ -26,25 +35,53 @@ class Story:
         self._clock = clock
         self._mode = ""
         self._contacts = 0
-        self.where = ""
+        self._printing = threading.Lock()
+        self._printed_at = self.began = time.monotonic()
+        self.where = self.doing = ""
+
+    @contextmanager
+    def signs_of_life(self) -> Iterator[None]:
+        """Within the block a thread says what it does, so that nobody takes the demo for dead."""
+        over = threading.Event()
+
+        def watch() -> None:
+            while not over.wait(_LOOKS):
+                self.tick(time.monotonic())
+
+        thread = threading.Thread(target=watch, name="signs of life", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+
+    def tick(self, now: float) -> None:
+        """Says what it does where no line was printed for `QUIET` s. now: monotonic seconds."""
+        if self.doing and now - self._printed_at >= QUIET:
+            self.log(now - self.began, self.doing)
 
     def log(self, seconds: float, text: str) -> None:
         """Prints one line. seconds: since the start."""
         line = f"{seconds:6.1f} s  {self.where:<14} {text}"
         if self._clock:
-            line = f"{time.strftime('%H:%M:%S')}  [{self.where}] {text}"
-        print(line, file=self._stream, flush=True)
+            line = f"{time.strftime('%H:%M:%S')}  {f'[{self.where}] ' if self.where else ''}{text}"
+        self.plain(line)
 
     def plain(self, text: str = "") -> None:
         """Prints a line without a time."""
-        print(text, file=self._stream, flush=True)
+        with self._printing:
+            print(text, file=self._stream, flush=True)
+            self._printed_at = time.monotonic()
 
     def event(self, event: dict[str, Any], seconds: float) -> None:
         """Prints an event of the operator's terminal, if it matters to a newcomer."""
         name = event.get("event")
         if name == "call" and event["kind"] == "call":
-            why = " and ".join(_REASONS[reason] for reason in event["reasons"])
-            self.log(seconds, f"CALL {event['id']}: {why} ({_figures(event)}, frame {event['frame_id']})")
+            self.log(
+                seconds,
+                f"CALL {event['id']}: {reasons_of(event)} ({_figures(event)}, frame {event['frame_id']})",
+            )
         elif name == "call":
             self.log(seconds, f"HOLD {event['id']}: {_REASONS.get(_first(event), 'not OK')}")
         elif name == "call_changed" and event["stage"] == "clear":
@@ -76,6 +113,11 @@ class Story:
                 seconds, f"THE ROVER DROVE INTO THE {contact['kind'].upper()}, {contact['speed']:.1f} m/s"
             )
         self._contacts = len(status["contacts"])
+
+
+def reasons_of(event: dict[str, Any]) -> str:
+    """Says why a call was made. event: of the operator's."""
+    return " and ".join(_REASONS[reason] for reason in event["reasons"])
 
 
 def _first(event: dict[str, Any]) -> str:

@@ -10,9 +10,6 @@ from typing import Any
 from companion.sim.demo.onlooker import Shown
 from companion.sim.repeats import AskedBefore
 
-BYTES_PER_S = 300.0
-LEAST_FPS = 8.0
-
 
 @dataclass
 class DemoTally:
@@ -29,6 +26,10 @@ class DemoTally:
     kept_off: int = 0
     taken_over: int = 0
     """Holds that a human ended, where nothing was in the way."""
+    slowed_down: int = 0
+    """How often the computer became too busy for the pace."""
+    driven_round: int = 0
+    """Things that the companion drove past in GUIDED."""
     summaries: int = 0
     received: dict[int, float] = field(default_factory=dict)
     returned_without_call: bool = False
@@ -107,7 +108,7 @@ class DemoTally:
             "frames": frames,
             "fps": round((len(judged) - 1) / max(1e-3, judged[-1] - judged[0]), 2),
             "fps_aimed_at": judging.get("rate"),
-            "hold_refused": daemon_status.get("hold_refused", ""),
+            "slowed_down": self.slowed_down,
             "calls": len(self.calls),
             "calls_unknown_object": sum(r == ["unknown_object"] for r in self.calls.values()),
             "calls_unknown_scene": self.calls_for_places,
@@ -125,10 +126,7 @@ class DemoTally:
                 before == ("HOLD", "companion") and after[0] == "AUTO" for before, after in pairwise(modes)
             ),
             "taken_over": self.taken_over,
-            "driven_round": sum(
-                before == ("GUIDED", "companion") and after == ("AUTO", "companion")
-                for before, after in pairwise(modes)
-            ),
+            "driven_round": self.driven_round,
             "blocked": self.blocked,
             "kept_off_named_things": self.kept_off,
             "collisions": len(field_status["contacts"]),
@@ -144,44 +142,3 @@ def _about(call: dict[str, Any], shown: Shown) -> tuple[str | None, str | None]:
     """Returns the thing or patch of ground, and the place, that a call is about."""
     thing = shown.id if "unknown_object" in call["reasons"] else None
     return thing, shown.zone if "unknown_scene" in call["reasons"] else None
-
-
-def missing(figures: dict[str, Any]) -> list[str]:
-    """What the demo should have shown and did not; empty when all is proven."""
-    wanted = {
-        "at least two calls": figures["calls"] >= 2,
-        "a call for an unknown object alone": figures["calls_unknown_object"] >= 1,
-        "a call for an unknown scene": figures["calls_unknown_scene"] >= 1,
-        "answers acknowledged": figures["answers"] >= 2,
-        "an answer by a tapped box": figures["answers_by_tap"] >= 1,
-        "an answer by words": figures["answers_by_words"] >= 1,
-        "at least two holds": figures["holds"] >= 2,
-        "as many resumes as holds": figures["resumes"] == figures["holds"],
-        "a blocked state that kept off the named thing": figures["kept_off_named_things"] >= 1,
-        "a return to a known place that nobody was asked about": figures["returned_without_call"],
-        "a match in the history": figures["history_matches"] >= 1,
-        "no contact with anything": figures["collisions"] == 0,
-        f"at least {LEAST_FPS:g} frames per second": figures["fps"] >= LEAST_FPS or _judges_less(figures),
-        "policy hold that can be given": not figures["hold_refused"],
-        f"at most {BYTES_PER_S:g} bytes per second": figures["bytes_per_s"] <= BYTES_PER_S,
-        "summaries at the ground": figures["summaries_received"] >= 1,
-    }
-    return [name for name, shown in wanted.items() if not shown]
-
-
-def missing_guided(figures: dict[str, Any]) -> list[str]:
-    """What the demo of guiding should have shown and did not; empty when all is proven."""
-    wanted = {
-        "something that is driven round": figures["driven_round"] >= 1,
-        "a call about what leaves no room": figures["things"] >= 1,
-        "a blocked state that kept off it": figures["kept_off_named_things"] >= 1,
-        "no contact with anything": figures["collisions"] == 0,
-        "policy guide that can be given": not figures["hold_refused"],
-    }
-    return [name for name, shown in wanted.items() if not shown]
-
-
-def _judges_less(figures: dict[str, Any]) -> bool:
-    """Whether the daemon aims at fewer frames, as on a slow computer. Then hold is what must be given."""
-    aim = figures["fps_aimed_at"]
-    return aim is not None and aim < LEAST_FPS

@@ -174,6 +174,14 @@ class FieldControl:
         """Moves a switch of the remote control. channel: 5 to 16. pwm: pulse width in us, 800 to 2200."""
         self.ask("rc", channel=channel, pwm=pwm)
 
+    def parameter(self, name: str, value: float) -> None:
+        """Sets a parameter of the autopilot, as whoever set the rover up does."""
+        self.ask("parameter", name=name, value=value)
+
+    def film(self, fps: float) -> None:
+        """Has the camera take so many pictures a second from now on: 0.2 to 60."""
+        self.ask("film", fps=fps)
+
     def remove(self, thing: str) -> None:
         self.ask("remove", id=thing)
 

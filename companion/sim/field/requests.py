@@ -15,13 +15,17 @@ from companion.sim.field.simulation import Simulation
 from companion.sim.field.telemetry import RC_CHANNELS
 
 Request = dict[str, Any]
+RATES = 0.2, 60.0  # pictures/s of the camera
 MAX_HAND_SECONDS = 60.0
 MAX_BOOT_SECONDS = 60.0
 FIRST_SWITCH = 5  # the channels below are the sticks
 
 
 class ControlRequests:
-    """Carries out requests on a simulation; its process provides `status`, `look`, `freeze` and `stop`."""
+    """Carries out requests on a simulation.
+
+    Its process provides `status`, `look`, `freeze`, `film` (it takes pictures/s) and `stop`.
+    """
 
     def __init__(
         self,
@@ -30,6 +34,7 @@ class ControlRequests:
         status: Callable[[], dict[str, Any]],
         look: Callable[[Box, float | None], dict[str, Any]],
         freeze: Callable[[bool], None],
+        film: Callable[[float], None],
         stop: Callable[[], None],
     ) -> None:
         self._simulation = simulation
@@ -39,6 +44,7 @@ class ControlRequests:
         }
         self._known: dict[str, Callable[[Request], None]] = {
             "arm": lambda request: self._arm(on=_flag(request, "on")),
+            "film": lambda request: film(_number(request, "fps", *RATES)),
             "freeze_camera": lambda request: freeze(_flag(request, "on")),
             "light": lambda request: simulation.light(_number(request, "level", 0.0, 1.0)),
             "mode": self._mode,
@@ -47,6 +53,7 @@ class ControlRequests:
                 _number(request, "seconds", 0.0, MAX_BOOT_SECONDS, default=5.0),
                 _number(request, "checks", 0.0, MAX_BOOT_SECONDS, default=0.0),
             ),
+            "parameter": self._parameter,
             "remove": lambda request: simulation.remove(self._thing(request)),
             "rc": self._rc,
             "start": lambda _: self.start(),
@@ -85,6 +92,14 @@ class ControlRequests:
     def _move(self, request: Request) -> None:
         thing = self._thing(request)
         self._simulation.move(thing, _number(request, "x", -1e4, 1e4), _number(request, "y", -1e4, 1e4))
+
+    def _parameter(self, request: Request) -> None:
+        name, value = str(request.get("name")), _number(request, "value", -1e6, 1e6)
+        row = self._simulation.autopilot.set_parameter(name, value)
+        if row is None or not math.isclose(row.value, value, rel_tol=1e-6):
+            raise FieldError(
+                f"{name[:16]} is no parameter of this autopilot, or {value:g} is out of its range"
+            )
 
     def _throttle(self, request: Request) -> None:
         self._simulation.set_sticks(

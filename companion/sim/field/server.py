@@ -82,6 +82,7 @@ class FieldServer:
         self._frozen = threading.Event()
         self._failure: Exception | None = None
         self._drawn = 0
+        self._period = 1.0 / options.fps
         companion, ground, frames = options.ports()
         self._ports = {Port.COMPANION: UdpPort(companion), Port.GCS: UdpPort(ground)}
         self._simulation = Simulation(
@@ -111,6 +112,7 @@ class FieldServer:
             status=self.status,
             look=self._album.look,
             freeze=self._freeze,
+            film=self._film,
             stop=self.stop,
         )
         self._control = ControlServer(self._selector, requests.handle)
@@ -194,13 +196,15 @@ class FieldServer:
         else:
             self._frozen.clear()
 
+    def _film(self, fps: float) -> None:
+        self._period = 1.0 / fps
+
     def _draw(self) -> None:
-        period = 1.0 / self._options.fps
         due = time.monotonic()
         try:
             while not self._stopping.wait(max(0.0, due - time.monotonic())):
                 # A slow renderer drops frames instead of falling behind.
-                due = max(due + period, time.monotonic())
+                due = max(due + self._period, time.monotonic())
                 if not self._frozen.is_set():
                     self._draw_one()
         except Exception as reason:

@@ -19,8 +19,8 @@ from companion.desk.check import here
 from companion.desk.check.running import dry_run
 from companion.desk.check.table import CHECKS, check
 from companion.sim.demo.config import write_config
-from companion.sim.demo.director import Stage
-from companion.sim.demo.main import SPEED, set_stage
+from companion.sim.demo.pace import SPEED
+from companion.sim.demo.stage import Stage, set_stage
 from tests.waiting import wait_for
 
 PATIENCE = 30.0

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from companion.config import load_config
-from companion.sim.demo import main as module
+from companion.sim.demo import stage as module
 from companion.sim.demo.child import ChildError, LoggedProcess
 from companion.sim.demo.config import write_config
-from companion.sim.demo.main import set_stage
 from companion.sim.demo.rehearsal import run_camera_demo
 from companion.sim.demo.sheet import write_sheet
+from companion.sim.demo.stage import set_stage
 from companion.sim.demo.story import Story
 from tests.waiting import is_gone, wait_for
 

@@ -203,6 +203,7 @@ def test_arming_needs_a_companion_where_the_owner_says_so(scene: Scene) -> None:
         status=dict,
         look=lambda _box, _at: {},
         freeze=lambda _: None,
+        film=lambda _: None,
         stop=lambda: None,
     )
     with pytest.raises(FieldError, match="forbids arming"):

@@ -24,6 +24,7 @@ class Scene:
         self.world = World(seed)
         self.simulation = Simulation(self.world, self._nobody)
         self.frozen: bool | None = None
+        self.filmed: list[float] = []
         self.stopped = False
         self.looked: list[tuple[Box, float | None]] = []
         self.requests = ControlRequests(
@@ -31,6 +32,7 @@ class Scene:
             status=self.simulation.status,
             look=self._look,
             freeze=self._freeze,
+            film=self.filmed.append,
             stop=self._stop,
         )
 
@@ -151,11 +153,14 @@ def test_a_long_gap_does_not_let_the_rover_run_on_unwatched(scene: Scene) -> Non
 
 def test_light_camera_switches_and_the_end_are_at_the_onlooker_s_hand(scene: Scene) -> None:
     scene.ask("light", level=0.4)
+    scene.ask("film", fps=3)
+    scene.ask("parameter", name="WP_SPEED", value=0.3)
     scene.ask("freeze_camera", on=True)
     scene.ask("rc", channel=7, pwm=1900)
     scene.ask("transmitter", on=False)
     scene.ask("stop")
     assert (scene.world.light, scene.frozen, scene.stopped) == (0.4, True, True)
+    assert (scene.filmed, scene.simulation.rover.cruise_speed) == ([3.0], 0.3)
     assert scene.simulation.rover.transmitter.switches == {7: 1900}
     assert not scene.simulation.rover.transmitter.on
 
@@ -174,6 +179,9 @@ def test_light_camera_switches_and_the_end_are_at_the_onlooker_s_hand(scene: Sce
         ({"do": "arm", "on": "yes"}, "true or false"),
         ({"do": "freeze_camera"}, "true or false"),
         ({"do": "light", "level": 7}, "from 0 to 1"),
+        ({"do": "film", "fps": 0}, "from 0.2 to 60"),
+        ({"do": "parameter", "name": "WP_SPEED", "value": 7}, "out of its range"),
+        ({"do": "parameter", "name": "WP_SPED", "value": 1}, "no parameter"),
         ({"do": "light", "level": 10**400}, "from 0 to 1"),
         ({"do": "light", "level": True}, "from 0 to 1"),
         ({"do": "throttle", "throttle": 9}, "from -1 to 1"),

@@ -86,6 +86,7 @@ export class Replay {
 
   dragged(event) {
     if (event.type === "pointermove" && !event.buttons) return;
+    if (event.type === "pointerdown") this.strip.setPointerCapture(event.pointerId);
     const box = this.strip.getBoundingClientRect();
     this.want(Math.round(this.length * ((event.clientX - box.left) / box.width)));
   }

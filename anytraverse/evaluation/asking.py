@@ -12,10 +12,10 @@ from typing import Any
 
 from anytraverse.evaluation.arguments import add_choice, add_dask, open_chosen
 from anytraverse.evaluation.datasets import KINDS, Dataset, kind_and_path
-from anytraverse.evaluation.defaults import Defaults, read_defaults
+from anytraverse.evaluation.defaults import Defaults, read_defaults, usual_classes
 from anytraverse.evaluation.evaluating import Evaluation, WorkShare
 from anytraverse.evaluation.labels import DatasetError
-from anytraverse.evaluation.matching import asked_names, refuse_asked
+from anytraverse.evaluation.matching import WordMatch, asked_names, match_words, parse_matches, refuse_asked
 from anytraverse.evaluation.progress import doing
 from anytraverse.evaluation.records import TallyStore
 from anytraverse.evaluation.seeing import PerceiverRun, maps_identity
@@ -40,6 +40,12 @@ def add_asked(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--drivable", metavar="CLASSES", help="drivable classes, by default the authors'")
     parser.add_argument(
         "--unknown", metavar="CLASSES", help="classes that no word names, to score the uncertainty on"
+    )
+    parser.add_argument(
+        "--match",
+        default="",
+        metavar="LIST",
+        help='the classes of words, "bush=low_vegetation"; by default those of the same name or meaning',
     )
     add_choice(parser)
     out = Path("evaluation")
@@ -86,6 +92,12 @@ class EvaluationRequest:
             if name in drivable:
                 raise DatasetError(f'"{name}" is both unknown and drivable: leave it out of one of them')
         return cls(options, kind, defaults, dataset, perceiver, words, drivable, unknown)
+
+    def matches(self) -> dict[str, WordMatch]:
+        """Return the classes of all words. Raises DatasetError."""
+        words = dict.fromkeys(word for one in self.words for word in one)
+        given = parse_matches(self.options.match)
+        return match_words(words, self.dataset.classes, self.perceiver.meaning, given, usual_classes())
 
     def runs(self) -> list[PerceiverRun]:
         """Return the perceiver with each set of words. Raises PreferencesError."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from anytraverse.evaluation.datasets import ALL
 from anytraverse.evaluation.labels import DatasetError
@@ -18,6 +18,8 @@ else:
     import tomli as tomllib
 
 FILE = "config/datasets.toml"
+_USUAL = "usual"
+_Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True)
@@ -39,17 +41,25 @@ def read_defaults(kind: str) -> Defaults:
 
     Raises DatasetError for a file that cannot be used, and OSError.
     """
+    return _read(kind, lambda section: Defaults() if section is None else _checked(section))
+
+
+def usual_classes() -> dict[str, tuple[str, ...]]:
+    """Read word -> names of classes that some data sets have for it. Raises as `read_defaults` does."""
+    return _read(_USUAL, lambda section: {word: _names(section, word) for word in section or {}})
+
+
+def _read(name: str, checked: Callable[[Mapping[str, Any] | None], _Read]) -> _Read:
     file = resource(FILE)
     try:
-        section = tomllib.loads(file.read_text(encoding="utf-8")).get(kind)
-        return Defaults() if section is None else _checked(section)
+        return checked(tomllib.loads(file.read_text(encoding="utf-8")).get(name))
     except (
         ValueError,
         TypeError,
         AttributeError,
     ) as error:  # tomllib's errors, Unicode's and ours among them
         raise DatasetError(
-            f"{file}, [{kind}]: {error}: mend it, or install anytraverse-companion again"
+            f"{file}, [{name}]: {error}: mend it, or install anytraverse-companion again"
         ) from error
 
 

@@ -33,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
     """Judge the frames, write the files, print the table and the JSON. Returns 0."""
     asked = EvaluationRequest.of(options, [] if options.prompts is None else [options.prompts])
     (seeing,) = asked.runs()
+    matches = asked.matches()
     summary = asked.summary()
     with asked.records() as records:
         evaluation = asked.judged(records)
@@ -46,6 +47,7 @@ def run(options: argparse.Namespace) -> int:
         "roi_threshold": asked.perceiver.defaults.roi,
         **setting(options, seeing, evaluation.torn, len(summary.frames)),
         "split": asked.split,
+        "matches": {word: one._asdict() for word, one in matches.items()},
         **summary.figures(min(_EXTREMES, max(1, len(summary.frames) // 2))),
     }
     written = {

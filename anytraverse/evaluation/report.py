@@ -7,6 +7,7 @@ from typing import Any
 
 from anytraverse.evaluation.arguments import shown
 from anytraverse.evaluation.datasets import ALL
+from anytraverse.evaluation.matching import told
 
 Figures = Mapping[str, Any]
 """What `evaluation.json` holds; docs/scoring.md describes its keys."""
@@ -62,6 +63,7 @@ def text_of(figures: Figures) -> str:
     for name, row in figures["classes"].items():
         side = "drivable" if row["drivable"] else "not drivable"
         lines.append(f"    {name:30}{shown(row['recall']):>8}   {side}")
+    lines.append(f"  words         {told(figures['matches'])}")
     return "\n".join(lines)
 
 
@@ -75,6 +77,7 @@ def markdown(figures: Figures) -> str:
         *(f"| {method} | {shown(iou).strip()} | {remark} |" for method, iou, remark in comparison(figures)),
         "",
         f"Frames: {scope(figures)}. Words: `{asked(figures)}`. Drivable: {', '.join(figures['drivable'])}.",
+        f"Classes of the words: {told(figures['matches'])}.",
         f"Perceiver: `{figures['perceiver']}`, {figures['ms_per_frame']:.1f} ms a frame.",
         "",
         "| figure | value | what it is |",

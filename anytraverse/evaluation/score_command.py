@@ -18,8 +18,9 @@ from anytraverse.evaluation.arguments import (
     setting,
     shown,
 )
+from anytraverse.evaluation.defaults import usual_classes
 from anytraverse.evaluation.drivable import DrivableScore, WordScore, score_drivable
-from anytraverse.evaluation.matching import match_words, parse_matches
+from anytraverse.evaluation.matching import USUAL, WordMatch, match_words, parse_matches, told
 from anytraverse.evaluation.robustness import AS_FILMED, GroundScore, parse_degradations, score_degraded
 
 _WORST = 5
@@ -55,12 +56,17 @@ def run(options: argparse.Namespace) -> int:
     folder = open_chosen(options)
     drivable = folder.classes.choose(options.drivable.split(","))
     seeing = open_perceiver(options)
-    matches = match_words(seeing.words, folder.classes, seeing.perceiver.meaning, given)
+    matches = match_words(seeing.words, folder.classes, seeing.perceiver.meaning, given, usual_classes())
+    own = {word: one.classes for word, one in matches.items()}
     with Watched(folder) as frames:
-        score = score_drivable(frames, seeing, folder.classes, drivable, matches)
-    figures = figures_of(score) | setting(options, seeing, frames.torn, score.images) | {"drivable": drivable}
+        score = score_drivable(frames, seeing, folder.classes, drivable, own)
+    figures = (
+        figures_of(score, matches)
+        | setting(options, seeing, frames.torn, score.images)
+        | {"drivable": drivable}
+    )
     if not options.json:
-        print(text_of(score, heading(options, figures)))
+        print(text_of(score, heading(options, figures), figures["words"]))
     print(json.dumps(figures, allow_nan=False))
     return 0
 
@@ -110,7 +116,7 @@ def _cell(value: float | None, before: float | None) -> str:
     return f"{shown(value):>8}{change:>8}"
 
 
-def figures_of(score: DrivableScore) -> dict[str, Any]:
+def figures_of(score: DrivableScore, matches: Mapping[str, WordMatch]) -> dict[str, Any]:
     """Return all scores for JSON."""
     return {
         "iou_pooled": rounded(score.ground.pooled),
@@ -119,21 +125,28 @@ def figures_of(score: DrivableScore) -> dict[str, Any]:
         "iou_known_mean": rounded(score.known.mean),
         "ms_per_frame": round(score.milliseconds, 2),
         "words": {
-            word: {"auroc": rounded(own.auroc), "classes": own.classes, "pixels": own.pixels}
+            word: {
+                "auroc": rounded(own.auroc),
+                "classes": own.classes,
+                "how": matches[word].how,
+                "pixels": own.pixels,
+            }
             for word, own in score.words.items()
         },
         "worst": [{"frame": number, "iou": rounded(iou)} for number, iou in score.ground.worst(_WORST)],
     }
 
 
-def text_of(score: DrivableScore, first: str) -> str:
-    """Return all scores as a table for a person; first: its first line."""
+def text_of(score: DrivableScore, first: str, words: Mapping[str, Any]) -> str:
+    """Return all scores as a table for a person. first: its first line. words: of `figures_of`."""
     lines = [first, f"  {'IoU of drivable ground':32}{'pooled':>8}{'mean':>8}"]
     for label, overlap in (("traversability above 0.5", score.ground), ("known and drivable", score.known)):
         lines.append(f"    {label:30}{shown(overlap.pooled):>8}{shown(overlap.mean):>8}")
     lines.append(f"  {'words':32}{'AUROC':>8}")
     for word, own in score.words.items():
         lines.append(f"    {word:30}{shown(own.auroc):>8}   {_classes_text(own)}")
+    if any(one["how"] == USUAL for one in words.values()):
+        lines.append(f"  classes       {told(words)}")
     worst = ", ".join(f"{number} ({iou:.2f})" for number, iou in score.ground.worst(_WORST))
     lines.append(f"  worst frames  {worst}")
     return "\n".join(lines)

@@ -11,6 +11,7 @@ from typing import Any
 from anytraverse.evaluation.arguments import add_cache, cache_bytes, rounded, shown
 from anytraverse.evaluation.asking import EvaluationRequest, add_asked, conclude
 from anytraverse.evaluation.labels import DatasetError
+from anytraverse.evaluation.matching import told
 from anytraverse.evaluation.records import MOST_WORDS
 from anytraverse.evaluation.seeing import maps_identity
 from anytraverse.evaluation.summary import TallySummary, as_csv
@@ -67,6 +68,7 @@ def run(options: argparse.Namespace) -> int:
     asked = replace(asked, words=tuple(dict.fromkeys(words)))
     if len(asked.words) > MOST_WORDS:
         raise DatasetError(f"{len(asked.words)} sets of words: {MOST_WORDS} at most can be compared")
+    matches = asked.matches()
     summaries = [asked.summary() for _ in asked.words]
     with asked.records() as records:
         evaluation = asked.judged(records)
@@ -88,6 +90,7 @@ def run(options: argparse.Namespace) -> int:
         "roi_threshold": asked.perceiver.defaults.roi,
         "drivable": asked.drivable,
         "unknown": asked.unknown,
+        "matches": {word: one._asdict() for word, one in matches.items()},
         "rows": rows,
         "weights": _weights(ranked, rows) if ranked else None,
     }
@@ -173,6 +176,7 @@ def text_of(figures: Mapping[str, Any]) -> str:
     lines.append("  " + "".join(f"{name:>12}" for _, name in _COLUMNS) + "   words")
     for row in figures["rows"]:
         lines += ["  " + "".join(f"{cell:>12}" for cell in _cells(row)) + f"   {row['prompts']}"]
+    lines.append(f"classes of the words: {told(figures['matches'])}")
     if (weights := figures["weights"]) is not None:
         lines.append(
             f"{weights['sets']} sets of weights by small maps: all in weights.csv; "

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from anytraverse.errors import PreferencesError, UnknownWordError
+from anytraverse.evaluation.defaults import usual_classes
 from anytraverse.evaluation.labels import DatasetError, LabelClasses, fold, read_classes
-from anytraverse.evaluation.matching import match_words, parse_matches, refuse_asked
+from anytraverse.evaluation.matching import NAMED, NONE, USUAL, match_words, parse_matches, refuse_asked, told
 
 CLASSES = LabelClasses(("void", "Dirt_Path", "grass", "water", "rock-bed"), ignore=0)
 
@@ -90,9 +91,14 @@ def test_classes_of_one_name_count_as_one() -> None:
     ]
 
 
+def found(words: list[str], classes: LabelClasses, given: str = "") -> dict[str, tuple[str, ...]]:
+    usual = {"bush": ("low vegetation",), "tree": ("high vegetation",)}
+    matches = match_words(words, classes, meaning, parse_matches(given), usual)
+    return {word: one.classes for word, one in matches.items()}
+
+
 def test_words_find_the_classes_of_their_name_and_of_their_meaning() -> None:
-    matches = match_words(["dirt path", "puddle", "sky", "rock bed"], CLASSES, meaning, {})
-    assert matches == {
+    assert found(["dirt path", "puddle", "sky", "rock bed"], CLASSES) == {
         "dirt path": ("Dirt_Path",),
         "puddle": ("water",),
         "sky": (),
@@ -102,20 +108,56 @@ def test_words_find_the_classes_of_their_name_and_of_their_meaning() -> None:
 
 def test_a_word_without_a_class_has_those_of_its_kind_that_no_other_word_has() -> None:
     classes = LabelClasses(("smooth_trail", "Rough-Trail", "dirt path", "dry grass", "sky"))
-    matches = match_words(["trail", "grass", "dry grass", "sky"], classes, meaning, {})
-    assert matches == {
+    assert found(["trail", "grass", "dry grass", "sky"], classes) == {
         "trail": ("smooth_trail", "Rough-Trail"),
         "grass": (),
         "dry grass": ("dry grass",),
         "sky": ("sky",),
     }
-    given = parse_matches("sky=smooth_trail")
-    assert match_words(["trail", "sky"], classes, meaning, given)["trail"] == ("Rough-Trail",)
+    assert found(["trail", "sky"], classes, "sky=smooth_trail")["trail"] == ("Rough-Trail",)
+
+
+def test_a_class_that_names_several_things_belongs_to_a_word_for_any_of_them() -> None:
+    classes = LabelClasses(("bush/shrub", "trees", "gravel or sand", "picnic-table", "floor (mud)"))
+    assert found(["bush", "tree", "sand", "table", "mud", "picnic"], classes) == {
+        "bush": ("bush/shrub",),
+        "tree": ("trees",),
+        "sand": ("gravel or sand",),
+        "table": ("picnic-table",),
+        "mud": ("floor (mud)",),
+        "picnic": (),
+    }
+
+
+def test_a_word_that_labels_nothing_gets_the_usual_class_and_that_is_told() -> None:
+    classes = LabelClasses(("low_vegetation", "high_vegetation", "trail", "sky"))
+    usual = usual_classes()
+    matches = match_words(["bush", "tree", "trail", "rock"], classes, meaning, {}, usual)
+    assert matches["bush"] == (("low_vegetation",), USUAL)
+    assert matches["tree"] == (("high_vegetation",), USUAL)
+    assert matches["trail"] == (("trail",), NAMED)
+    assert matches["rock"] == ((), NONE)
+    said = told({word: one._asdict() for word, one in matches.items()})
+    assert said.startswith("bush = low_vegetation; tree = high_vegetation; trail = trail; rock = no class ")
+    assert '--match "bush=low_vegetation,tree=high_vegetation"' in said
+
+
+def test_the_operators_own_match_wins_and_a_usual_class_is_nobody_elses() -> None:
+    classes = LabelClasses(("low_vegetation", "high_vegetation", "bush", "sky"))
+    assert found(["bush", "tree"], classes, "tree=low_vegetation") == {
+        "bush": ("bush",),
+        "tree": ("low_vegetation",),
+    }
+    assert found(["tree", "sky"], classes, "sky=high_vegetation")["tree"] == ()
+    assert found(["vegetation", "tree"], classes) == {
+        "vegetation": ("low_vegetation", "high_vegetation"),
+        "tree": (),
+    }
 
 
 def test_a_given_match_stands_in_place_of_what_would_be_found() -> None:
-    given = parse_matches("Grass = dirt_path, grass=rock bed,,puddle=water")
-    assert match_words(["grass", "puddle"], CLASSES, meaning, given) == {
+    given = "Grass = dirt_path, grass=rock bed,,puddle=water"
+    assert found(["grass", "puddle"], CLASSES, given) == {
         "grass": ("Dirt_Path", "rock-bed"),
         "puddle": ("water",),
     }
@@ -134,7 +176,7 @@ def test_a_match_that_is_none_is_refused(text: str, why: str) -> None:
 )
 def test_a_match_of_what_is_not_there_is_refused(text: str, why: str) -> None:
     with pytest.raises(DatasetError, match=why):
-        match_words(["grass"], CLASSES, meaning, parse_matches(text))
+        match_words(["grass"], CLASSES, meaning, parse_matches(text), {})
 
 
 @pytest.mark.parametrize(("word", "name"), [("puddle", "water"), ("rock bed", "rock-bed")])

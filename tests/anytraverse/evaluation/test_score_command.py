@@ -90,10 +90,16 @@ def test_ground_without_a_word_is_not_drivable(make_drive: MakeDrive, capsys: Ou
 
 def test_words_are_ranked_on_their_classes_and_the_rest_is_said(drive: Path, capsys: Out) -> None:
     words = scored(capsys, drive, "--match", "dirt=dirt_path", words=WORDS + "; drum: -1")["words"]
-    assert words["dirt"] == {"auroc": 1.0, "classes": ["dirt_path"], "pixels": 3 * 1024}
+    assert words["dirt"] == {
+        "auroc": 1.0,
+        "classes": ["dirt_path"],
+        "how": "given",
+        "pixels": 3 * 1024,
+    }
     assert words["bush"]["auroc"] == pytest.approx((2 * 4 + 0.5 * 4) / (3 * 4), abs=0.03)
-    assert words["drum"] == {"auroc": None, "classes": ["barrel"], "pixels": 0}
-    assert scored(capsys, drive)["words"]["dirt"] == {"auroc": None, "classes": [], "pixels": 0}
+    assert words["drum"] == {"auroc": None, "classes": ["barrel"], "how": "name", "pixels": 0}
+    nothing = {"auroc": None, "classes": [], "how": "none", "pixels": 0}
+    assert scored(capsys, drive)["words"]["dirt"] == nothing
 
 
 def test_a_person_reads_a_table_above_the_json(drive: Path, capsys: Out) -> None:

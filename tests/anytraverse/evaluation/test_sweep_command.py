@@ -52,6 +52,21 @@ def test_sets_of_words_are_compared_in_their_order(drive: Path, tmp_path: Path, 
     assert (figures["images"], figures["unknown"], len(full["curve"])) == (2, ["barrel"], 19)
 
 
+def test_the_classes_of_the_words_are_told_and_the_operators_own_win(
+    drive: Path, tmp_path: Path, capsys: Out
+) -> None:
+    figures = swept(capsys, command(drive, tmp_path / "out", FULL, NONE))
+    assert figures["matches"]["bush"] == {"classes": ["bush"], "how": "name"}
+    assert figures["matches"]["dirt"] == {"classes": [], "how": "none"}
+    asked = ["evaluate", *command(drive, tmp_path / "own", FULL)[1:], "--match", "dirt=dirt_path"]
+    assert main(asked) == 0
+    said = capsys.readouterr().out
+    assert "dirt = dirt_path; grass = grass; bush = bush" in said
+    assert json.loads(said.splitlines()[-1])["matches"]["dirt"]["how"] == "given"
+    assert main([*asked[:-1], "rock=grass"]) == 2
+    assert '"rock" is matched but not asked' in capsys.readouterr().err
+
+
 def test_each_set_has_the_figures_of_evaluate(drive: Path, tmp_path: Path, capsys: Out) -> None:
     rows = swept(capsys, command(drive, tmp_path / "out", FULL, HALF))["rows"]
     for row in rows:

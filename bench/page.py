@@ -7,12 +7,13 @@ from html import escape
 from typing import Any
 
 from anytraverse.html_page import document
-from bench import plot
+from anytraverse.plots import STYLE, drawing, section
 from bench.comparing import ALIKE, BETTER, UNKNOWN, WORSE, Change
+from bench.plot import plot
 from bench.result import FAILED, RAN, BenchResult, MeasuredFigure
 
 _STYLE = (
-    plot.STYLE
+    STYLE
     + """
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 td, th { text-align: left; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid var(--line);
@@ -20,7 +21,7 @@ td, th { text-align: left; padding: .25rem .9rem .25rem 0; border-bottom: 1px so
 .wide { overflow-x: auto; }
 .plots { display: grid; gap: 1rem 2.5rem;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 30rem), 1fr)); }
-.plots h3 { margin: .6rem 0; font-size: 1rem; }
+.plots h2 { margin: .6rem 0; font-size: 1rem; border: 0; }
 .failed, .worse { color: var(--red); font-weight: 600; } .better { color: var(--green); font-weight: 600; }
 code { overflow-wrap: anywhere; }
 """
@@ -49,7 +50,7 @@ def page(
     for name, result in results.items():
         if result.state in (RAN, FAILED):
             parts += _result(name, result, before)
-    return document("Benchmarks", _STYLE, parts)
+    return document("Benchmarks", _STYLE, [*parts, *drawing()])
 
 
 def _machine(results: Sequence[BenchResult]) -> str:
@@ -130,8 +131,9 @@ def _series(series: Mapping[str, Any]) -> str:
         for line, own in points.items()
     ]
     heads = (f"{series['unit']} at {series['x']}", *(f"{x:,}" for x in shown), "power at the end")
+    made = plot(series)
     return (
-        f"<section><h3>{escape(series['title'])}</h3>{plot.plot(series)}"
+        f"<section>{section(made) if made is not None else ''}"
         f"<details><summary>as a table</summary>{_table(heads, rows)}</details></section>"
     )
 

@@ -95,7 +95,9 @@ def _add_tune(commands: Commands) -> None:
     tune = commands.add_parser(
         "tune", help="propose thresholds and a region by which a drive calls as wanted"
     )
-    tune.add_argument("drive", metavar="DRIVE", help="a recording, a folder of pictures, or a video")
+    tune.add_argument(
+        "drive", nargs="?", metavar="DRIVE", help="a recording, a folder of pictures, or a video"
+    )
     add_config(tune)
     tune.add_argument(
         "--calls-per-minute", type=float, default=1.0, metavar="N", help="at most, by default %(default)g"
@@ -109,6 +111,16 @@ def _add_tune(commands: Commands) -> None:
     tune.add_argument(
         "--cache", metavar="DIR", help="what was seen of frames, by default ~/.cache/anytraverse"
     )
+    tune.add_argument(
+        "--take", type=int, metavar="N", help="judge nothing: say what setting N of an earlier run changes"
+    )
+    tune.add_argument(
+        "--from",
+        dest="source",
+        metavar="FILE",
+        help="with --take: tuning.json or calls.json, by default in --out",
+    )
+    tune.add_argument("--write", metavar="FILE", help="with --take: write it into this companion.toml")
     tune.set_defaults(run=_tune)
 
 
@@ -194,8 +206,18 @@ def _replay(options: argparse.Namespace) -> int:
 
 def _tune(options: argparse.Namespace) -> int:
     _begin(options)
-    from companion.desk.tuning import tune_command
+    from companion.desk.tuning import take, tune_command
 
+    if options.take is not None:
+        source = options.source or f"{options.out}/tuning.json"
+        file = options.write or options.config
+        return _of_drives(
+            lambda: take.take(options.take, source=source, file=file, write=options.write is not None)
+        )
+    if options.drive is None or options.source or options.write:
+        raise UserError(
+            "give a drive to judge, or --take N of an earlier run; --from and --write belong to it"
+        )
     return _of_drives(
         lambda: tune_command.run(
             options.drive,

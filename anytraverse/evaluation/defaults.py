@@ -46,7 +46,9 @@ def read_defaults(kind: str) -> Defaults:
 
 def usual_classes() -> dict[str, tuple[str, ...]]:
     """Read word -> names of classes that some data sets have for it. Raises as `read_defaults` does."""
-    return _read(_USUAL, lambda section: {word: _names(section, word) for word in section or {}})
+    return _read(
+        _USUAL, lambda section: {} if section is None else {word: _names(section, word) for word in section}
+    )
 
 
 def _read(name: str, checked: Callable[[Mapping[str, Any] | None], _Read]) -> _Read:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ from anytraverse.evaluation.exhibits import Exhibit, draw
 from anytraverse.evaluation.page import page
 from anytraverse.evaluation.report import markdown, text_of
 from anytraverse.evaluation.seeing import PerceiverRun
+from anytraverse.plots import INSTALL, installed
 
 _EXTREMES = 6
 """How many of the best and of the worst frames are shown."""
@@ -58,6 +60,8 @@ def run(options: argparse.Namespace) -> int:
         "curve.csv": summary.curve_csv(),
     }
     conclude(options, written, text_of(figures), figures)
+    if not installed():
+        print(f"evaluation.html has no plots: {INSTALL}", file=sys.stderr)
     return 0
 
 

@@ -9,8 +9,8 @@ from typing import Any
 from anytraverse.evaluation.exhibits import WIDTH, Exhibit
 from anytraverse.evaluation.report import HEADLINES, Figures, asked, comparison, scope
 from anytraverse.html_page import document, figure
-from anytraverse.line_plot import STYLE as PLOTS
-from anytraverse.line_plot import Series, line_plot
+from anytraverse.plots import HINT, Axis, Line, Plot, curves, drawing, section
+from anytraverse.plots import STYLE as PLOTS
 
 _STYLE = """
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
@@ -21,7 +21,7 @@ td.n, th.n { text-align: right; }
 tr.own td { font-weight: 600; }
 .beside { display: grid; gap: 1rem 2.5rem;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 27rem), 1fr)); }
-.beside > * { overflow-x: auto; }
+.beside > *, .wide { overflow-x: auto; }
 .bar { display: inline-block; height: .7em; border-radius: 2px; background: var(--green); }
 .bar.no { background: var(--red); }
 .track { min-width: 6rem; }
@@ -55,6 +55,9 @@ _LEGENDS = (
         ),
     ),
 )
+_HALF = ("0.5, in use", 0.5)
+_FEW = 30
+"""Frames below which it is told what one of them weighs."""
 _CAPTIONS = ("picture", "judged", "right and wrong")
 
 
@@ -66,15 +69,15 @@ def page(figures: Figures, exhibits: Mapping[int, Exhibit]) -> str:
         f"{figures['ms_per_frame']:.1f} ms a frame.<br>Words: {escape(asked(figures))}<br>"
         f"Drivable: {escape(', '.join(figures['drivable']))}</p>",
         f'<div class="beside"><div>{_compared(figures)}</div><div>{_headlines(figures)}</div></div>',
-        f'<div class="beside"><div><h2>Other thresholds</h2>'
-        f"{_curve(figures['curve'], _CURVES, 0.5, 'traversability above which a pixel counts as drivable')}"
-        f"{_calls(figures)}</div>",
-        f"<div><h2>Classes</h2>{_classes(figures['classes'])}</div></div>",
+        section(ground_plot(figures)),
+        section(calls_plot(figures)),
+        f"<h2>Classes</h2>{_classes(figures['classes'], figures['matches'])}",
         "<h2>The worst frames</h2>",
         *(_legend(name, keys) for name, keys in _LEGENDS),
         *_frames(figures["worst"], exhibits),
         "<h2>The best frames</h2>",
         *_frames(figures["best"], exhibits),
+        *drawing(),
     ]
     return document(f"{figures['title']}, {figures['model_id']}", _STYLE + PLOTS, parts)
 
@@ -91,7 +94,7 @@ def _compared(figures: Figures) -> str:
         for row in rows
         for method, iou, remark in (row,)
     ]
-    head = '<tr><th>method</th><th class="n">mean IoU</th><th></th></tr>'
+    head = '<tr><th>method</th><th class="n">mean IoU</th><th>remark</th></tr>'
     return f"<table>{head}{''.join(cells)}</table>"
 
 
@@ -104,10 +107,12 @@ def _headlines(figures: Figures) -> str:
     return f"<table>{''.join(cells)}</table>"
 
 
-def _classes(classes: Mapping[str, Mapping[str, Any]]) -> str:
+def _classes(classes: Mapping[str, Mapping[str, Any]], matches: Mapping[str, Mapping[str, Any]]) -> str:
+    words = {name: word for word, one in matches.items() for name in one["classes"]}
     total = sum(row["pixels"] for row in classes.values()) or 1
     cells = [
-        f"<tr><td>{escape(name)}</td><td>{'yes' if row['drivable'] else 'no'}</td>"
+        f"<tr><td>{escape(name)}</td><td>{escape(words.get(name, '-'))}</td>"
+        f"<td>{'yes' if row['drivable'] else 'no'}</td>"
         f'<td class="n">{_number(row["recall"])}</td><td class="track">'
         f'<i class="bar{"" if row["drivable"] else " no"}" style="width:{100 * row["recall"]:.1f}%"></i></td>'
         f'<td class="n">{row["pixels"] / total:.1%}</td></tr>'
@@ -116,37 +121,61 @@ def _classes(classes: Mapping[str, Mapping[str, Any]]) -> str:
         )
     ]
     head = (
-        '<tr><th>class</th><th>drivable</th><th class="n">recall</th><th></th><th class="n">pixels</th></tr>'
+        "<tr><th>class</th><th>word</th><th>drivable</th>"
+        '<th class="n">recall</th><th>share</th><th class="n">pixels</th></tr>'
     )
     return (
         '<p class="faint">Recall is the share of a class that is judged as its label says, at 0.5.</p>'
-        f"<table>{head}{''.join(cells)}</table>"
+        '<div class="wide" tabindex="0" role="region" aria-label="Classes">'
+        f"<table>{head}{''.join(cells)}</table></div>"
     )
 
 
-def _calls(figures: Figures) -> str:
-    calls, label = figures["calls"], "mean uncertainty of the region above which the rover calls"
-    return (
-        "<h2>Uncertain regions of interest</h2>"
-        f'<p class="faint">Share of frames above each threshold: of {calls["clean"]} whose region of '
-        f"interest is all drivable, and of {calls['things']} in which a thing without a word covers 1 % of "
-        "it. The perceiver's own threshold is marked.</p>"
-        f"{_curve(calls['curve'], _CALLS, figures['roi_threshold'], label)}"
-    )
-
-
-def _curve(
-    rows: Sequence[Mapping[str, float | None]],
-    curves: Sequence[tuple[str, str, str]],
-    mark: float,
-    label: str,
-) -> str:
-    """Draw curves (key, name, colour) over the threshold, 0 to 1 each. mark: the threshold in use."""
-    series = [
-        Series(name, colour, [(row["threshold"] or 0.0, up) for row in rows if (up := row[key]) is not None])
-        for key, name, colour in curves
+def ground_plot(figures: Figures) -> Plot:
+    """Return IoU, precision and recall over the threshold of the traversability."""
+    rows = figures["curve"]
+    lines = [
+        Line(name, colour, [_point(row, key, row["frames"]) for row in rows if row[key] is not None])
+        for key, name, colour in _CURVES
     ]
-    return line_plot(series, label, mark=mark)
+    note = (
+        f"Of {figures['images']} frames. The mean IoU is over those with drivable ground, labelled or found; "
+        f"the others are over all pixels of all frames. {HINT}"
+    )
+    across = Axis("traversability above which a pixel counts as drivable", (0.0, 1.0))
+    return curves("Other thresholds", note, lines, across, Axis("share, 0 to 1", (0.0, 1.0)), mark=_HALF)
+
+
+def calls_plot(figures: Figures) -> Plot:
+    """Return the shares of frames whose region of interest is above a threshold of the uncertainty."""
+    calls = figures["calls"]
+    lines = [
+        Line(
+            f"{name}, {_frames_behind(calls[key])}",
+            colour,
+            [_point(row, key, calls[key]) for row in calls["curve"] if row[key] is not None],
+        )
+        for key, name, colour in _CALLS
+    ]
+    steps = [calls[key] for key, _, _ in _CALLS if 0 < calls[key] < _FEW]
+    few = "".join(f" One of {_frames_behind(count)} is a step of {1 / count:.0%}." for count in steps)
+    note = (
+        f"Share of frames above each threshold: of {_frames_behind(calls['clean'])} whose region of interest "
+        f"is all drivable, and of {_frames_behind(calls['things'])} in which things without a word cover 1 % "
+        f"of it.{few} {HINT}"
+    )
+    across = Axis("mean uncertainty of the region above which the rover calls", (0.0, 1.0))
+    mark = ("the perceiver's own", figures["roi_threshold"])
+    up = Axis("share of frames, 0 to 1", (0.0, 1.0))
+    return curves("Uncertain regions of interest", note, lines, across, up, mark=mark)
+
+
+def _point(row: Mapping[str, Any], key: str, frames: int) -> dict[str, Any]:
+    return {"x": row["threshold"], "y": row[key], "frames": frames}
+
+
+def _frames_behind(frames: int) -> str:
+    return f"{frames} frame{'' if frames == 1 else 's'}"
 
 
 def _legend(name: str, keys: Sequence[tuple[str, str]]) -> str:

@@ -160,8 +160,12 @@ class TallySummary:
             "precision": _ratio(both, both + either - true),
             "recall": _ratio(both, np.full_like(both, true)),
         }
+        frames = np.count_nonzero(~np.isnan(np.array(self._ious).reshape(-1, len(THRESHOLDS))), axis=0)
         return [
-            {name: _rounded(values[step]) for name, values in columns.items()}
+            {
+                **{name: _rounded(values[step]) for name, values in columns.items()},
+                "frames": int(frames[step]),
+            }
             for step in range(len(THRESHOLDS))
         ]
 

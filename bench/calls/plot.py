@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from anytraverse import line_plot
+from anytraverse.plots import Axis, Line, curves, svg
 from bench.calls.operators import OPERATORS, AnsweredCall
 from bench.series import PlottedSeries
 
@@ -19,10 +19,7 @@ TITLE = "Calls up to each frame of the real drive, which is driven twice"
 SHARES = {"15 %": 0.15, "5 %": 0.05}
 """Of the frames: the paper's share of calls at first, and later."""
 _POINTS = 40
-_COLOURS = {
-    "go": "#009e73", "word": "#0969da", "tap": "#d55e00", "15 %": "#8a929b", "5 %": "#8a929b"
-}  # fmt: skip
-_LOOK = {"var(--faint)": "#57606a", "var(--line)": "#d5dae0", "var(--grey)": "#8a929b"}
+_COLOURS = {"go": "--green", "word": "--blue", "tap": "--red", "15 %": "--grey", "5 %": "--grey"}
 
 
 def series(
@@ -43,22 +40,11 @@ def series(
 def drawn(lines: Mapping[str, Sequence[Sequence[float]]]) -> str:
     """Return the plot as a file of SVG."""
     given = [
-        line_plot.Series(name, f"--{place}", [(point[0], point[1]) for point in lines[name]])
-        for place, name in enumerate((*OPERATORS, *SHARES))
+        Line(name, _COLOURS[name], [{"x": point[0], "y": point[1]} for point in lines[name]])
+        for name in (*OPERATORS, *SHARES)
     ]
     width = max(point[0] for points in lines.values() for point in points)
-    height = max(point[1] for points in lines.values() for point in points)
-    plot = line_plot.line_plot(
-        given, "frames, driven twice", x=(0.0, width), y=(0.0, 1.02 * height), size=(560, 300)
-    )
-    for place, name in enumerate((*OPERATORS, *SHARES)):
-        plot = plot.replace(f"var(--{place})", _COLOURS[name])
-    look = "svg { background: #fff; font-family: sans-serif; }" + line_plot.STYLE
-    for name, colour in _LOOK.items():
-        look = look.replace(name, colour)
-    style = f"<style>{look}</style>"
-    head, body = plot.split(">", 1)
-    return f'{head} xmlns="http://www.w3.org/2000/svg">{style}{body}\n'
+    return svg(curves(TITLE, "", given, Axis("frames, driven twice", (0.0, width)), Axis("calls")), 560, 300)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -4,27 +4,44 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
+import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from anytraverse.engine import AnyTraverse
 from anytraverse.evaluation.arguments import add_cache, add_choice, add_dask, cache_bytes
 from anytraverse.evaluation.asking import conclude
 from anytraverse.evaluation.datasets import Selection, kind_and_path, open_dataset
-from anytraverse.evaluation.defaults import read_defaults
+from anytraverse.evaluation.defaults import read_defaults, usual_classes
 from anytraverse.evaluation.labels import DatasetError
+from anytraverse.evaluation.matching import match_words
 from anytraverse.evaluation.progress import doing
 from anytraverse.evaluation.summary import as_csv
 from anytraverse.perception.stored import default_cache
+from anytraverse.plots import INSTALL, installed
 from anytraverse.preferences import Preferences
 from anytraverse.resources import resource
 from companion.config import Config, ConfigError, load_config
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
 from companion.desk.tuning.episode import Episode, given_answers
+from companion.desk.tuning.proposal import named_times, weighed
 from companion.desk.tuning.report import counted, csv_rows, page, text_of
 from companion.desk.tuning.running import Where, processes_of, run_episode
-from companion.desk.tuning.trial import Grid, GridError, around, read_region, read_tiles, read_values
+from companion.desk.tuning.things import noticed, things_of
+from companion.desk.tuning.trial import (
+    Combination,
+    Grid,
+    GridError,
+    TrialOutcome,
+    around,
+    read_region,
+    read_tiles,
+    read_values,
+)
 from companion.vision.warm_up import load_engine
 
 
@@ -101,6 +118,7 @@ def _run(options: argparse.Namespace) -> int:
     combinations = grid.combinations(engine.settings)
     options.out.mkdir(parents=True, exist_ok=True)
     drive, _ = episode.opened()
+    wanted = _noticing(episode, config, engine)
     judged = run_episode(config, episode, combinations, _where(options))
     figures: dict[str, Any] = {
         "title": drive.title,
@@ -112,16 +130,49 @@ def _run(options: argparse.Namespace) -> int:
         "operator": answered,
         "seconds": round(judged.perceiving_s + judged.judging_s, 1),
         "judging_s": round(judged.judging_s, 1),
-        "each": [counted(one, judged.frames) for one in judged.outcomes],
+        "things": wanted.things,
+        "each": [
+            counted(number, one, judged.frames, wanted.noticed(one))
+            for number, one in enumerate(judged.outcomes)
+        ],
     }
+    command = f"companion tune --take {{}} --from {shlex.quote(str(options.out / 'calls.json'))} --write FILE"
+    if options.config:
+        command = command.replace("FILE", shlex.quote(options.config))
     written = {
-        "calls.html": page(figures),
+        "calls.html": page(figures, Combination.of(engine.settings), command),
         "calls.csv": as_csv(csv_rows(figures["each"])),
         "calls.json": json.dumps(figures, allow_nan=False) + "\n",
     }
     short = {**figures, "each": [_short(row) for row in figures["each"]]}
     conclude(options, written, text_of(figures), short)
+    if not installed():
+        print(f"calls.html has no plot: {INSTALL}", file=sys.stderr)
     return 0
+
+
+class _Noticing(NamedTuple):
+    """Says what there is to notice in a drive. things: how many, None: it is not known."""
+
+    things: int | None
+    noticed: Callable[[TrialOutcome], int | None]
+
+
+def _noticing(episode: Episode, config: Config, engine: AnyTraverse) -> _Noticing:
+    """Return what the labels show that no word means, or else what was named in the answers."""
+    if episode.drivable is not None:
+        dataset = open_dataset(episode.where, episode.split, episode.selection)
+        matches = match_words(
+            config.preferences, dataset.classes, engine.perceiver.meaning, {}, usual_classes()
+        )
+        known = {name for one in matches.values() for name in one.classes}.union(episode.drivable)
+        names = [name for name in dataset.classes.known.values() if name not in known]
+        things = things_of(dataset, names, engine.settings.region)
+        return _Noticing(len(things), lambda one: noticed(things, one.stood))
+    named = named_times(episode.answers)
+    if named:
+        return _Noticing(len(named), lambda one: weighed(one, named, 1.0).kept)
+    return _Noticing(None, lambda _: None)
 
 
 def _where(options: argparse.Namespace) -> Where:

@@ -14,8 +14,8 @@ from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.stopping import Stopping, judge_stopping, with_settings
 from companion.desk.drives.drive import DriveError
+from companion.desk.tuning.choice import combination
 from companion.desk.tuning.episode import NEAR_S, Given
-from companion.desk.tuning.report import combination
 from companion.desk.tuning.trial import Combination, Grid, TrialOutcome
 
 _SHARES = (0.05, 0.02, 0.005)
@@ -76,8 +76,8 @@ def proposed(candidates: Sequence[Candidate], now: Combination, wanted: float) -
     # More calls within the wanted rate are better: thresholds that call less let more pass unseen.
     within = [one for one in candidates if one.rate <= wanted]
     if not within:
-        return min(candidates, key=lambda one: (one.rate, -one.kept, _changes(one.combination, now)))
-    return min(within, key=lambda one: (-one.kept, -one.rate, _changes(one.combination, now)))
+        return min(candidates, key=lambda one: (one.rate, -one.kept, changes(one.combination, now)))
+    return min(within, key=lambda one: (-one.kept, -one.rate, changes(one.combination, now)))
 
 
 def in_time(
@@ -138,15 +138,6 @@ def warnings(before: Candidate, best: Candidate, named: int) -> list[str]:
     return [f"WARNING: {one}" for one in found]
 
 
-def frontier(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the candidates that none surpasses: as few calls and more things kept, by rising rate."""
-    found: list[Candidate] = []
-    for one in sorted(candidates, key=lambda one: (one.rate, -one.kept)):
-        if not found or one.kept > found[-1].kept:
-            found.append(one)
-    return found
-
-
 def grid_of(
     similarities: Sequence[float],
     uncertainties: Sequence[float],
@@ -181,30 +172,30 @@ def variants(box: Box) -> tuple[Box, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def fragment(chosen: Combination, now: Combination, remarks: Sequence[str]) -> str:
-    """Return the part of a companion.toml that puts a combination into force: what differs from now."""
-    lines = [f"# {one}" for one in remarks]
-    thresholds = {
-        name: new
-        for name, new, old in (
-            ("roi", chosen.roi, now.roi),
-            ("scene", chosen.scene, now.scene),
-            ("tile", chosen.tile, now.tile),
-        )
-        if new != old
-    }
-    if thresholds:
-        lines += ["", "[thresholds]"]
-        lines += [f"{name} = {_toml(value)}" for name, value in thresholds.items()]
+def differing(chosen: Combination, now: Combination) -> dict[str, float | str]:
+    """Return by which settings of companion.toml a combination differs from now: "section.key" -> value."""
+    found: dict[str, float | str] = {}
+    for name in ("roi", "scene", "tile"):
+        new = getattr(chosen, name)
+        if new != getattr(now, name):
+            found[f"thresholds.{name}"] = "off" if new is None else new
     if chosen.region != now.region:
         box = chosen.region
-        sides = (("left", box.left), ("top", box.top), ("right", box.right), ("bottom", box.bottom))
-        lines += ["", "[roi]", *(f"{name} = {side:g}" for name, side in sides)]
+        found |= {f"roi.{side}": getattr(box, side) for side in ("left", "top", "right", "bottom")}
+    return found
+
+
+def fragment(chosen: Combination, now: Combination, remarks: Sequence[str]) -> str:
+    """Return the part of a companion.toml that puts a combination into force: what differs from now."""
+    lines, sections = [f"# {one}" for one in remarks], set[str]()
+    settings = differing(chosen, now)
+    for key, value in settings.items():
+        section, _, name = key.partition(".")
+        if section not in sections:
+            sections.add(section)
+            lines += ["", f"[{section}]"]
+        lines.append(f'{name} = "{value}"' if isinstance(value, str) else f"{name} = {value:g}")
     return "\n".join([*lines, ""])
-
-
-def _toml(value: float | None) -> str:
-    return '"off"' if value is None else f"{value:g}"
 
 
 def _values(
@@ -221,5 +212,6 @@ def _box(left: float, top: float, right: float, bottom: float) -> Box:
     return Box(*(round(min(1.0, max(0.0, side)), 3) for side in (left, top, right, bottom)))
 
 
-def _changes(one: Combination, now: Combination) -> int:
+def changes(one: Combination, now: Combination) -> int:
+    """Return how many settings a combination changes; a region is one."""
     return sum(getattr(one, name) != getattr(now, name) for name in ("scene", "roi", "tile", "region"))

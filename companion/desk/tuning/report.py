@@ -1,4 +1,4 @@
-"""Counts the calls of each combination, and shows them: JSON, CSV, a table, a page of plots. Pure."""
+"""Counts the calls of each combination, and shows them: JSON, CSV, a table, a page to choose from. Pure."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from typing import Any
 
 from anytraverse.assessment import Reason
 from anytraverse.html_page import document
-from anytraverse.line_plot import STYLE, Series, line_plot
+from anytraverse.plots import HINT, Axis, Line, Plot, curves
+from companion.desk.tuning.choice import STYLE, Choice, Setting, cell, combination, frontier, parts
+from companion.desk.tuning.proposal import changes, fragment
 from companion.desk.tuning.trial import Combination, TrialOutcome
 
-MOST_PLOTS = 36
+_MOST_SHOWN = 36
 _COLUMNS = (
+    "number",
     "scene",
     "roi",
     "tile",
     "region",
     "calls",
+    "noticed",
     "unknown_scene",
     "unknown_object",
     "first_half",
@@ -28,31 +32,26 @@ _COLUMNS = (
     "would_hold",
     "refused",
 )
-_STYLE = (
-    STYLE
-    + """
-.plots { display: grid; gap: .6rem 1.2rem; grid-template-columns: repeat(auto-fill, minmax(16rem, 1fr)); }
-.plots h3 { font-size: .9rem; margin: .6rem 0 0; font-weight: normal; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-td, th { text-align: right; padding: .2rem .8rem .2rem 0; border-bottom: 1px solid var(--line); }
-.table { overflow-x: auto; }
-"""
-)
 _LINES = (
-    ("all", "--grey", None),
-    ("scene", "--blue", Reason.UNKNOWN_SCENE.value),
-    ("object", "--red", Reason.UNKNOWN_OBJECT.value),
+    ("all calls", "--green", None),
+    ("unknown scene", "--blue", Reason.UNKNOWN_SCENE.value),
+    ("unknown object", "--red", Reason.UNKNOWN_OBJECT.value),
 )
 
 
-def counted(outcome: TrialOutcome, frames: int) -> dict[str, Any]:
-    """Return the figures of a combination as JSON values. A call counts for each of its reasons."""
+def counted(number: int, outcome: TrialOutcome, frames: int, noticed: int | None) -> dict[str, Any]:
+    """Return the figures of a combination as JSON values. A call counts for each of its reasons.
+
+    number: by which it is taken. noticed: how many of the things of the drive, None where they are not known.
+    """
     one = outcome.combination
     reasons = Counter(reason for call in outcome.calls for reason in call.reasons)
     first = sum(2 * call.frame < frames for call in outcome.calls)
     return {
+        "number": number,
         **combination(one),
         "calls": len(outcome.calls),
+        "noticed": noticed,
         **{reason.value: reasons[reason.value] for reason in (Reason.UNKNOWN_SCENE, Reason.UNKNOWN_OBJECT)},
         "first_half": first,
         "second_half": len(outcome.calls) - first,
@@ -66,17 +65,6 @@ def counted(outcome: TrialOutcome, frames: int) -> dict[str, Any]:
     }
 
 
-def combination(one: Combination) -> dict[str, Any]:
-    """Return a combination as JSON values."""
-    box = one.region
-    return {
-        "scene": one.scene,
-        "roi": one.roi,
-        "tile": one.tile,
-        "region": [round(side, 4) for side in (box.left, box.top, box.right, box.bottom)],
-    }
-
-
 def csv_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the rows for a table: without lists, but for the region as text."""
     return csv_rows_of([{key: row[key] for key in _COLUMNS} for row in rows])
@@ -84,13 +72,7 @@ def csv_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 def csv_rows_of(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return rows with all their values as cells of a table."""
-    return [{key: _cell(value) for key, value in row.items()} for row in rows]
-
-
-def _cell(value: Any) -> Any:
-    if value is None:
-        return "off"
-    return " ".join(f"{side:g}" for side in value) if isinstance(value, list) else value
+    return [{key: cell(value) for key, value in row.items()} for row in rows]
 
 
 def text_of(figures: Mapping[str, Any]) -> str:
@@ -100,61 +82,83 @@ def text_of(figures: Mapping[str, Any]) -> str:
         f"{figures['seconds']:g} s",
         "   scene     roi    tile   calls   scene  object  1st half   2nd  region",
     ]
-    for row in sorted(figures["each"], key=lambda one: one["calls"])[:MOST_PLOTS]:
+    for row in sorted(figures["each"], key=lambda one: one["calls"])[:_MOST_SHOWN]:
         cells = csv_rows([row])[0]
         lines.append(
             f"{cells['scene']:>8}{cells['roi']:>8}{cells['tile']:>8}{cells['calls']:>8}"
             f"{cells['unknown_scene']:>8}{cells['unknown_object']:>8}{cells['first_half']:>10}"
             f"{cells['second_half']:>6}  {cells['region']}"
         )
-    if len(figures["each"]) > MOST_PLOTS:
-        lines.append(f"... and {len(figures['each']) - MOST_PLOTS} more in calls.csv")
+    if len(figures["each"]) > _MOST_SHOWN:
+        lines.append(f"... and {len(figures['each']) - _MOST_SHOWN} more in calls.csv")
     return "\n".join(lines)
 
 
-def page(figures: Mapping[str, Any]) -> str:
-    """Return the page: the calls of each combination over the drive, all and by reason."""
-    rows = figures["each"]
-    most = max(1, *(row["calls"] for row in rows))
-    shown = rows[:MOST_PLOTS]
-    parts = [
-        f"<h1>Calls of {escape(figures['title'])}</h1>",
-        f'<p class="faint">{figures["frames"]} frames, {len(rows)} combinations, '
-        f"{escape(figures['model'])}.<br>"
-        f"Words at the start: {escape(figures['prompts'])}<br>Answered by {escape(figures['operator'])}.</p>",
-        "<h2>Calls up to each frame</h2>",
-        '<p class="faint">A call counts for each of its reasons. All plots have one scale.'
-        + (f" The first {MOST_PLOTS} combinations; all are in calls.csv." if len(rows) > MOST_PLOTS else "")
-        + "</p>",
-        f'<div class="plots">{"".join(_plot(row, figures["frames"], most) for row in shown)}</div>',
-        "<h2>Counts</h2>",
-        f'<div class="table">{_table(rows)}</div>',
+def page(figures: Mapping[str, Any], now: Combination, command: str) -> str:
+    """Return the page: the settings to choose from, and the calls of the chosen one up to each frame.
+
+    now: in force. command: takes a setting, with {} for its number.
+    """
+    choice = choice_of(figures, now, command)
+    told = (
+        f"{figures['frames']} frames, {len(choice.settings)} combinations, {figures['model']}.<br>"
+        f"Words at the start: {escape(figures['prompts'])}<br>Answered by {escape(figures['operator'])}."
+    )
+    head = [f"<h1>Calls of {escape(figures['title'])}</h1>", f'<p class="faint">{told}</p>']
+    return document(
+        f"Calls of {figures['title']}", STYLE, [*head, *parts(choice, _rising_plot(figures, choice))]
+    )
+
+
+def choice_of(figures: Mapping[str, Any], now: Combination, command: str) -> Choice:
+    """Return the settings to choose from. Proposed: of those that notice most, the one that calls least."""
+    rows, things = figures["each"], figures["things"]
+    combinations = [Combination.read(row) for row in rows]
+    settings = [
+        Setting(
+            number,
+            one,
+            row["calls"],
+            row["noticed"] if things else row["would_hold"],
+            fragment(one, now, [f"anytraverse calls: {figures['title']}, setting {number}"]),
+            {key: row[key] for key in ("unknown_scene", "unknown_object", "first_half", "second_half")},
+            curves=_rising(row, figures["frames"]),
+        )
+        for number, (one, row) in enumerate(zip(combinations, rows, strict=True))
     ]
-    return document(f"Calls of {figures['title']}", _STYLE, parts)
+    settings.sort(key=lambda one: (changes(one.combination, now), one.number))
+    proposed = frontier(settings)[-1].number if things else None
+    return Choice(
+        settings,
+        combinations.index(now) if now in combinations else None,
+        proposed,
+        f"calls in {figures['frames']} frames",
+        "things noticed" if things else "times that it would be held",
+        f"{figures['frames']} frames" + (f" with {things} thing{'s'[things == 1 :]}" if things else ""),
+        command,
+        most=things or None,
+    )
 
 
-def _plot(row: Mapping[str, Any], frames: int, most: int) -> str:
-    series = [Series(name, colour, _rising(row, reason, frames)) for name, colour, reason in _LINES]
-    cells = csv_rows([row])[0]
-    title = f"scene {cells['scene']}, roi {cells['roi']}, tile {cells['tile']}, region {cells['region']}"
-    drawn = line_plot(series, "frame", x=(0, frames), y=(0, most), size=(240, 130))
-    return f"<div><h3>{escape(title)}: {row['calls']}</h3>{drawn}</div>"
-
-
-def _rising(row: Mapping[str, Any], reason: str | None, frames: int) -> list[tuple[float, float]]:
-    """Return the corners of the count of calls up to each frame."""
-    points, count = [(0.0, 0.0)], 0
-    for frame, reasons in zip(row["at_call"], row["reasons"], strict=True):
-        if reason is None or reason in reasons:
-            points += [(frame, count), (frame, count + 1)]
-            count += 1
-    return [*points, (float(frames), float(count))]
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = "".join(f"<th>{escape(name.replace('_', ' '))}</th>" for name in _COLUMNS)
-    cells = [
-        f"<tr>{''.join(f'<td>{escape(str(row[key]))}</td>' for key in _COLUMNS)}</tr>"
-        for row in csv_rows(rows[:1000])
+def _rising_plot(figures: Mapping[str, Any], choice: Choice) -> Plot:
+    first = next(iter(choice.shown()))
+    note = f"Of the chosen setting, {figures['frames']} frames. A call counts for each of its reasons. {HINT}"
+    lines = [
+        Line(name, colour, [row for row in first.curves if row["line"] == name]) for name, colour, _ in _LINES
     ]
-    return f"<table><tr>{head}</tr>{''.join(cells)}</table>"
+    across = Axis("frame", (0.0, figures["frames"]))
+    return curves("Calls up to each frame", note, lines, across, Axis("calls so far"), stepped=True)
+
+
+def _rising(row: Mapping[str, Any], frames: int) -> list[dict[str, Any]]:
+    """Return the count of calls at each call, of all and by reason, as rows of `plots.curves`."""
+    rows = []
+    for name, _, reason in _LINES:
+        at = [
+            frame
+            for frame, reasons in zip(row["at_call"], row["reasons"], strict=True)
+            if reason is None or reason in reasons
+        ]
+        counts = [(0, 0), *((frame, count) for count, frame in enumerate(at, 1)), (frames, len(at))]
+        rows += [{"line": name, "x": frame, "y": count, "of frames": frames} for frame, count in counts]
+    return rows

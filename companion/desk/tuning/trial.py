@@ -47,12 +47,29 @@ class Combination:
         limits = settings.thresholds
         return cls(limits.scene, limits.roi, limits.tile, settings.region.bounds)
 
+    @classmethod
+    def read(cls, row: Mapping[str, Any]) -> Combination:
+        """Return a combination that was written as JSON values. Raises GridError."""
+        try:
+            left, top, right, bottom = (_fraction(side) for side in row["region"])
+            tile = None if row["tile"] is None else _fraction(row["tile"])
+            box = Box(left, top, right, bottom)
+            return cls(_fraction(row["scene"], least=-1.0), _fraction(row["roi"]), tile, box)
+        except (KeyError, TypeError, ValueError, AnyTraverseError) as error:
+            raise GridError(f"it holds no setting that can be used ({error}): write it anew") from error
+
     def applied(self, base: Settings) -> Settings:
         """Return `base` with these instead. Raises SettingsError for a number out of its range."""
         limits = replace(base.thresholds, scene=self.scene, roi=self.roi, tile=self.tile)
         return replace(
             base, thresholds=limits, region=self.region, misfit_allowed=self.misfit_allowed, ground=None
         )
+
+
+def _fraction(value: Any, least: float = 0.0) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= 1.0:
+        raise ValueError(f"{str(value)[:40]} is no number from {least:g} to 1")
+    return float(value)
 
 
 class MadeCall(NamedTuple):
@@ -68,7 +85,7 @@ class TrialOutcome:
     """Holds what a drive led to by one combination.
 
     matches: places in the drive at which a remembered scene was known again. refused: answers that changed
-    nothing, and why.
+    nothing, and why. stood: first and last places of frames at which a call opened or a rover would be held.
     """
 
     combination: Combination
@@ -77,6 +94,13 @@ class TrialOutcome:
     refused: list[str] = field(default_factory=list)
     not_ok: int = 0
     would_hold: int = 0
+    stood: list[tuple[int, int]] = field(default_factory=list)
+
+    def stands(self, number: int) -> None:
+        """Note that it stands at a frame, which follows the frames noted before."""
+        goes_on = bool(self.stood) and self.stood[-1][1] == number - 1
+        first = self.stood.pop()[0] if goes_on else number
+        self.stood.append((first, number))
 
 
 class Trial:
@@ -100,6 +124,8 @@ class Trial:
         outcome.would_hold += judged.would_hold
         if judged.seen.adopted is not None:
             outcome.matches.append(number)
+        if judged.opened is not None or judged.would_hold or self._judge.holding:
+            outcome.stands(number)
         if judged.opened is not None:
             reasons = tuple(sorted(reason.value for reason in judged.opened.reasons))
             outcome.calls.append(MadeCall(number, frame.at, reasons))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shlex
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -12,17 +14,18 @@ from typing import Any
 from anytraverse.evaluation.progress import doing
 from anytraverse.evaluation.summary import as_csv
 from anytraverse.html_page import document
-from anytraverse.line_plot import STYLE, Series, line_plot
 from anytraverse.perception.stored import MOST_BYTES, default_cache
+from anytraverse.plots import INSTALL, installed
 from companion.config import load_config
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
+from companion.desk.tuning.choice import STYLE, Choice, Setting, parts
 from companion.desk.tuning.episode import Episode, given_answers
 from companion.desk.tuning.proposal import (
     MOST_WANTED,
     Candidate,
+    changes,
     fragment,
-    frontier,
     grid_of,
     in_time,
     named_times,
@@ -68,7 +71,8 @@ def run(
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     with doing(f"loading {config.perceiver.name}"):
-        settings = load_engine(config, None)[0].settings
+        engine, _ = load_engine(config, None)
+    settings = engine.settings
     now = Combination.of(settings)
     frames = perceive(config, episode, place)
     seen = figures_of(config, episode, place)
@@ -76,7 +80,11 @@ def run(
         raise DriveError(f"{where} has no frame that can be judged: see what `companion rehearse` says of it")
     refuse_short(seen.seconds, wanted)
     grid = grid_of(
-        seen.similarities, seen.uncertainties, seen.tiles, settings, [now.region] if keep_roi else ()
+        seen.similarities,
+        seen.uncertainties,
+        seen.tiles,
+        settings,
+        [now.region] if keep_roi or settings.metres else (),
     )
     outcomes = judge(config, episode, grid.combinations(settings), place)
     named = named_times(given)
@@ -84,33 +92,66 @@ def run(
     before = next(one for one in candidates if one.combination == now)
     soon = in_time(candidates, now, settings, config)
     best = proposed(soon, now, wanted)
+    kept = {id(one) for one in soon}
+    rows = [
+        {
+            "number": number,
+            **one.row(),
+            "too_late": id(one) not in kept,
+            "warnings": warnings(before, one, len(named)),
+        }
+        for number, one in enumerate(candidates)
+    ]
+    row_now, row_best = (rows[candidates.index(one)] for one in (before, best))
     figures: dict[str, Any] = {
         "drive": drive.title,
+        "model": engine.perceiver.model_id,
+        "prompts": config.preferences.format(),
         "frames": frames,
         "drive_s": round(seen.seconds, 1),
         "wanted": wanted,
         "named": len(named),
         "combinations": len(candidates),
         "too_late": len(candidates) - len(soon),
-        "now": before.row(),
-        "proposed": best.row(),
+        "now": row_now,
+        "proposed": row_best,
         "reached": best.rate <= wanted,
         "seconds": round(time.monotonic() - began, 1),
-        "warnings": warnings(before, best, len(named)),
+        "warnings": row_best["warnings"],
     }
     remarks = _remarks(figures)
     toml = fragment(best.combination, now, remarks)
-    rows = [one.row() for one in candidates]
+    shown = [
+        _setting(rows[number], one, now, figures)
+        for number, one in enumerate(candidates)
+        if not rows[number]["too_late"]
+    ]
+    choice = Choice(
+        sorted(shown, key=lambda one: (changes(one.combination, now), one.number)),
+        None if row_now["too_late"] else row_now["number"],
+        row_best["number"],
+        "calls a minute",
+        "named things noticed" if named else "times that it would be held",
+        f"{frames} frames, {seen.seconds:.0f} s" + (f", {len(named)} named" if named else ""),
+        f"companion tune --take {{}} --from {shlex.quote(str(folder / 'tuning.json'))} "
+        f"--write {shlex.quote(file)}",
+        most=len(named) or None,
+        wanted=wanted,
+    )
     for name, text in (
         ("tuned.toml", toml),
-        ("tuning.csv", as_csv(csv_rows_of(rows))),
+        ("tuning.csv", as_csv(csv_rows_of([_cells(row) for row in rows]))),
         ("tuning.json", json.dumps({**figures, "each": rows}) + "\n"),
-        ("tuning.html", _page(figures, candidates, before, best, toml, remarks)),
+        ("tuning.html", _page(figures, choice, remarks)),
     ):
         (folder / name).write_text(text, encoding="utf-8")
     for line in remarks:
         print(line)
-    print(f"{folder / 'tuned.toml'} has what to put into {file}; {folder / 'tuning.html'} shows the others")
+    print(
+        f"{folder / 'tuned.toml'} has what to put into {file}; {folder / 'tuning.html'} lets you take another"
+    )
+    if not installed():
+        print(f"tuning.html has no plot: {INSTALL}", file=sys.stderr)
     print(json.dumps(figures))
     return 0
 
@@ -146,78 +187,32 @@ def _remarks(figures: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _page(
-    figures: dict[str, Any],
-    candidates: Sequence[Candidate],
-    before: Candidate,
-    best: Candidate,
-    toml: str,
-    remarks: Sequence[str],
-) -> str:
-    """Return the page: what is proposed, and what it was chosen from."""
-    parts = [
-        f"<h1>Tuning on {escape(figures['drive'])}</h1>",
-        *(f"<p{_class(line)}>{escape(line)}</p>" for line in remarks[1:]),
-        f"<h2>To put into companion.toml</h2><pre>{escape(toml)}</pre>",
-    ]
-    most = max(one.rate for one in candidates) or 1.0
-    if figures["named"]:
-        named = figures["named"]
-
-        def at(one: Candidate) -> tuple[float, float]:
-            return one.rate, one.kept / named
-
-        spots = sorted({at(one) for one in candidates})
-        parts += [
-            "<h2>Calls, and named things that still call</h2>",
-            '<p class="faint">Each dot is a combination. Up: the share of the named things near which it '
-            "calls. The line joins those that none surpasses; the dashes are the wanted rate.</p>",
-            line_plot(
-                [
-                    Series("", "--grey", spots, dots=True),
-                    Series("", "--blue", [at(one) for one in frontier(candidates)]),
-                    Series("now", "--red", [at(before)], dots=True),
-                    Series("proposed", "--green", [at(best)], dots=True),
-                ],
-                "calls a minute",
-                x=(0.0, most),
-                mark=figures["wanted"],
-            ),
-        ]
-    parts.append("<h2>Calls a minute over each threshold</h2>")
-    parts.append(
-        '<p class="faint">The others as proposed. Dashes: the proposed value.</p><div class="plots">'
+def _setting(row: Mapping[str, Any], one: Candidate, now: Combination, figures: Mapping[str, Any]) -> Setting:
+    """Return a candidate as it is shown to choose from. row: of the JSON."""
+    number, named = row["number"], figures["named"]
+    return Setting(
+        number,
+        one.combination,
+        row["calls_per_minute"],
+        one.kept if named else one.holds,
+        fragment(one.combination, now, [f"companion tune: {figures['drive']}, setting {number}"]),
+        {"would_be_held": one.holds, "first_half": one.halves[0], "second_half": one.halves[1]},
+        row["warnings"],
     )
-    for name in ("scene", "roi", "tile"):
-        drawn = _over(name, candidates, best, most)
-        parts.append(f"<div><h3>{name}</h3>{drawn}</div>" if drawn else "")
-    parts.append("</div>")
-    return document(f"Tuning on {figures['drive']}", STYLE + _STYLE, parts)
+
+
+def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row for the CSV."""
+    return {key: value for key, value in row.items() if key != "warnings"}
+
+
+def _page(figures: Mapping[str, Any], choice: Choice, remarks: Sequence[str]) -> str:
+    """Return the page: what is proposed, and what else can be chosen."""
+    told = (line for line in remarks[1:] if line not in figures["warnings"])  # those stand at the setting
+    head = [f"<h1>Tuning on {escape(figures['drive'])}</h1>"]
+    head += [f"<p{_class(line)}>{escape(line)}</p>" for line in told]
+    return document(f"Tuning on {figures['drive']}", STYLE, [*head, *parts(choice)])
 
 
 def _class(line: str) -> str:
     return ' class="warning"' if line.startswith("WARNING") else ""
-
-
-_STYLE = """
-.warning { border-left: 4px solid var(--red); padding-left: .6rem; font-weight: 600; }
-.plots { display: grid; gap: 1rem; grid-template-columns: repeat(auto-fit, minmax(18rem, 1fr)); }
-pre { overflow-x: auto; padding: .6rem; border: 1px solid var(--line); }
-"""
-
-
-def _over(name: str, candidates: Sequence[Candidate], best: Candidate, most: float) -> str:
-    """Draw the rate over one threshold; "" where it has but one value."""
-    others = [one for one in ("scene", "roi", "tile", "region") if one != name]
-    points = sorted(
-        (value, one.rate)
-        for one in candidates
-        if (value := getattr(one.combination, name)) is not None
-        and all(getattr(one.combination, key) == getattr(best.combination, key) for key in others)
-    )
-    if len(points) < 2:
-        return ""
-    span = (points[0][0], points[-1][0])
-    line = [Series("", "--blue", points), Series("", "--blue", points, dots=True)]
-    mark = getattr(best.combination, name)
-    return line_plot(line, name, x=span, y=(0.0, most), mark=mark, size=(240, 160))

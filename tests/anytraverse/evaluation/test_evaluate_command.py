@@ -128,6 +128,7 @@ def test_what_is_written_says_the_same(rellis: str, tmp_path: Path, capsys: Out)
     curve = list(csv.DictReader((out / "curve.csv").open()))
     assert [row["threshold"] for row in curve][9:11] == ["0.5", "0.55"]
     assert float(curve[9]["iou_mean"]) == figures["iou_mean"]
+    assert curve[9]["frames"] == "2"
     assert sorted(file.name for file in out.iterdir()) == [
         "curve.csv", "evaluation.html", "evaluation.json", "frames.csv", "records.sqlite", "results.md",
     ]  # fmt: skip
@@ -138,8 +139,10 @@ def test_the_page_needs_nothing_else(rellis: str, tmp_path: Path, capsys: Out) -
         capsys, command(rellis, tmp_path / "<out>", "--split", "all", "--prompts", "grass: 1; bush: -0.9")
     )
     page = (tmp_path / "<out>" / "evaluation.html").read_text()
+    page, _, _ = page.partition("<script>")  # the library
+    assert page.count('class="plot"') == 2
     assert page.count("data:image/jpeg;base64,") == 2 * 3
-    assert not re.findall(r"(?:src|href)=(?!\"data:)|url\(|<script", page)
+    assert not re.findall(r"(?:src|href)=(?!\"data:)|url\(|<script src", page)
     assert "frame000000-16.jpg" in page
     assert "grass: 1; bush: -0.9" in page
     assert "0.815" in page

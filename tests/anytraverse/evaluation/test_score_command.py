@@ -98,7 +98,7 @@ def test_words_are_ranked_on_their_classes_and_the_rest_is_said(drive: Path, cap
     }
     assert words["bush"]["auroc"] == pytest.approx((2 * 4 + 0.5 * 4) / (3 * 4), abs=0.03)
     assert words["drum"] == {"auroc": None, "classes": ["barrel"], "how": "name", "pixels": 0}
-    nothing = {"auroc": None, "classes": [], "how": "none", "pixels": 0}
+    nothing: dict[str, Any] = {"auroc": None, "classes": [], "how": "none", "pixels": 0}
     assert scored(capsys, drive)["words"]["dirt"] == nothing
 
 

@@ -49,8 +49,9 @@ def test_each_combination_has_its_calls_by_reason_and_half(drive: Path, tmp_path
     with (tmp_path / "calls.csv").open() as file:
         assert [row["tile"] for row in csv.DictReader(file)] == ["off"] * 4
     page = (tmp_path / "calls.html").read_text()
-    assert page.count("<svg") == 4
-    assert "http" not in page.replace("http://www.w3.org", "")
+    assert page.count('class="plot"') == 2  # one to choose from, and one of the chosen setting's calls
+    assert [row["number"] for row in whole["each"]] == [0, 1, 2, 3]
+    assert "times that it would be held" in page, "a go to every call says nothing of things"
 
 
 def test_the_calls_of_a_region_that_the_vehicle_does_not_fit_in_are_counted_and_no_frame_is_ok(
@@ -67,7 +68,9 @@ def test_the_labels_answer_where_there_are_some(drive: Path, tmp_path: Path, cap
     grid = ["--scene", "0.97", "--roi", "0.02", "--tile", "0.3"]
     labelled = asked(drive, tmp_path, "--drivable", "gravel", *grid, episode=f"folder:{drive}")
     assert anytraverse(labelled) == 0
-    assert figures(capsys)["operator"] == "the labels"
+    found = figures(capsys)
+    assert (found["operator"], found["things"]) == ("the labels", 1), "the crate; trees are a word's"
+    assert found["each"][0]["noticed"] == 1
     assert json.loads((tmp_path / "calls.json").read_text())["each"][0]["calls"] > 0
 
 
@@ -152,7 +155,10 @@ def test_tuning_writes_what_to_put_into_the_configuration(drive: Path, tmp_path:
     rows = json.loads((tmp_path / "out" / "tuning.json").read_text())["each"]
     assert len(rows) == found["combinations"]
     assert found["proposed"] in rows
-    assert "<svg" in (tmp_path / "out" / "tuning.html").read_text()
+    page = (tmp_path / "out" / "tuning.html").read_text()
+    assert page.count('class="plot"') == 1
+    number = found["proposed"]["number"]
+    assert f"companion tune --take {number} --from {tmp_path / 'out' / 'tuning.json'} --write" in page
 
 
 @pytest.mark.parametrize(

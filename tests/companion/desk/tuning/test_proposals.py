@@ -17,7 +17,6 @@ from companion.desk.drives.drive import DriveError
 from companion.desk.tuning.proposal import (
     Candidate,
     fragment,
-    frontier,
     grid_of,
     in_time,
     named_times,
@@ -64,16 +63,6 @@ def test_none_within_the_wanted_rate_keeps_more_than_the_proposal(
     assert best.rate <= wanted
     assert best.kept == max(one.kept for one in within)
     assert not any(one.kept == best.kept and one.rate > best.rate for one in within)
-
-
-@given(CANDIDATES)
-def test_no_candidate_calls_less_and_keeps_as_much_as_one_of_the_frontier(
-    candidates: list[Candidate],
-) -> None:
-    line = frontier(candidates)
-    for one in line:
-        assert not any(other.rate < one.rate and other.kept >= one.kept for other in candidates)
-    assert max(one.kept for one in candidates) == line[-1].kept
 
 
 def test_of_equal_candidates_the_one_with_the_fewest_changes_is_proposed() -> None:

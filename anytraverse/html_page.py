@@ -26,9 +26,9 @@ def document(title: str, style: str, parts: Iterable[str]) -> str:
     head = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(title)}</title><style>{_STYLE}{style}</style></head><body>",
+        f"<title>{escape(title)}</title><style>{_STYLE}{style}</style></head><body><main>",
     ]
-    return "\n".join([*head, *parts, "</body></html>\n"])
+    return "\n".join([*head, *parts, "</main></body></html>\n"])
 
 
 def figure(jpeg: bytes, caption: str, width: int | None = None) -> str:

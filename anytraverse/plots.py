@@ -24,7 +24,7 @@ STYLE = """
 """
 _WIDE = 40
 """Characters that fit beside or below a plot on a phone."""
-_BESIDE = 0.03
+_BESIDE = 0.05
 """Of the length of an axis: what is shown beyond its ends."""
 _SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
 _VERSION = "v6.4"

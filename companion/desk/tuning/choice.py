@@ -122,6 +122,11 @@ def choice_plot(choice: Choice) -> Plot:
             "encoding": {"x": x, "y": y},
         },
         {
+            "data": {"name": "chosen", "values": []},
+            "mark": {"type": "point", "clip": True, "size": 420, "strokeWidth": 2, "color": "var(--ink)"},
+            "encoding": {"x": x, "y": y},
+        },
+        {
             "params": [zoomed()],
             "mark": {"type": "point", "filled": True, "clip": True, "opacity": 1, "cursor": "pointer"},
             "encoding": {
@@ -132,11 +137,6 @@ def choice_plot(choice: Choice) -> Plot:
                 "size": {"condition": {"test": f"datum.role === '{_SETTING}'", "value": 60}, "value": 160},
                 "tooltip": hover,
             },
-        },
-        {
-            "data": {"name": "chosen", "values": []},
-            "mark": {"type": "point", "clip": True, "size": 420, "strokeWidth": 2, "color": "var(--ink)"},
-            "encoding": {"x": x, "y": y},
         },
     ]
     if choice.wanted is not None:

@@ -29,7 +29,7 @@ def tab(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Any]:
     line = Line("all calls", "--green", [{"x": 0, "y": 0}, {"x": 96, "y": 4}])
     rising = curves("Calls up to each frame", "Of 96 frames.", [line], Axis("frame"), Axis("calls"))
     file = tmp_path / "page.html"
-    file.write_text(document("Tuning", STYLE, ["<main>", *parts(CHOICE, rising), "</main>"]))
+    file.write_text(document("Tuning", STYLE, parts(CHOICE, rising)))
     with playwright.sync_playwright() as browsers:
         browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
         width, height = request.param
@@ -46,7 +46,7 @@ def tab(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Any]:
 
 def point(tab: Any, number: int) -> Any:
     """The point of a setting."""
-    return tab.locator(f'#choice path[aria-label^="setting: {number};"]')
+    return tab.locator(f'#choice path[aria-label*="; setting: {number};"]')
 
 
 def test_a_hover_tells_and_a_click_takes(tab: Any) -> None:
@@ -55,15 +55,16 @@ def test_a_hover_tells_and_a_click_takes(tab: Any) -> None:
     point(tab, 0).hover()
     told = tab.locator("#vg-tooltip-element")
     tab.wait_for_function("document.querySelector('#vg-tooltip-element')?.innerText.includes('96 frames')")
-    for figure in ("setting\t0", "things noticed\t1", "roi\t0.3", "region\t0.3 0.5 0.7 0.9"):
-        assert figure in told.inner_text().replace(":", "")
+    said = " ".join(told.inner_text().split())
+    for figure in ("setting 0", "things noticed 1", "roi 0.3", "tile off", "region 0.3 0.5 0.7 0.9"):
+        assert figure in said
     point(tab, 4).click()
     assert tab.locator("#command").inner_text() == "tune --take 4"
     assert tab.locator("#take").input_value() == "4"
     assert tab.locator("#warnings").inner_text() == ""
     tab.select_option("#take", "0")
     assert tab.locator("#command").inner_text() == "tune --take 0"
-    assert tab.locator("#toml").inner_text() == "roi = 0.3\n"
+    assert tab.locator("#toml").inner_text().strip() == "roi = 0.3"
 
 
 def test_what_is_shown_can_be_copied(tab: Any) -> None:
@@ -87,7 +88,8 @@ def test_no_text_is_clipped(tab: Any) -> None:
 
 
 def test_ctrl_and_the_wheel_zoom_and_the_wheel_alone_scrolls(tab: Any) -> None:
-    ticks = "[...document.querySelectorAll('#choice .role-axis-label text')].map((one) => one.textContent)"
+    labels = "[...document.querySelectorAll('#choice .role-axis-label text')]"
+    ticks = f"{labels}.map((one) => one.textContent).sort().join()"
     before = tab.evaluate(ticks)
     tab.locator("#choice svg").hover()
     tab.mouse.wheel(0, 60)
@@ -97,6 +99,6 @@ def test_ctrl_and_the_wheel_zoom_and_the_wheel_alone_scrolls(tab: Any) -> None:
     tab.keyboard.down("Control")
     tab.mouse.wheel(0, -300)
     tab.keyboard.up("Control")
-    tab.wait_for_function(f"JSON.stringify({ticks}) !== JSON.stringify({before!r})")
+    tab.wait_for_function(f"{ticks} !== {before!r}")
     tab.locator("#choice svg").dblclick()
-    tab.wait_for_function(f"JSON.stringify({ticks}) === JSON.stringify({before!r})")
+    tab.wait_for_function(f"{ticks} === {before!r}")

@@ -9,7 +9,7 @@ from typing import Any
 from anytraverse.regular_file import read_regular
 from companion.config import editing, load_config
 from companion.desk.drives.drive import DriveError
-from companion.desk.tuning.proposal import differing, fragment
+from companion.desk.tuning.proposal import differing
 from companion.desk.tuning.trial import Combination
 from companion.vision.warm_up import load_engine
 
@@ -51,7 +51,7 @@ def take(number: int, *, source: str, file: str, write: bool) -> int:
         kept = editing.write(Path(file), proposal)
         print(f"setting {number} is in {file}, in force at its next start; the file before is {kept}")
     else:
-        print(fragment(chosen, now, [f"setting {number}: --write {file} puts it there"]))
+        print(f"nothing is written: --write {file} does it")
     return 0
 
 

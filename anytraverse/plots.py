@@ -13,7 +13,7 @@ from textwrap import wrap
 from typing import Any, NamedTuple
 
 INSTALL = 'for plots: pip install "anytraverse-companion[plots]"'
-HINT = "Hover or tap for figures. Ctrl and the wheel zoom, a drag moves, a double click shows all again."
+HINT = "Hover for figures. Ctrl and the wheel zoom, a drag moves, a double click shows all again."
 COLOURS = ("--green", "--blue", "--red", "--violet", "--grey", "--faint", "--ink")
 STYLE = """
 .plot { width: 100%; height: 24rem; } .plot:focus-visible { outline: 2px solid var(--blue); }
@@ -24,8 +24,8 @@ STYLE = """
 """
 _WIDE = 40
 """Characters that fit beside or below a plot on a phone."""
-_BESIDE = 0.05
-"""Of the length of an axis: what is shown beyond its ends."""
+_BESIDE, _PADDING = 0.05, 8
+"""What is shown beyond the ends of an axis: as a share of its length, and in pixels where it has no span."""
 _SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
 _VERSION = "v6.4"
 _TEXT = {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "labelLimit": 0}
@@ -87,11 +87,11 @@ class Axis(NamedTuple):
 
     def encoded(self, field: str) -> dict[str, Any]:
         """Return the encoding of a field on it."""
-        scale: dict[str, Any] = {}
+        scale: dict[str, Any] = {"padding": _PADDING}
         if self.span is not None:
             low, high = self.span
             beside = _BESIDE * (high - low)  # so that points at its ends are whole
-            scale |= {"domain": [low - beside, high + beside], "nice": False}
+            scale = {"domain": [low - beside, high + beside], "nice": False}
         if self.logarithmic:
             scale["type"] = "log"
         axis = {} if self.ticks is None else {"axis": {"values": list(self.ticks)}}
@@ -211,7 +211,7 @@ def drawing() -> Iterable[str]:
         return
     import vl_convert
 
-    yield f"<script>{vl_convert.javascript_bundle(None, _VERSION)}</script>"
+    yield f"<script>{vl_convert.javascript_bundle('window.vegaEmbed = vegaEmbed;', _VERSION)}</script>"
     yield f"<script>{_DRAW}</script>"
 
 

@@ -108,10 +108,7 @@ def choice_plot(choice: Choice) -> Plot:
     y = Axis(choice.noticed, (0.0, highest)).encoded("y")
     if highest < 8:  # whole things only
         y["axis"] = {"values": list(range(highest + 1)), "format": "d"}
-    titles = {"number": "setting", "role": "role", "x": choice.calls, "y": choice.noticed}
-    keys = [key for key in rows[0] if key not in ("role", "number", "x", "y")]
-    hover = [{"field": key, "title": title} for key, title in titles.items()]
-    hover += [{"field": key, "title": key.replace("_", " ")} for key in keys]
+    hover = [{"field": key, "title": title} for key, title in _titles(choice, rows[0]).items()]
     roles = {role: look for role, look in _ROLES.items() if any(row["role"] == role for row in rows)}
     colour = {"domain": list(roles), "range": [f"var({name})" for name, _ in roles.values()]}
     shape = {"domain": list(roles), "range": [form for _, form in roles.values()]}
@@ -156,7 +153,7 @@ def parts(choice: Choice, curves: Plot | None = None) -> list[str]:
     curves: a plot of the calls up to each frame, whose rows are those of the chosen setting.
     """
     shown, best = choice.shown(), {one.number for one in frontier(choice.settings)}
-    by_number = {one.number: one for one in shown}
+    by_number, alike = {one.number: one for one in shown}, Counter(one.place for one in choice.settings)
     first = next((by_number[one] for one in (choice.proposed, choice.now) if one is not None), shown[0])
     options = "".join(
         f'<option value="{one.number}"{" selected" if one is first else ""}>'
@@ -166,6 +163,7 @@ def parts(choice: Choice, curves: Plot | None = None) -> list[str]:
     told = {
         one.number: {
             "row": {"x": one.calls, "y": one.noticed},
+            "figures": _figures(choice, one, alike),
             "toml": one.toml,
             "command": choice.command.format(one.number),
             "warnings": list(one.warnings),
@@ -179,6 +177,7 @@ def parts(choice: Choice, curves: Plot | None = None) -> list[str]:
         section(choice_plot(choice), "choice"),
         "<h2>The setting to take</h2>",
         f'<p><label for="take">Setting</label> <select id="take">{options}</select></p>',
+        f'<p id="figures" class="faint">{escape(_figures(choice, first, alike))}</p>',
         f'<div id="warnings">{warned}</div>',
         "<p>To put into companion.toml:</p>",
         f'<pre id="toml">{escape(first.toml)}</pre>',
@@ -226,6 +225,20 @@ def _row(choice: Choice, one: Setting, best: Sequence[Setting], alike: Mapping[A
     shown = {key: cell(value) for key, value in combination(one.combination).items()}
     told = {"settings with this outcome": alike[one.place], "frames behind it": choice.behind}
     return {"number": one.number, "x": one.calls, "y": one.noticed, "role": role, **shown, **one.told, **told}
+
+
+def _titles(choice: Choice, row: Mapping[str, Any]) -> dict[str, str]:
+    """Return the fields of a row that are told, and their titles."""
+    first = {"number": "setting", "role": "role", "x": choice.calls, "y": choice.noticed}
+    return first | {key: key.replace("_", " ") for key in row if key not in first}
+
+
+def _figures(choice: Choice, one: Setting, alike: Mapping[Any, int]) -> str:
+    """Return the figures of a setting in one line, for whoever cannot hover."""
+    row = _row(choice, one, [], alike)
+    return ", ".join(
+        f"{title} {row[key]}" for key, title in _titles(choice, row).items() if key not in ("number", "role")
+    )
 
 
 def _label(choice: Choice, one: Setting, best: Iterable[int]) -> str:

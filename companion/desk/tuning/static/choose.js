@@ -7,8 +7,9 @@
   const views = {};
 
   const choose = (number) => {
-    const { row, toml, command, warnings, curves } = settings[number];
+    const { row, figures, toml, command, warnings, curves } = settings[number];
     list.value = number;
+    document.getElementById("figures").textContent = figures;
     document.getElementById("toml").textContent = toml;
     document.getElementById("command").textContent = command;
     document.getElementById("warnings").replaceChildren(...warnings.map((line) => {

@@ -99,7 +99,7 @@ class Axis(NamedTuple):
         return {"field": field, "type": "quantitative", "title": title, "scale": scale, **axis}
 
 
-class Line(NamedTuple):
+class Curve(NamedTuple):
     """Holds a line. points: "x" and "y" of each, "low" and "high" where it has a spread, and what to tell."""
 
     name: str
@@ -110,7 +110,7 @@ class Line(NamedTuple):
 def curves(
     title: str,
     note: str,
-    lines: Sequence[Line],
+    lines: Sequence[Curve],
     x: Axis,
     y: Axis,
     *,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from anytraverse.plots import COLOURS, HINT, Axis, Line, Plot, curves
+from anytraverse.plots import COLOURS, HINT, Axis, Curve, Plot, curves
 
 _FEW = 10
 """Points of a line up to which each has a tick of its own."""
@@ -27,7 +27,7 @@ def plot(series: Mapping[str, Any]) -> Plot | None:
         across = _axis(series["x"], own, _FACTOR_OF_FEW, ticks)
     up = _axis(series["unit"], [value for point in points for value in point[1:]], _FACTOR)
     drawn = [
-        Line(name, COLOURS[number % len(COLOURS)], [_point(*point) for point in line])
+        Curve(name, COLOURS[number % len(COLOURS)], [_point(*point) for point in line])
         for number, (name, line) in enumerate(lines.items())
     ]
     return curves(series["title"], f"Median and quartiles of each point. {HINT}", drawn, across, up)

@@ -9,7 +9,7 @@ from typing import Any
 from anytraverse.evaluation.exhibits import WIDTH, Exhibit
 from anytraverse.evaluation.report import HEADLINES, Figures, asked, comparison, scope
 from anytraverse.html_page import document, figure
-from anytraverse.plots import HINT, Axis, Line, Plot, curves, drawing, section
+from anytraverse.plots import HINT, Axis, Curve, Plot, curves, drawing, section
 from anytraverse.plots import STYLE as PLOTS
 
 _STYLE = """
@@ -135,7 +135,7 @@ def ground_plot(figures: Figures) -> Plot:
     """Return IoU, precision and recall over the threshold of the traversability."""
     rows = figures["curve"]
     lines = [
-        Line(name, colour, [_point(row, key, row["frames"]) for row in rows if row[key] is not None])
+        Curve(name, colour, [_point(row, key, row["frames"]) for row in rows if row[key] is not None])
         for key, name, colour in _CURVES
     ]
     note = (
@@ -150,7 +150,7 @@ def calls_plot(figures: Figures) -> Plot:
     """Return the shares of frames whose region of interest is above a threshold of the uncertainty."""
     calls = figures["calls"]
     lines = [
-        Line(
+        Curve(
             f"{name}, {_frames_behind(calls[key])}",
             colour,
             [_point(row, key, calls[key]) for row in calls["curve"] if row[key] is not None],

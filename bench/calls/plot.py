@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from anytraverse.plots import Axis, Line, curves, svg
+from anytraverse.plots import Axis, Curve, curves, svg
 from bench.calls.operators import OPERATORS, AnsweredCall
 from bench.series import PlottedSeries
 
@@ -40,7 +40,7 @@ def series(
 def drawn(lines: Mapping[str, Sequence[Sequence[float]]]) -> str:
     """Return the plot as a file of SVG."""
     given = [
-        Line(name, _COLOURS[name], [{"x": point[0], "y": point[1]} for point in lines[name]])
+        Curve(name, _COLOURS[name], [{"x": point[0], "y": point[1]} for point in lines[name]])
         for name in (*OPERATORS, *SHARES)
     ]
     width = max(point[0] for points in lines.values() for point in points)

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 
 from anytraverse import plots
-from anytraverse.plots import Axis, Line, Plot, curves, drawing, section, svg
+from anytraverse.plots import Axis, Curve, Plot, curves, drawing, section, svg
 
 LINES = [
-    Line(
+    Curve(
         "mean </script> IoU",
         "--green",
         [{"x": 0.1, "y": 0.5, "frames": 7}, {"x": 0.2, "y": 0.4, "frames": 6}],
     ),
-    Line("recall", "--red", [{"x": 0.1, "y": 0.9, "low": 0.8, "high": 1.0, "frames": 7}]),
+    Curve("recall", "--red", [{"x": 0.1, "y": 0.9, "low": 0.8, "high": 1.0, "frames": 7}]),
 ]
 
 

@@ -34,7 +34,7 @@ _ROLES = {
 
 
 @dataclass(frozen=True)
-class Setting:
+class OfferedSetting:
     """Holds a combination to choose. number: by which it is taken. calls, noticed: its place in the plot.
 
     toml: what puts it into force. told: more figures for the hover. warnings: what it loses. curves: rows of
@@ -66,7 +66,7 @@ class Choice:
     takes a setting, with {} for its number.
     """
 
-    settings: Sequence[Setting]
+    settings: Sequence[OfferedSetting]
     now: int | None
     proposed: int | None
     calls: str
@@ -76,7 +76,7 @@ class Choice:
     most: int | None = None
     wanted: float | None = None
 
-    def shown(self) -> list[Setting]:
+    def shown(self) -> list[OfferedSetting]:
         """Return one setting for each place of the plot, and those in force and proposed. By rising calls."""
         marked = [one for one in self.settings if one.number in (self.now, self.proposed)]
         taken = {one.place for one in marked}
@@ -87,9 +87,9 @@ class Choice:
         return sorted(marked, key=lambda one: (*one.place, one.number))
 
 
-def frontier(settings: Iterable[Setting]) -> list[Setting]:
+def frontier(settings: Iterable[OfferedSetting]) -> list[OfferedSetting]:
     """Return the settings that none surpasses: as few calls and more noticed, by rising calls."""
-    found: list[Setting] = []
+    found: list[OfferedSetting] = []
     for one in sorted(settings, key=lambda one: (one.calls, -one.noticed)):
         if not found or one.noticed > found[-1].noticed:
             found.append(one)
@@ -211,7 +211,7 @@ def combination(one: Combination) -> dict[str, Any]:
     }
 
 
-def _role(choice: Choice, one: Setting, best: Iterable[int]) -> str:
+def _role(choice: Choice, one: OfferedSetting, best: Iterable[int]) -> str:
     if one.number == choice.proposed:
         return _PROPOSED
     if one.number == choice.now:
@@ -219,7 +219,9 @@ def _role(choice: Choice, one: Setting, best: Iterable[int]) -> str:
     return _BEST if one.number in best else _SETTING
 
 
-def _row(choice: Choice, one: Setting, best: Sequence[Setting], alike: Mapping[Any, int]) -> dict[str, Any]:
+def _row(
+    choice: Choice, one: OfferedSetting, best: Sequence[OfferedSetting], alike: Mapping[Any, int]
+) -> dict[str, Any]:
     places = {each.place for each in best}
     role = _role(choice, one, [one.number] if one.place in places else [])
     shown = {key: cell(value) for key, value in combination(one.combination).items()}
@@ -233,7 +235,7 @@ def _titles(choice: Choice, row: Mapping[str, Any]) -> dict[str, str]:
     return first | {key: key.replace("_", " ") for key in row if key not in first}
 
 
-def _figures(choice: Choice, one: Setting, alike: Mapping[Any, int]) -> str:
+def _figures(choice: Choice, one: OfferedSetting, alike: Mapping[Any, int]) -> str:
     """Return the figures of a setting in one line, for whoever cannot hover."""
     row = _row(choice, one, [], alike)
     return ", ".join(
@@ -241,7 +243,7 @@ def _figures(choice: Choice, one: Setting, alike: Mapping[Any, int]) -> str:
     )
 
 
-def _label(choice: Choice, one: Setting, best: Iterable[int]) -> str:
+def _label(choice: Choice, one: OfferedSetting, best: Iterable[int]) -> str:
     of = f" of {choice.most}" if choice.most else ""
     role = _role(choice, one, best)
     marked = "" if role == _SETTING else f", {role}"

@@ -9,8 +9,8 @@ from typing import Any
 
 from anytraverse.assessment import Reason
 from anytraverse.html_page import document
-from anytraverse.plots import HINT, Axis, Line, Plot, curves
-from companion.desk.tuning.choice import STYLE, Choice, Setting, cell, combination, frontier, parts
+from anytraverse.plots import HINT, Axis, Curve, Plot, curves
+from companion.desk.tuning.choice import STYLE, Choice, OfferedSetting, cell, combination, frontier, parts
 from companion.desk.tuning.proposal import changes, fragment
 from companion.desk.tuning.trial import Combination, TrialOutcome
 
@@ -115,7 +115,7 @@ def choice_of(figures: Mapping[str, Any], now: Combination, command: str) -> Cho
     rows, things = figures["each"], figures["things"]
     combinations = [Combination.read(row) for row in rows]
     settings = [
-        Setting(
+        OfferedSetting(
             number,
             one,
             row["calls"],
@@ -144,7 +144,8 @@ def _rising_plot(figures: Mapping[str, Any], choice: Choice) -> Plot:
     first = next(iter(choice.shown()))
     note = f"Of the chosen setting, {figures['frames']} frames. A call counts for each of its reasons. {HINT}"
     lines = [
-        Line(name, colour, [row for row in first.curves if row["line"] == name]) for name, colour, _ in _LINES
+        Curve(name, colour, [row for row in first.curves if row["line"] == name])
+        for name, colour, _ in _LINES
     ]
     across = Axis("frame", (0.0, figures["frames"]))
     return curves("Calls up to each frame", note, lines, across, Axis("calls so far"), stepped=True)

@@ -19,7 +19,7 @@ from anytraverse.plots import INSTALL, installed
 from companion.config import load_config
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
-from companion.desk.tuning.choice import STYLE, Choice, Setting, parts
+from companion.desk.tuning.choice import STYLE, Choice, OfferedSetting, parts
 from companion.desk.tuning.episode import Episode, given_answers
 from companion.desk.tuning.proposal import (
     MOST_WANTED,
@@ -187,10 +187,12 @@ def _remarks(figures: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _setting(row: Mapping[str, Any], one: Candidate, now: Combination, figures: Mapping[str, Any]) -> Setting:
+def _setting(
+    row: Mapping[str, Any], one: Candidate, now: Combination, figures: Mapping[str, Any]
+) -> OfferedSetting:
     """Return a candidate as it is shown to choose from. row: of the JSON."""
     number, named = row["number"], figures["named"]
-    return Setting(
+    return OfferedSetting(
         number,
         one.combination,
         row["calls_per_minute"],

@@ -10,15 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anytraverse.regions import Box
-from companion.desk.tuning.choice import Choice, Setting, choice_plot, frontier, parts
+from companion.desk.tuning.choice import Choice, OfferedSetting, choice_plot, frontier, parts
 from companion.desk.tuning.things import LabelledThing, noticed
 from companion.desk.tuning.trial import Combination, TrialOutcome
 
 REGION = Box(0.3, 0.5, 0.7, 0.9)
 
 
-def setting(number: int, calls: float, things: int, roi: float = 0.3, **more: Any) -> Setting:
-    return Setting(number, Combination(0.9, roi, None, REGION), calls, things, f"roi = {roi}\n", **more)
+def setting(number: int, calls: float, things: int, roi: float = 0.3, **more: Any) -> OfferedSetting:
+    return OfferedSetting(
+        number, Combination(0.9, roi, None, REGION), calls, things, f"roi = {roi}\n", **more
+    )
 
 
 SETTINGS = [

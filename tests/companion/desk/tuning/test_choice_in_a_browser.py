@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from anytraverse.html_page import document
-from anytraverse.plots import Axis, Line, curves, installed
+from anytraverse.plots import Axis, Curve, curves, installed
 from companion.desk.tuning.choice import STYLE, parts
 from tests.companion.desk.tuning.test_choice import CHOICE
 
@@ -26,7 +26,7 @@ pytestmark = [
 @pytest.fixture(params=[(1280, 800), (390, 844)], ids=["desk", "phone"])
 def tab(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Any]:
     """The open page. Errors of its code, and requests, fail the test."""
-    line = Line("all calls", "--green", [{"x": 0, "y": 0}, {"x": 96, "y": 4}])
+    line = Curve("all calls", "--green", [{"x": 0, "y": 0}, {"x": 96, "y": 4}])
     rising = curves("Calls up to each frame", "Of 96 frames.", [line], Axis("frame"), Axis("calls"))
     file = tmp_path / "page.html"
     file.write_text(document("Tuning", STYLE, parts(CHOICE, rising)))

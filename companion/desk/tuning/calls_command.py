@@ -136,9 +136,11 @@ def _run(options: argparse.Namespace) -> int:
             for number, one in enumerate(judged.outcomes)
         ],
     }
-    command = f"companion tune --take {{}} --from {shlex.quote(str(options.out / 'calls.json'))} --write FILE"
-    if options.config:
-        command = command.replace("FILE", shlex.quote(options.config))
+    source, file = (
+        shlex.quote(str(options.out / "calls.json")),
+        shlex.quote(options.config or "companion.toml"),
+    )
+    command = f"companion tune --take {{}} --from {source} --write {file}"
     written = {
         "calls.html": page(figures, Combination.of(engine.settings), command),
         "calls.csv": as_csv(csv_rows(figures["each"])),

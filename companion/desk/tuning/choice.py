@@ -63,7 +63,7 @@ class Choice:
     settings: all, the one with the fewest changes first among those of one place. now, proposed: numbers,
     None for none. calls, noticed: titles of the axes, with units. most: how much can be noticed, None: it is
     not known. wanted: calls at most, None for any. behind: how many frames it is about, in words. command:
-    takes a setting, with {} for its number.
+    takes a setting, whose first {} is its number.
     """
 
     settings: Sequence[OfferedSetting]
@@ -165,7 +165,7 @@ def parts(choice: Choice, curves: Plot | None = None) -> list[str]:
             "row": {"x": one.calls, "y": one.noticed},
             "figures": _figures(choice, one, alike),
             "toml": one.toml,
-            "command": choice.command.format(one.number),
+            "command": _command(choice, one),
             "warnings": list(one.warnings),
             "curves": list(one.curves),
         }
@@ -183,7 +183,7 @@ def parts(choice: Choice, curves: Plot | None = None) -> list[str]:
         f'<pre id="toml">{escape(first.toml)}</pre>',
         '<p><button type="button" data-copies="toml">Copy the TOML</button></p>',
         "<p>Or let this write it there, which keeps your comments:</p>",
-        f'<pre id="command">{escape(choice.command.format(first.number))}</pre>',
+        f'<pre id="command">{escape(_command(choice, first))}</pre>',
         '<p><button type="button" data-copies="command">Copy the command</button></p>',
         '<p id="copied" role="status"></p>',
         *([section(curves, "curves")] if curves is not None else []),
@@ -241,6 +241,10 @@ def _figures(choice: Choice, one: OfferedSetting, alike: Mapping[Any, int]) -> s
     return ", ".join(
         f"{title} {row[key]}" for key, title in _titles(choice, row).items() if key not in ("number", "role")
     )
+
+
+def _command(choice: Choice, one: OfferedSetting) -> str:
+    return choice.command.replace("{}", str(one.number), 1)  # the names of files may hold braces
 
 
 def _label(choice: Choice, one: OfferedSetting, best: Iterable[int]) -> str:

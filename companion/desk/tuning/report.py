@@ -97,7 +97,7 @@ def text_of(figures: Mapping[str, Any]) -> str:
 def page(figures: Mapping[str, Any], now: Combination, command: str) -> str:
     """Return the page: the settings to choose from, and the calls of the chosen one up to each frame.
 
-    now: in force. command: takes a setting, with {} for its number.
+    now: in force. command: takes a setting, whose first {} is its number.
     """
     choice = choice_of(figures, now, command)
     told = (

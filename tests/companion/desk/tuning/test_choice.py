@@ -37,7 +37,7 @@ CHOICE = Choice(
     "calls a minute",
     "things noticed",
     "96 frames, 32 s",
-    "tune --take {}",
+    "tune --take {} --from {b}",
     most=3,
     wanted=2.5,
 )
@@ -83,12 +83,12 @@ def test_the_page_begins_with_the_proposal_and_can_show_each_other_point() -> No
     page = "".join(parts(CHOICE))
     assert '<option value="2" selected>2: 2 calls, 3 of 3 noticed, proposed</option>' in page
     assert "roi = 0.2\n</pre>" in page
-    assert "tune --take 2</pre>" in page
+    assert "tune --take 2 --from {b}</pre>" in page
     assert "WARNING: &lt;less&gt;" in page
     (data,) = re.findall(r'<script id="settings" type="application/json">(.*?)</script>', page)
     told = json.loads(data)
     assert sorted(told) == ["0", "2", "3", "4"]
-    assert told["4"]["command"] == "tune --take 4"
+    assert told["4"]["command"] == "tune --take 4 --from {b}"
     assert told["2"]["warnings"] == ["WARNING: <less>"]
 
 

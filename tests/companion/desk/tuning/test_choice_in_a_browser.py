@@ -59,12 +59,12 @@ def test_a_hover_tells_and_a_click_takes(tab: Any) -> None:
     for figure in ("setting 0", "things noticed 1", "roi 0.3", "tile off", "region 0.3 0.5 0.7 0.9"):
         assert figure in said
     point(tab, 4).click()
-    assert tab.locator("#command").inner_text() == "tune --take 4"
+    assert tab.locator("#command").inner_text() == "tune --take 4 --from {b}"
     assert tab.locator("#take").input_value() == "4"
     assert "calls a minute 4.0, things noticed 2, scene 0.9" in tab.locator("#figures").inner_text()
     assert tab.locator("#warnings").inner_text() == ""
     tab.select_option("#take", "0")
-    assert tab.locator("#command").inner_text() == "tune --take 0"
+    assert tab.locator("#command").inner_text() == "tune --take 0 --from {b}"
     assert tab.locator("#toml").inner_text().strip() == "roi = 0.3"
 
 
@@ -72,7 +72,7 @@ def test_what_is_shown_can_be_copied(tab: Any) -> None:
     tab.context.grant_permissions(["clipboard-read", "clipboard-write"])
     tab.get_by_role("button", name="Copy the command").click()
     tab.wait_for_function("document.getElementById('copied').textContent === 'Copied.'")
-    assert tab.evaluate("navigator.clipboard.readText()") == "tune --take 2"
+    assert tab.evaluate("navigator.clipboard.readText()") == "tune --take 2 --from {b}"
 
 
 def test_no_text_is_clipped(tab: Any) -> None:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from anytraverse.memory import Memory
 from companion.config import Config
 from companion.config.stopping import longest_brake
+from companion.daemon.call_alerts import CallAlerts
 from companion.daemon.composition import Resources, compose, first_parameters, open_id, stored_u32
 from companion.daemon.settings.runtime import first_words, restored_policy
 from companion.daemon.startup import load, report_death
@@ -34,6 +35,7 @@ from companion.storage.file_reader import FileReader
 from companion.storage.log_file import log_to_file
 from companion.storage.served_files import ServedFiles
 from companion.storage.writer import Writer
+from companion.system.alert import AlertSender
 from companion.system.error_guard import BackgroundJob
 from companion.system.service_manager import ServiceManager, stop_on_signals
 from companion.tasks import VISION
@@ -127,6 +129,8 @@ def _main(
     vision = VisionClient(launch, config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
     beside = _Beside.of(config)
+    alerts = AlertSender(config.alert.url, config.alert.shown)
+    closing.callback(alerts.close)
     for process in beside:
         closing.callback(process.close)
     served.show_incidents(beside.packer.document)
@@ -157,8 +161,11 @@ def _main(
     service.ready(time.monotonic())
     try:
         job = closing.enter_context(BackgroundJob())
-        report = _StatusReporter(supervisor, beside, writer, checks, service, job)
+        report = _StatusReporter(supervisor, beside, alerts, writer, checks, service, job)
         supervisor.observers.add(report)
+        supervisor.observers.add(
+            CallAlerts(supervisor.calls, supervisor.call_texts, alerts, config.alert.link)
+        )
         _run(supervisor, link, stop, service, beside, report.news)
     except Exception:
         log.critical("the supervisor's main loop failed: the companion stops")
@@ -213,6 +220,7 @@ class _StatusReporter(Observer):
         self,
         supervisor: Supervisor,
         beside: _Beside,
+        alerts: AlertSender,
         writer: Writer,
         checks: CheckReport,
         service: ServiceManager,
@@ -220,6 +228,7 @@ class _StatusReporter(Observer):
     ) -> None:
         self._supervisor = supervisor
         self._beside = beside
+        self._alerts = alerts
         self._writer = writer
         self._checks = checks
         self._service = service
@@ -241,6 +250,7 @@ class _StatusReporter(Observer):
             video=self._beside.video.figures(),
             recording={**self._beside.recorder.figures(), "left_out": left_out},
             live=self._beside.live.figures(),
+            alert=self._alerts.figures(),
         )
         self._service.status(f"{figures['state']}, policy {figures['policy']}")
         if checks_due and self._background.run(

@@ -51,6 +51,7 @@ def tasks(numbers: Numbers) -> tuple[Task, ...]:
              LIVE),
         Task("packer",  "packs an incident file",      "process, on request",     None,  "killed"),
         Task("deleter", "deletes a recording",         "thread, on request",      None,  "no reply"),
+        Task("alert",   "posts to the owner's URL",       "thread, on a call",        None,  "counted"),
         Task("signing", "syncs signing's clock",          "thread, while signing",    None,  "reported"),
     )
     # fmt: on

@@ -9,12 +9,13 @@ import time
 from contextlib import suppress
 
 from mavsdk import ComponentType, Configuration, Mavsdk
-from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
 
 COMPANION, ANSWER = 191, 31010
 MOTIONS = {"go": 1, "stay": 2, "look": 3}
 RESULTS = {0: "done", 1: "busy, type it again", 2: "denied: too late, or not allowed", 4: "refused"}
+LOST = "no acknowledgement: it may have arrived"
 heard_at: dict[int, float] = {}
 
 
@@ -52,8 +53,11 @@ for line in sys.stdin:
         command = MavlinkMessage(
             "COMMAND_LONG", target_component_id=COMPANION, fields_json=json.dumps(answer)
         )
-        result = json.loads(direct.send_command(command).fields_json)["result"]
-        print(f"{word}: {RESULTS.get(result, result)}", flush=True)
+        try:
+            result = json.loads(direct.send_command(command).fields_json)["result"]
+            print(f"{word}: {RESULTS.get(result, result)}", flush=True)
+        except MavlinkDirectError:  # MAVSDK has sent it again by itself, and heard nothing
+            print(f"{word}: {LOST}", flush=True)
     elif word.startswith("AT_"):
         try:
             was, now = parameters.get_param_float(word), float(value or "nan")
@@ -66,7 +70,10 @@ for line in sys.stdin:
             if value:
                 parameters.set_param_float(word, now)
             print(f"{word} = {parameters.get_param_float(word)}", flush=True)
-        except (ParamError, ValueError) as error:  # no such parameter, or no number
-            print(f"{word}: not done, {error}", flush=True)
+        except ParamError as error:  # TIMEOUT is also what MAVSDK says of one that is not there
+            why = LOST if error.result.name == "TIMEOUT" else f"not done, {error.result.name}"
+            print(f"{word}: {why}", flush=True)
+        except ValueError:
+            print(f"{word}: not done, {value} is no number", flush=True)
     else:
         print("type go, stay, look, or a parameter and its value", flush=True)

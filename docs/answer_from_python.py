@@ -106,7 +106,7 @@ class Client:
                 heard = self.hear()
                 if heard and heard.get_type() == reply_kind and is_reply(heard):
                     return heard
-        raise ValueError(f"no {reply_kind} came")
+        raise TimeoutError(f"no acknowledgement: it may have arrived (no {reply_kind} came)")
 
     def answer(self, motion, words):
         number = random.randrange(1, 2**32)
@@ -173,6 +173,8 @@ class Client:
             return self.question(line, words) or self.answer(motion, words)
         except (IndexError, KeyError):
             return USAGE
+        except TimeoutError as error:
+            return str(error)
         except ValueError as error:
             return f"not done: {error}"
 

@@ -9,15 +9,19 @@ from __future__ import annotations
 import re
 import time
 import traceback
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from MAVProxy.modules.lib import mp_module
+from pymavlink.dialects.v20.common import MAV_SEVERITY_ERROR
 
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID, COMPONENT_ID, Policy
+from gcs_plugin.client import events as ev
 from gcs_plugin.client.client import OperatorClient
+from gcs_plugin.client.rovers import ECHO_S
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import TextOutput
 from gcs_plugin.terminal.pictures import Pictures
@@ -27,6 +31,9 @@ NAMES = ("anytraverse", "at")
 CYCLE_S = 0.05
 """Least time between two steps of the client: MAVProxy calls `idle_task` several hundred times a second."""
 MAX_PROBLEMS = 16
+MOST_TEXTS = 32
+REPEATED_WITHIN_S = 2.0
+"""Within this time the autopilot's script has repeated a text of severity ERROR or worse."""
 UNSIGNED = "rover {} believes only what is signed; type this first: signing key PASSPHRASE"
 HELP = """\
   at go | stay | look          answer the current call; `at 7 go` or `at answer 7 go` answers call 7
@@ -85,6 +92,35 @@ class _Console:
         """Do nothing: the console shows every line at once."""
 
 
+class _Output(TextOutput):
+    """Leaves out texts that MAVProxy prints as "AP: ...": the companion's, or its script's repeat."""
+
+    def __init__(self, console: _Console) -> None:
+        super().__init__(console, colours=False, before="at ")
+        self._printed: deque[tuple[float, int, str]] = deque(maxlen=MOST_TEXTS)
+        self._waiting: deque[tuple[float, ev.TextReceived, bool]] = deque()
+
+    def printed_by_mavproxy(self, system: int, text: str, now: float) -> None:
+        """Take note of a text that MAVProxy prints."""
+        self._printed.append((now, system, text))
+
+    def event(self, event: ev.Event, now: float, *, several: bool) -> None:
+        """Show an event; a text once it is known that MAVProxy does not print it."""
+        if isinstance(event, ev.TextReceived) and len(self._waiting) < MOST_TEXTS:
+            wait = REPEATED_WITHIN_S if event.severity <= MAV_SEVERITY_ERROR else 0.0
+            self._waiting.append((now + wait, event, several))
+        else:
+            super().event(event, now, several=several)
+
+    def show_due(self, now: float) -> None:
+        """Show the texts that MAVProxy has not printed meanwhile."""
+        while self._waiting and self._waiting[0][0] <= now:
+            _, event, several = self._waiting.popleft()
+            printed = {(system, text) for at, system, text in self._printed if now - at < ECHO_S}
+            if (event.system, event.text) not in printed:
+                super().event(event, now, several=several)
+
+
 class AnyTraverseModule(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy has no types
     """Passes MAVProxy's messages to the operator's client, and the client's messages to the links."""
 
@@ -92,7 +128,7 @@ class AnyTraverseModule(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy h
         # MAVProxy finds a module to reload or unload by the name given to `module load`: the import name.
         super().__init__(mpstate, __name__, "what rovers ask, and your answers", multi_vehicle=True)
         self._client = OperatorClient()
-        self._output = TextOutput(_Console(mpstate), colours=False, before="at ")
+        self._output = _Output(_Console(mpstate))
         self._session = Session(self._client, self._output, keep=Pictures(Path()).keep)
         self._next_at = float("-inf")
         self._problems: set[str] = set()
@@ -104,8 +140,10 @@ class AnyTraverseModule(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy h
 
     def mavlink_packet(self, message: Any) -> None:
         """Take in every message of every vehicle on every link."""
-        if _is_autopilot_text(message) and self.message_is_from_primary_vehicle(message):
-            return  # MAVProxy prints it itself
+        if message.get_type() == "STATUSTEXT" and self.message_is_from_primary_vehicle(message):
+            self._output.printed_by_mavproxy(message.get_srcSystem(), message.text, time.monotonic())
+            if message.get_srcComponent() == AUTOPILOT_COMPONENT_ID:
+                return
         with self._reporting_errors():
             self._client.receive(message, time.monotonic())
 
@@ -119,6 +157,7 @@ class AnyTraverseModule(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy h
             for message in self._client.outgoing(now):
                 self._send(message)
             self._session.step(now)
+            self._output.show_due(now)
 
     def command(self, arguments: Sequence[str]) -> None:
         """Run the command `at ...`."""
@@ -176,10 +215,6 @@ class AnyTraverseModule(mp_module.MPModule):  # type: ignore[misc]  # MAVProxy h
 
     def _words(self, _text: str) -> list[str]:
         return [word for rover in self._client.rovers.values() for word in rover.words()]
-
-
-def _is_autopilot_text(message: Any) -> bool:
-    return bool(message.get_type() == "STATUSTEXT" and message.get_srcComponent() == AUTOPILOT_COMPONENT_ID)
 
 
 def init(mpstate: Any) -> AnyTraverseModule:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from anytraverse.assessment import CORRIDOR, NAMED_MEAN, NAMED_TILE, ROI_MEAN, WORST_TILE, Assessment, Reason
+from anytraverse.ground import RELIABLE, GroundRegion
 from anytraverse.history import Place
 from anytraverse.light import light_name
 from anytraverse.preferences import Preferences
@@ -85,9 +89,15 @@ def milliseconds(seconds: float) -> int:
 
 
 def current_data(
-    calls: OperatorCalls, words: Preferences, place: Place, picture: str, now: float
+    calls: OperatorCalls,
+    words: Preferences,
+    place: Place,
+    picture: str,
+    now: float,
+    *,
+    measured: bool = False,
 ) -> CallReport | None:
-    """Return the report of the open call or hold, None when nothing is open."""
+    """Return the report of the open call or hold, None when nothing is open. measured: with its distance."""
     if calls.current_id == 0:
         return None
     call, hold = calls.call, calls.hold
@@ -95,7 +105,7 @@ def current_data(
     since = call.opened_at if call is not None else hold.started_at if hold is not None else now
     place = call.place if call is not None and call.place.latitude is not None else place
     reasons = calls.reasons(now) | (call.reasons if call is not None and not call.answered else set())
-    return call_data(
+    told = call_data(
         seen,
         calls.numbers.judging.region,
         words,
@@ -109,6 +119,18 @@ def current_data(
         age=now - since,
         picture=picture,
     )
+    ground = calls.numbers.judging.metres if measured else None
+    return told if seen is None or ground is None else replace(told, distance=_distance(told, seen, ground))
+
+
+def _distance(told: CallReport, seen: Assessment, ground: GroundRegion) -> float | None:
+    """Return how far ahead of the vehicle's front the ground under the call's box is; None above it."""
+    box = told.worst_tile_box
+    if box is None:
+        return None
+    camera = ground.camera.leaning(*(seen.frame.lean or (0.0, 0.0)))
+    ahead = float(camera.to_ground(np.array([[(box[0] + box[2]) / 2, box[3]]]))[0, 0])
+    return max(0.0, ahead - camera.front) if math.isfinite(ahead) and ahead <= RELIABLE else None
 
 
 def recorded(call: Call) -> CallReport:

@@ -88,9 +88,10 @@ def _checked(main: Layer, vehicle: Layer | None, problems: list[Problem]) -> Con
     calibration = calibrate(main, sections, problems)
     words = read_words(layers, problems)
     problems += _too_slow_for_sticks(main, sections)
-    if sections["web"].token and main.is_open_to_all():
-        reason = f"everybody on this computer may read it: chmod o-r {main.path}"
-        problems.append(main.problem(("web", "token"), reason))
+    for section, key in (("web", "token"), ("alert", "url")):
+        if getattr(sections[section], key) and main.is_open_to_all():
+            reason = f"everybody on this computer may read it: chmod o-r {main.path}"
+            problems.append(main.problem((section, key), reason))
     if not problems:
         try:
             ground_region(Config(**sections))

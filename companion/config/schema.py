@@ -35,7 +35,7 @@ from companion.config.checks import (
 )
 from companion.config.radio import LinkSection
 from companion.config.video import VideoSection
-from companion.config.web import LiveSection, WebSection
+from companion.config.web import AlertSection, LiveSection, WebSection
 from companion.vehicle import PX4_HOLDS
 
 LONGEST_FRESHNESS = 10.0
@@ -424,6 +424,7 @@ SECTIONS: Mapping[str, type[Section]] = {
     "live": LiveSection,
     "web": WebSection,
     "video": VideoSection,
+    "alert": AlertSection,
 }
 WORD_KEYS = ("vocabulary", "words", "aliases")
 OF_A_VEHICLE = (*WORD_KEYS, "mount", "stopping", "roi", "corridor", "thresholds", "call")
@@ -460,6 +461,7 @@ class Config:
     live: LiveSection = field(default_factory=LiveSection)
     web: WebSection = field(default_factory=WebSection)
     video: VideoSection = field(default_factory=VideoSection)
+    alert: AlertSection = field(default_factory=AlertSection)
     calibration: LensCalibration | None = None
 
     @property

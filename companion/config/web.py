@@ -1,12 +1,14 @@
-"""Reads the sections [web] and [live]: where the page and the live view listen, and who may see them."""
+"""Reads the sections [web], [live] and [alert]: where page and live view listen, and whom calls alert."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from companion.cameras.shown import address
 from companion.config.checks import Conflict, Section, checked, harmless, setting
 from companion.pages.listen import Listen, check_token, read_listen
+from companion.system.alert import read_alert_url
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,21 @@ class WebSection(Section):
     def address(self) -> Listen | None:
         """Where the page listens; None: there is none."""
         return read_listen(self.listen)
+
+
+@dataclass(frozen=True)
+class AlertSection(Section):
+    """An address of the owner's that is told of each call."""
+
+    url: str = setting(
+        "", checked(read_alert_url), 'is told of each call by an HTTP POST, ntfy\'s for one; "": none'
+    )
+    link: str = setting("", checked(read_alert_url), "what a click on an alert opens, such as the page")
+
+    @property
+    def shown(self) -> str:
+        """What may be shown of `url`, which may hold a token: scheme, host and port."""
+        return address(self.url)
 
 
 @dataclass(frozen=True)

@@ -188,7 +188,7 @@ class Status(Observer):
         """Return the most important figures, for /state.json: JSON values, some 2 kB."""
         status, words, place = self.figures(), self._vision.words, self._place
         picture = self._records.picture_of(self._calls.current_id)
-        current = current_data(self._calls, words, place, picture, time.monotonic())
+        current = current_data(self._calls, words, place, picture, time.monotonic(), measured=True)
         return {
             "version": self._release,
             "protocol": VERSION,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from anytraverse.operations import taps_of, weights_of
 from companion.pages import wording
 from companion.pages.given import OwnAnswers
 from companion.wire.call_report import CallReport, NearestScene, reason_names
@@ -14,6 +15,7 @@ from companion.wire.incidents import SHORT, Incidents
 from companion.wire.packing import clean
 from companion.wire.texts import name
 
+_POSTED_MOTIONS = {"go": "go", "stay": "stay", "look_again": "look"}
 _KINDS = {SHORT: "the short file", "": "the whole file"}
 
 
@@ -26,12 +28,13 @@ def shown(
     said: Sequence[Mapping[str, Any]],
     nearest: Mapping[str, Any] | None,
     since: float | None = None,
+    record: CallReport | None = None,
 ) -> dict[str, Any]:
     """Return what every page shows of a call.
 
     own: what was answered from the page. key: tells calls of one id apart. pictures: their addresses by size.
     said: what else became of it, time and text. nearest: of `nearest`. since: when it opened, by the page's
-    clock, None for one of which only its record tells.
+    clock, None for one of which only its record tells. record: of this call, where there is one.
     """
     told: dict[str, Any]
     if since is None:
@@ -60,9 +63,30 @@ def shown(
         "pictures": pictures,
         "said": said,
         "nearest": nearest,
+        "named": _named(own, record),
         **told,
         **own.document(),
     }
+
+
+def _named(own: OwnAnswers, record: CallReport | None) -> dict[str, Any] | None:
+    """Return what the newest answer to a call named as not drivable, a tapped thing first, and its motion.
+
+    None where none did.
+    """
+    applied = [one.pending.answer for one in own.answers if one.pending.applied]
+    answers = [
+        ({tap.word: tap.weight for tap in taps_of(one.changes)} | weights_of(one.changes), one.motion.name)
+        for one in applied
+    ]
+    if not answers and record is not None:
+        answers = [(wording.words_of(one), one.motion) for one in record.answers if wording.applied(one)]
+    for words, motion in reversed(answers):
+        for word, weight in words.items():
+            if weight <= 0:
+                posted = _POSTED_MOTIONS.get(motion.lower(), "none")
+                return {"word": word, "weight": weight, "motion": posted}
+    return None
 
 
 def nearest(found: NearestScene, said: str, motion: str, alike: float | None, picture: str) -> dict[str, Any]:

@@ -98,10 +98,14 @@ def posted(carry_out: Callable[[bytes], str]) -> Callable[[Request], Any]:
 
 
 class EventStreams:
-    """Answers with streams of events, at most `MOST_STREAMS` at once. open: how many there are."""
+    """Answers with streams of events, at most `MOST_STREAMS` at once.
+
+    open: how many there are. seen: how many of them somebody sees: a page in the background asks for a
+    "?quiet" one, to hear of calls alone.
+    """
 
     def __init__(self) -> None:
-        self.open = 0
+        self.open = self.seen = 0
 
     def answer(self, request: Request, chunks: Callable[[], AsyncIterator[bytes]]) -> Response:
         """Answer with the events that `chunks` makes; with 503 when too many are open."""
@@ -109,17 +113,27 @@ class EventStreams:
             return Response(media_type=_EVENT_STREAM)
         if self.open >= MOST_STREAMS:
             return PlainTextResponse(f"{MOST_STREAMS} pages are open: close one\n", 503)
-        return StreamingResponse(self._counted(chunks), media_type=_EVENT_STREAM)
+        seen = not is_quiet(request)
+        return StreamingResponse(self._counted(chunks, seen=seen), media_type=_EVENT_STREAM)
 
-    async def _counted(self, chunks: Callable[[], AsyncIterator[bytes]]) -> AsyncIterator[bytes]:
+    async def _counted(
+        self, chunks: Callable[[], AsyncIterator[bytes]], *, seen: bool
+    ) -> AsyncIterator[bytes]:
         if self.open >= MOST_STREAMS:  # others that asked at the same moment came first
             return
         self.open += 1
+        self.seen += seen
         try:
             async for chunk in chunks():
                 yield chunk
         finally:
             self.open -= 1
+            self.seen -= seen
+
+
+def is_quiet(request: Request) -> bool:
+    """Whether a page in the background asks."""
+    return "quiet" in request.query_params
 
 
 class Server(uvicorn.Server):  # type: ignore[misc]  # it is Any for mypy

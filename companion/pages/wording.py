@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from companion.wire.call_figures import place_in_words, thing_in_words
 from companion.wire.call_report import CallReport, GivenAnswer
 from companion.wire.ids import PAGE_SENDER, Kind, Outcome, Reasons, Stage
 from companion.wire.packing import clean, where
@@ -28,23 +29,38 @@ _TAP = re.compile(r"tap ([^:]{1,64}: \S{1,8})(?: \S{1,8}){4}")
 
 
 def reason(call: CallReport) -> str:
-    """Say in a sentence why the rover calls."""
+    """Say in one line why the rover calls, with the figures that it tells and what they lack."""
     if call.test:
         return "This is a test: nothing is wrong."
-    reasons = call.reasons
-    there = f" {where(call.worst_tile_box)}" if call.worst_tile_box else ""
-    if reasons & Reasons.UNKNOWN_OBJECT and reasons & Reasons.UNKNOWN_SCENE:
-        return f"A new place, and something{there} that none of its words explains."
+    reasons, box = call.reasons, call.worst_tile_box
+    there = f" {where(box)}" if box else ""
     if reasons & Reasons.UNKNOWN_OBJECT:
-        return f"Something{there} that none of its words explains."
+        new = "New place, and unknown" if reasons & Reasons.UNKNOWN_SCENE else "Unknown"
+        metres = "" if call.distance is None else f", {call.distance:.1f} m ahead"
+        return _line(f"{new} thing{there}{metres}", thing_in_words(call.why) or _unknown(call))
     if reasons & Reasons.UNKNOWN_SCENE:
-        return "A place unlike those that it was told about."
+        return _line("New place", place_in_words(call.why))
     if reasons & Reasons.FAULT:
         return "It has no picture that it can judge."
     if reasons & Reasons.BLOCKED:
-        named = f" The thing{there} was named as not drivable." if call.worst_tile_box else ""
+        named = f" The thing{there} was named as not drivable." if box else ""
         return f"The way ahead is known, and not drivable.{named}"
     return "What it called for is gone."
+
+
+def _line(what: str, figures: str) -> str:
+    return f"{what}: {figures}." if figures else f"{what}."
+
+
+def _unknown(call: CallReport) -> str:
+    """Tell the figures of a thing where the rover's own words for them did not come."""
+    if call.stage is not Stage.OPEN:
+        return ""  # by now they are those of the frame judged again
+    if call.worst_tile is not None and call.worst_tile_box is not None:
+        return f"{percent(call.worst_tile)} of the yellow frame is unknown".replace("%", " %")
+    if call.roi_uncertainty is not None:
+        return f"{percent(call.roi_uncertainty)} of the region is unknown".replace("%", " %")
+    return ""
 
 
 def points(call: CallReport) -> bool:
@@ -55,17 +71,15 @@ def points(call: CallReport) -> bool:
 
 
 def figures(call: CallReport) -> str:
-    """Give the figures behind the reason: what the rover says of them, else those that it tells."""
-    shown = [call.why] if call.why else []
+    """Give further figures of the call's frame, which do not stand in the reason."""
+    shown = []
     if not call.why and call.roi_uncertainty is not None:
         shown.append(f"{percent(call.roi_uncertainty)} of the region of interest unexplained")
-    if not call.why and call.worst_tile is not None and points(call):
-        shown.append(f"{percent(call.worst_tile)} in the yellow frame")
     if call.drivable_share is not None:
         shown.append(f"{percent(call.drivable_share)} of the known ground drivable")
     if not call.why and call.similarity is not None:
         shown.append(f"{call.similarity:.2f} like the place it knows")
-    return "; ".join(shown) if call.why else ", ".join(shown)
+    return ", ".join(shown)
 
 
 def what_to_do(call: CallReport) -> str:
@@ -115,7 +129,7 @@ def first_answer(record: CallReport, own: tuple[int, int] | None) -> str:
 
     own: MAVLink ids of the page's program, None where it has none.
     """
-    given = next((one for one in record.answers if one.result in _APPLIED), None)
+    given = next((one for one in record.answers if applied(one)), None)
     if given is None:
         return ""
     who = "Another ground station"
@@ -131,5 +145,15 @@ def first_answer(record: CallReport, own: tuple[int, int] | None) -> str:
 
 def named(record: CallReport) -> dict[str, float]:
     """Return the words that answers to a call set or tapped, by weight."""
-    found = (_NAMED.fullmatch(clean(one)) for answer in record.answers for one in answer.operations)
+    return {word: weight for one in record.answers for word, weight in words_of(one).items()}
+
+
+def words_of(given: GivenAnswer) -> dict[str, float]:
+    """Return the words that an answer in a record set or tapped, by weight."""
+    found = (_NAMED.fullmatch(clean(one)) for one in given.operations)
     return {one[1]: float(one[2]) for one in found if one}
+
+
+def applied(given: GivenAnswer) -> bool:
+    """Whether an answer in a record changed something."""
+    return given.result in _APPLIED

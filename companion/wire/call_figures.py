@@ -9,6 +9,16 @@ _ASKED = re.compile(
     r"C([0-9]{1,5}) (?:stays open: )?((?:new place|unknown [0-9])[ -~]*?)(?:: go/(?:stay/)?word)?", re.ASCII
 )
 
+_LIGHT = r"(?:, (?P<light>[a-z ]+))?"
+_THING = re.compile(
+    rf"unknown (?P<share>[0-9]{{1,3}})%(?: in (?P<of>[a-z ]+))?{_LIGHT}, over (?P<most>[0-9]{{1,3}})% calls"
+)
+_COSINE = r"-?[01]?\.[0-9]{2}"
+_PLACE = re.compile(
+    rf"new place{_LIGHT}, (?P<value>{_COSINE})(?: like (?P<like>a known one|C[0-9]{{1,5}}))?, "
+    rf"(?P<least>{_COSINE}) needed"
+)
+
 
 def asked(text: str) -> tuple[int, str] | None:
     """Read a text that says why a call is open: its id and why; None for another text."""
@@ -55,3 +65,28 @@ def _rounded(value: float, *, up: bool) -> int:
 def _hundredths(value: float, *, up: bool) -> str:
     """Format a cosine as ".91", up or down."""
     return f"{_rounded(value, up=up) / 100:.2f}".replace("0.", ".")
+
+
+def thing_in_words(why: str) -> str:
+    """Word what `thing_figures` told for a page: "91 % of the yellow frame is unknown, over 25 % calls".
+
+    "" where `why` tells nothing of a thing.
+    """
+    found = _THING.search(why)
+    if found is None:
+        return ""
+    of = {"region": " of the region", None: ""}.get(found["of"], f" of the {found['of']}")
+    return f"{found['share']} %{of} is unknown, over {found['most']} % calls{_in_light(found)}"
+
+
+def place_in_words(why: str) -> str:
+    """Word what `place_figures` told for a page: "0.91 like C3, known from 0.94 on"; "" where it did not."""
+    found = _PLACE.search(why)
+    if found is None:
+        return ""
+    like = f"like {found['like'] or 'a known one'}"
+    return f"{float(found['value']):.2f} {like}, known from {float(found['least']):.2f} on{_in_light(found)}"
+
+
+def _in_light(found: re.Match[str]) -> str:
+    return f" ({found['light']})" if found["light"] else ""

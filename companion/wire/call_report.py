@@ -46,8 +46,8 @@ from companion.wire.packing import (
 from companion.wire.payloads import check_version
 
 STATE_MEMBERS = (
-    "id", "kind", "stage", "holding", "age", "frame_id", "why", "worst_tile_box", "roi_uncertainty",
-    "worst_tile", "drivable_share", "similarity", "picture",
+    "id", "kind", "stage", "holding", "age", "frame_id", "why", "worst_tile_box", "distance",
+    "roi_uncertainty", "worst_tile", "drivable_share", "similarity", "picture",
 )  # fmt: skip
 """Members of what /state.json tells of the open call or hold."""
 FIGURES_MEMBERS = (
@@ -68,8 +68,10 @@ RECORD_MEMBERS = (
     "answers",
 )
 """Members of /calls/N.json."""
-ONLY_RECORDED = frozenset({"judged_by", "time", "attitude", "nearest", "large", "raw", "closed", "answers"})
-"""Attributes of a report that nothing but a record tells."""
+ONLY_RECORDED = frozenset(
+    {"distance", "judged_by", "time", "attitude", "nearest", "large", "raw", "closed", "answers"}
+)
+"""Attributes of a report that no message tells, but a record or a document."""
 MOST_ANSWERS = 64
 PICTURES = {"small": "", "raw": "-raw", "large": "-large"}
 """Pictures of a call by size -> what their files' names have behind the number."""
@@ -130,6 +132,7 @@ class CallReport:
 
     The payload has no room for the others.
     why: the figures that call, and what they lack, in words; "" where not known. Its text says it, too.
+    distance: metres from the vehicle's front to the near end of `worst_tile_box` on the ground; None unknown.
     judged_by: the words by which its frame was judged, None unknown. time: seconds since 1970 when it opened.
     attitude: roll, pitch and yaw then, degrees. large, raw: paths of larger pictures, with a judgement and
     without a mark. closed: seconds since 1970, None while it is open.
@@ -157,6 +160,7 @@ class CallReport:
     words: int = 0
     picture: str = ""
     why: str = ""
+    distance: float | None = None
     judged_by: str | None = None
     time: float | None = None
     attitude: tuple[float, float, float] | None = None
@@ -343,6 +347,7 @@ _MEMBERS = {
         _member("why", lambda raw: clean(text_of(raw))),
         _member("words", lambda raw: text_of(raw) or None, of="judged_by"),
         _member("worst_tile_box", box_of, lambda box: box and [round(side, 4) for side in box]),
+        _number("distance", 0, 1000),
         _number("roi_uncertainty", 0, 1),
         _number("worst_tile", 0, 1),
         _number("drivable_share", 0, 1),

@@ -122,7 +122,14 @@ def clean(text: str) -> str:
     return "".join(character if character.isprintable() else " " for character in text).strip()
 
 
+_EDGE = 0.02
+"""Fraction of the picture's width within which a box is at its edge: more of the thing may lie outside."""
+
+
 def where(box: Fractions) -> str:
-    """Word in which third of the picture the middle of a box is."""
+    """Word in which third of the picture the middle of a box is, or at which edge of the picture it lies."""
+    left, right = box[0] <= _EDGE, box[2] >= 1 - _EDGE
+    if left != right:
+        return "at the left edge" if left else "at the right edge"
     middle = (box[0] + box[2]) / 2
     return "at the left" if middle < 1 / 3 else "at the right" if middle > 2 / 3 else "in the middle"

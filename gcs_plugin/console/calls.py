@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from anytraverse.operations import Operation
@@ -16,6 +16,7 @@ from companion.wire.call_figures import asked
 from companion.wire.call_report import CallReport
 from companion.wire.ids import Motion, Outcome, Stage
 from companion.wire.packing import clean
+from gcs_plugin.client.faults import FaultTally
 from gcs_plugin.client.rovers import TrackedCall, TrackedRover
 from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import plain
@@ -43,6 +44,7 @@ class CallStory:
     revision: int = 0
     own: OwnAnswers = field(default_factory=OwnAnswers)
     said: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=MOST_SAID))
+    faults: FaultTally = field(default_factory=FaultTally)
     record: CallReport | None = None
     reads: int = 0
     closed_at: float | None = None
@@ -107,7 +109,11 @@ class Stories:
         """Take in a text of the companion, which may be about a call. Those that only ask are left out."""
         about = None if text.endswith(_ASKS) or asked(text) else _ABOUT.match(text)
         story = self.by_id.get(int(about[1])) if about else None
-        if story is not None and (not story.said or story.said[-1][1] != clean(text)):
+        if story is not None and (fault := story.faults.take(text, wall)) is not None:
+            if story.said and " FAULT " in story.said[-1][1]:
+                story.said.pop()
+            story.said.append((wall, clean(fault[1])))
+        elif story is not None and (not story.said or story.said[-1][1] != clean(text)):
             story.said.append((wall, clean(text)))
 
     def answered(self, given: Answered) -> None:
@@ -139,16 +145,20 @@ class Stories:
         return went and drives and not call.data.holding and call.data.stage is Stage.CLOSED
 
     def documents(
-        self, rover: TrackedRover, now: float, ids: tuple[int, int] | None, alike: float | None
+        self,
+        rover: TrackedRover,
+        now: float,
+        ids: tuple[int, int] | None,
+        alike: float | None,
+        told_open: CallReport | None = None,
     ) -> list[dict[str, Any]]:
         """Return all calls for the page, the open ones first, then the newest.
 
-        alike: the similarity from which two scenes count as one.
+        alike: the similarity from which two scenes count as one. told_open: what /state.json told of the open
+        one.
         """
         ordered = sorted(self.by_id.values(), key=lambda one: (_is_open(rover.calls.get(one.id)), one.opened))
-        return [
-            self._document(story, rover.calls.get(story.id), now, ids, alike) for story in reversed(ordered)
-        ]
+        return [self._document(story, rover, now, ids, alike, told_open) for story in reversed(ordered)]
 
     def _nearest(self, story: CallStory, alike: float | None) -> dict[str, Any] | None:
         """Return what was answered in the scene most like a call's."""
@@ -175,13 +185,17 @@ class Stories:
     def _document(
         self,
         story: CallStory,
-        call: TrackedCall | None,
+        rover: TrackedRover,
         now: float,
         ids: tuple[int, int] | None,
         alike: float | None,
+        told_open: CallReport | None,
     ) -> dict[str, Any]:
-        record = story.record
+        record, call = story.record, rover.calls.get(story.id)
         report = call.data if call is not None else record
+        if report is not None and told_open is not None and told_open.id == report.id:
+            # The radio's report has no room for these.
+            report = replace(report, distance=told_open.distance, why=report.why or told_open.why)
         told = shown(
             report or CallReport(story.id),
             story.own,
@@ -190,6 +204,7 @@ class Stories:
             said=[{"at": round(at, 2), "text": text} for at, text in story.said],
             nearest=self._nearest(story, alike),
             since=now - call.age(now) if call is not None else None,
+            record=record,
         ) | {
             "opened": round(story.opened, 2),
             "closed": story.closed_at and round(story.closed_at, 2),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from gcs_plugin.console.requests import (
 )
 from gcs_plugin.console.rover_desk import RoverDesk
 from gcs_plugin.console.rover_page import RoverPage
+from gcs_plugin.terminal import wording
 from gcs_plugin.terminal.output import Output
 from gcs_plugin.terminal.resolve import choose_rover, current_call
 
@@ -40,15 +41,18 @@ class Console:
         log: Output | None = None,
         folder: Path | None = None,
         pages: Mapping[int, RoverPage] | None = None,
+        alert: Callable[[str, str], None] | None = None,
     ) -> None:
         """log: is told all events. folder: where incident files are stored; None: none are fetched.
 
-        pages: the rovers' own ones, by system id, from which these files are fetched.
+        pages: the rovers' own ones, by system id, from which these files are fetched. alert: is told of each
+        call, with a title and what it is about.
         """
         self.client = client
         self._folder = folder
         self._pages = pages or {}
         self._log = log
+        self._alert = alert
         self.desks: dict[int, RoverDesk] = {}
         self.revision = 0
         self._progress_at = 0.0
@@ -66,6 +70,8 @@ class Console:
                 self.revision += 1
         for event in happened:
             self._to_log(event, now)
+            if self._alert is not None and isinstance(event, ev.CallAnnounced):
+                self._alert(*wording.alert(event.system, event.call))
             if event.system in self.desks:
                 self.desks[event.system].take(event, now, wall)
         changed = [desk.step(now, wall) for desk in self.desks.values()]

@@ -49,8 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         pages = read_pages(options.page or [], _token(options.page_token_file))
         background = None if options.background is None else _background(options.background)
         key = None if options.signing_key is None else read_key(options.signing_key)
-        taken = listen.bind()
-        connections = [open_connection(link) for link in chosen]
+        alert = None if options.alert_url_file is None else _alert(options.alert_url_file)
+        taken, connections = listen.bind(), [open_connection(link) for link in chosen]
     except (LinkError, SigningKeyError, ValueError) as error:
         print(f"anytraverse-console: {error}", file=sys.stderr)
         return 2
@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     told = None if log is None else JsonOutput(log, time.monotonic())
-    console = Console(client, told, options.incidents, pages)
+    console = Console(client, told, options.incidents, pages, alert)
     try:
         asyncio.run(_run(taken, listen, token, options.origin, links, console, background, ready))
     finally:
@@ -200,6 +200,19 @@ def _token(file: Path | None) -> str:
         raise OptionError(str(error)) from error
 
 
+def _alert(file: Path) -> Callable[[str, str], None]:
+    """Return what posts an alert to the URL in a file. Raises OptionError."""
+    from companion.system.alert import Alert, AlertSender
+
+    try:
+        sender = AlertSender(_token(file), f"the address in {file}")
+    except ValueError as error:
+        raise OptionError(f"{file}: {error}") from error
+    if not sender.on:
+        raise OptionError(f"{file} holds no address: write one as https://ntfy.sh/TOPIC")
+    return lambda title, text: sender.send(Alert(title, text))
+
+
 def _background(text: str) -> Background:
     try:
         return read_background(text)
@@ -242,6 +255,12 @@ def parser() -> argparse.ArgumentParser:
         help="a rover's own page, from which incident files come by HTTP: 1=http://rover:8191",
     )
     root.add_argument("--page-token-file", type=Path, metavar="FILE", help="the token of these pages")
+    root.add_argument(
+        "--alert-url-file",
+        type=Path,
+        metavar="FILE",
+        help="holds an address that is told of each call, ntfy's for one",
+    )
     root.add_argument("--system", type=identity, default=255, help="our system id (default 255)")
     root.add_argument("--component", type=identity, default=190, help="our component id (default 190)")
     root.add_argument(

@@ -80,7 +80,9 @@ class RoverDesk:
 
     def calls(self, now: float, ids: tuple[int, int] | None) -> list[dict[str, Any]]:
         """Return all calls for the page."""
-        return self.stories.documents(self.rover, now, ids, self._thresholds().get("scene"))
+        state = self.fetched.state
+        told_open = state.open_call if state is not None else None
+        return self.stories.documents(self.rover, now, ids, self._thresholds().get("scene"), told_open)
 
     def document(self, now: float, ids: tuple[int, int] | None) -> dict[str, Any]:
         """Return all that the page shows, but for points and timeline. Times are those of `now`."""

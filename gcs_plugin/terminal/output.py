@@ -7,17 +7,20 @@ import json
 import re
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from enum import Enum, IntEnum, IntFlag
 from typing import Any, Protocol, TextIO
 
 from pymavlink.dialects.v20.common import MAV_SEVERITY_CRITICAL, MAV_SEVERITY_WARNING
 
+from companion.wire import texts
 from companion.wire.call_report import ONLY_RECORDED, CallReport
 from companion.wire.delivery import STATUS_TEXTS, DeliveryStatus
 from companion.wire.ids import Reasons, Stage, State
 from companion.wire.packing import clean
 from gcs_plugin.client import events as ev
 from gcs_plugin.client.events import Event
+from gcs_plugin.client.faults import FaultTally
 from gcs_plugin.client.policy_request import PolicyStatus
 from gcs_plugin.terminal import wording
 
@@ -185,6 +188,9 @@ class TextOutput:
         self._before = before
         self._texts: dict[tuple[int, str], float] = {}
         self._shown_state: dict[int, _ShownState] = {}
+        self._faults: dict[int, FaultTally] = {}
+        self._fault_states: dict[int, tuple[int, float, int]] = {}
+        """Of each rover the call in which its state was a fault last, since when, and how often."""
 
     def started(self, link: str) -> None:
         self._write(f"on {link}; type `help` for what can be typed", stamped=True)
@@ -220,6 +226,8 @@ class TextOutput:
             case ev.StateChanged():
                 call = event.state in (State.CALLING, State.HOLDING) and event.current_id != 0
                 told = not call  # the call's own lines say more
+                if event.state is State.FAULT and event.current_id:
+                    return self._fault_state(event, now), FAINT
                 return [wording.state(event.state, event.current_id)] * told, FAINT
             case ev.VehicleChanged():
                 return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], FAINT
@@ -229,10 +237,12 @@ class TextOutput:
             case ev.CallChanged():
                 return self._call_change_lines(event), _PLAIN
             case ev.CallEnded():
+                self._faults.setdefault(event.system, FaultTally()).forget(
+                    texts.name(event.call.kind, event.call.id)
+                )
                 return [wording.closed(event.call, event.after_s)], GOOD
             case ev.TextReceived():
-                fresh = self._fresh(event, now)
-                return [f'says "{clean(event.text)}"'] * fresh, _urgency(event.severity)
+                return self._said(event, now), _urgency(event.severity)
             case ev.VehicleTextReceived():
                 fresh = self._fresh(event, now)
                 return [f'autopilot says "{clean(event.text)}"'] * fresh, ALARM
@@ -268,6 +278,27 @@ class TextOutput:
         if call.stage is Stage.OPEN and added:
             return [wording.also(call, added, self._before)]
         return [wording.stands(call)] * (told[2] != now[2])
+
+    def _fault_state(self, event: ev.StateChanged, now: float) -> list[str]:
+        """Return the line of a fault in a call: at once, then once a minute, with how often it came."""
+        about, since, times = self._fault_states.get(event.system, (0, now, 0))
+        if about != event.current_id:
+            since, times = now, 0
+        self._fault_states[event.system] = event.current_id, since, times + 1
+        line = wording.state(event.state, event.current_id)
+        line += f": {times + 1} times in {now - since:.0f} s" if times else ""
+        due = self._fresh(ev.TextReceived(event.system, 0, f"fault in {event.current_id}"), now)
+        return [line] * due
+
+    def _said(self, event: ev.TextReceived, now: float) -> list[str]:
+        """Return the line of a companion's text, none for a repeat. Faults of one call share a line."""
+        fault = self._faults.setdefault(event.system, FaultTally()).take(event.text, now)
+        if fault is None:
+            return [f'says "{clean(event.text)}"'] * self._fresh(event, now)
+        subject, line, is_new = fault
+        due = self._fresh(replace(event, text=f"{subject} FAULT"), now)
+        unseen = self._fresh(event, now)  # the autopilot may have brought it first
+        return [f'says "{clean(line)}"'] * (unseen if is_new else due)
 
     def _fresh(self, event: ev.TextReceived | ev.VehicleTextReceived, now: float) -> bool:
         """Return whether a text was not shown within the last minute; its figures (`12%`) do not count.

@@ -15,6 +15,7 @@ from companion.wire.parameters import SHADOW_HOLDS, SHADOW_HOURS, SHADOW_REASONS
 from companion.wire.texts import name, percent
 from gcs_plugin.client.policy_request import PolicyStatus
 from gcs_plugin.client.rovers import ComputerReport, TrackedRover
+from gcs_plugin.terminal.commands import GROUND, THING
 
 _OLD_FIGURES_S = 2.0 * (MESSAGES["computer"].period or 0.0)
 _STATES = {
@@ -67,7 +68,9 @@ def _reasons(call: CallReport) -> Iterator[str]:
     asks = call.reasons & (Reasons.UNKNOWN_OBJECT | Reasons.UNKNOWN_SCENE)
     if asks and call.why:
         points = call.reasons & Reasons.UNKNOWN_OBJECT and call.worst_tile_box
-        yield call.why + (f", {where(call.worst_tile_box)}" if points and call.worst_tile_box else "")
+        there = where(call.worst_tile_box) if points and call.worst_tile_box else ""
+        at_edge = "something " if there.endswith("edge") else ""
+        yield call.why + (f", {at_edge}{there}" if there else "")
     elif asks:
         yield from _asking(call)
     if call.reasons & Reasons.BLOCKED:
@@ -82,7 +85,9 @@ def _asking(call: CallReport) -> Iterator[str]:
         worst = (
             f", most {where(call.worst_tile_box)} ({percent(call.worst_tile)})" if call.worst_tile_box else ""
         )
-        yield f"unknown thing ahead, {percent(call.roi_uncertainty)} unexplained{worst}"
+        there = where(call.worst_tile_box) if call.worst_tile_box else ""
+        thing = f"something {there}" if there.endswith("edge") else "unknown thing ahead"
+        yield f"{thing}, {percent(call.roi_uncertainty)} unexplained{worst}"
     if call.reasons & Reasons.UNKNOWN_SCENE:
         known = "" if call.similarity is None else f", {call.similarity:.2f} like a known one"
         yield f"new place{known}"
@@ -99,10 +104,10 @@ def _fitting_lines(call: CallReport) -> list[str]:
     if call.stage is not Stage.OPEN:
         return ["go", "stay", "look"]
     if call.reasons & Reasons.UNKNOWN_OBJECT:
-        tap = ["tap drum -1 go"] if call.worst_tile_box else []
-        return [*tap, "drum: -1, go", "go", "stay", "look"]
+        tap = [f"tap {THING} -1 go"] if call.worst_tile_box else []
+        return [*tap, f"{THING}: -1, go", "go", "stay", "look"]
     if call.reasons & Reasons.UNKNOWN_SCENE:
-        return ["grass: 1, go", "go", "stay", "look"]
+        return [f"{GROUND}: 1, go", "go", "stay", "look"]
     if call.reasons & Reasons.FAULT:
         return ["look", "stay"]
     return ["go", "stay", "look"]
@@ -136,6 +141,13 @@ def also(call: CallReport, added: Reasons, before: str = "") -> str:
     """Word reasons that came later, without figures: those of the call are of its own frame."""
     named = " and ".join(text for reason, text in _ADDED_REASONS.items() if added & reason)
     return f"{name(call.kind, call.id)} also {named}: {' | '.join(fitting_answers(call, before))}"
+
+
+def alert(system: int, call: CallReport) -> tuple[str, str]:
+    """Word a call for who is not at the console: a title, and what it is about, with its place."""
+    named = f"Rover {system} calls: {name(call.kind, call.id)}"
+    place = "" if call.latitude is None else f"\nat {call.latitude:.5f} {call.longitude:.5f}"
+    return named, headline(call, call.age_s) + place
 
 
 def stands(call: CallReport) -> str:

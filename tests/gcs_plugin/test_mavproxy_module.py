@@ -147,7 +147,7 @@ def test_a_call_is_printed_with_what_to_type_here(proxy: Make, thing_call: CallR
     at = proxy(thing_call)
     text = "\n".join(at.lines)
     assert "C7 unknown thing ahead, 38% unexplained" in text
-    assert "at tap drum -1 go  |  at drum: -1, go  |  at go" in text
+    assert "at tap THING -1 go  |  at THING: -1, go  |  at go" in text
 
 
 @pytest.mark.parametrize("line", ["at go", "at answer go", "anytraverse answer 7 go", "at 7 go", "at ok"])
@@ -308,3 +308,46 @@ def test_a_word_that_would_turn_its_sign_must_be_typed_twice(proxy: Make) -> Non
         at.run(1.0)
     assert any("grass was 1: repeat it to turn it" in line for line in at.lines)
     assert at.rovers[0].applied == [(0, ids.Motion.NONE, (SetWord("grass", -1.0),))]
+
+
+def test_a_text_that_mavproxy_prints_itself_is_not_printed_again_but_counts(
+    proxy: Make, thing_call: CallReport
+) -> None:
+    at = proxy(thing_call)
+    at.module.target = 1, 191
+    for message in at.ground.parse(at.rovers[0].text("C7 unknown 91% in yellow frame, over 25% calls")):
+        at.module.mavlink_packet(message)
+    at.run(2.0)
+    assert not any("says" in line for line in at.lines), at.lines
+    at.type("at calls")
+    assert "unknown 91% in yellow frame" in at.lines[-1], "its figures are known"
+    at.module.target = 2, 1
+    for message in at.ground.parse(at.rovers[0].text("C7 holding")):
+        at.module.mavlink_packet(message)
+    at.run(3.0)
+    assert any('says "C7 holding"' in line for line in at.lines), "of another vehicle MAVProxy prints nothing"
+
+
+@pytest.mark.parametrize("first", ["companion", "autopilot"])
+def test_a_text_that_the_script_on_the_autopilot_repeats_is_printed_by_mavproxy_alone(
+    proxy: Make, first: str
+) -> None:
+    at = proxy(None)
+    own = at.rovers[0].text("C7 holding")
+    repeated = at.rovers[0].autopilot.frame(mavlink.MAVLink_statustext_message(3, b"C7 holding"))
+    for frame in (own, repeated) if first == "companion" else (repeated, own):
+        for message in at.ground.parse(frame):
+            at.module.mavlink_packet(message)
+        at.run(0.5)
+    at.run(3.0)
+    assert not any("C7 holding" in line for line in at.lines), at.lines
+    at.run(60.0)
+    for message in at.ground.parse(own_again(at)):
+        at.module.mavlink_packet(message)
+    at.run(3.0)
+    assert any('says "C7 holding"' in line for line in at.lines), "the script is silent now"
+
+
+def own_again(at: Proxy) -> bytes:
+    told: bytes = at.rovers[0].text("C7 holding")
+    return told

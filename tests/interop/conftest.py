@@ -9,6 +9,7 @@ import json
 import math
 import os
 import queue
+import select
 import socket
 import subprocess
 import threading
@@ -27,6 +28,8 @@ from companion.sim.demo.pace import SPEED
 from companion.sim.field.control import FieldControl
 from tests.waiting import wait_for
 
+CHECKOUT = Path(__file__).parents[2]
+"""Whose module and samples are tried, whatever is installed in the environment."""
 ENVIRONMENT = Path(os.environ.get("INTEROP", "")).absolute()
 collect_ignore_glob = [] if "INTEROP" in os.environ else ["test_*"]
 PATIENCE = 30.0
@@ -81,7 +84,7 @@ class Program:
             text=True,
             bufsize=1,
             cwd=folder,
-            env={"PATH": os.environ["PATH"], "HOME": str(folder)},
+            env={"PATH": os.environ["PATH"], "HOME": str(folder), "PYTHONPATH": str(CHECKOUT)},
         )
         threading.Thread(target=self._read, daemon=True).start()
 
@@ -182,6 +185,45 @@ class Radio:
                     self._socket.sendto(frame, peer)
 
 
+class LossyLink:
+    """A UDP port of 127.0.0.1 that passes datagrams to a rover's port and back, and loses some of them."""
+
+    def __init__(self, rover: str) -> None:
+        """rover: "udpout:HOST:PORT". Each datagram is one frame."""
+        host, port = rover.rsplit(":", 2)[1:]
+        self._near, self._far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        self._near.bind(("127.0.0.1", 0))
+        self._far.connect((host, int(port)))
+        self.port = int(self._near.getsockname()[1])
+        self.loses: Callable[[bytes], bool] = lambda _: False
+        self.lost = 0
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join(5.0)
+        self._near.close()
+        self._far.close()
+
+    def _run(self) -> None:
+        peer: Any = None
+        while not self._over.is_set():
+            for ready in select.select([self._near, self._far], [], [], 0.05)[0]:
+                try:
+                    frame, sender = ready.recvfrom(65536)
+                except OSError:
+                    continue
+                peer = sender if ready is self._near else peer
+                if self.loses(frame):
+                    self.lost += 1
+                elif ready is self._near:
+                    self._far.send(frame)
+                elif peer is not None:
+                    self._near.sendto(frame, peer)
+
+
 @pytest.fixture(scope="module")
 def more_config() -> str:
     """What a module wants in the daemon's configuration besides."""
@@ -219,6 +261,15 @@ def mavproxy(start: Callable[..., Program]) -> Callable[..., Program]:
         return start(str(ENVIRONMENT / "bin" / "mavproxy.py"), "--no-state", *masters, *options)
 
     return started
+
+
+@pytest.fixture(scope="module")
+def lossy(stage: Stage) -> Iterator[LossyLink]:
+    """A link to the rover that loses what a test tells it to."""
+    stage.wait_until_ok()
+    made = LossyLink(stage.ground)
+    yield made
+    made.close()
 
 
 @pytest.fixture

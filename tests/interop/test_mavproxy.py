@@ -71,7 +71,10 @@ def test_the_module_tells_the_state_and_the_words(proxy: Any) -> None:
 def test_a_call_is_told_and_answered_whatever_the_target_component(stage: Any, proxy: Any) -> None:
     stage.control.start()
     call = re.findall(r"C(\d+) unknown ", proxy.wait_for(" unknown "))[0]
-    proxy.wait_for("at tap drum -1 go")
+    proxy.wait_for("at tap THING -1 go")
+    assert not [line for line in proxy.said if 'says "C' in line], (
+        "MAVProxy prints the companion's texts itself"
+    )
     proxy.ask(f"at answer {call} tap drum -1, bush: -0.9, go", f"answer to {call} sent")
     assert re.search("done|does not cover", proxy.wait_for(f"answer to {call}: "))
     proxy.ask_until("at words", "bush: -0.9")

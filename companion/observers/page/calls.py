@@ -96,6 +96,7 @@ def _shown(
         said=[{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
         nearest=alike,
         since=since,
+        record=record,
     ) | {
         "large": {},
         "given": [wording.answered(one) for one in given if one.at is None],

@@ -31,7 +31,7 @@ from companion.observers.page.recordings import RecordingsFolder
 from companion.pages.access import Gate, WrongTokens
 from companion.pages.calls import incident_shown
 from companion.pages.requests import MOST_POSTED
-from companion.pages.site import EventStreams, Server, as_json, event, posted, static_routes
+from companion.pages.site import EventStreams, Server, as_json, event, is_quiet, posted, static_routes
 from companion.system.child_process import settle_in
 from companion.system.datagrams import LARGEST, Datagram, decode
 from companion.system.log_lines import end_process
@@ -96,9 +96,9 @@ class PageSite:
         return Starlette(routes=routes)
 
     async def _events(self, request: Request) -> Response:
-        return self.streams.answer(request, self._told)
+        return self.streams.answer(request, lambda: self._told(seen=not is_quiet(request)))
 
-    async def _told(self) -> AsyncIterator[bytes]:
+    async def _told(self, *, seen: bool) -> AsyncIterator[bytes]:
         told_at, frame, plotted, answered = None, None, float("-inf"), 0
         answering = self._answering
         yield event("ground", {"lines": self._ground})
@@ -113,7 +113,7 @@ class PageSite:
             if answering is not None and answering.revision != answered:
                 answered = answering.revision
                 yield event("answered", {})
-            picture = news.shown_picture()
+            picture = news.shown_picture() if seen else None
             if picture is not None and picture.frame != frame:
                 frame = picture.frame
                 age, above = round(news.picture_age(), 3), bool(news.from_above)
@@ -268,7 +268,7 @@ async def _beat(channel: socket.socket, server: Server, site: PageSite, answerin
     """Tell the supervisor once a second that this process lives, whether somebody watches, what is due."""
     while True:
         if server.started:
-            _send(channel, WANTED if site.streams.open else ALIVE)
+            _send(channel, WANTED if site.streams.seen else ALIVE)
             if answering is not None:
                 answering.deliver()
         await asyncio.sleep(_BEAT if server.started else 0.05)

@@ -22,7 +22,8 @@ export class AnswerCard extends CallView {
     this.problem = element("p", { className: "problem" });
     this.turning = new Turning(say);
     this.typed = null; // the weight that somebody chose
-    this.becoming.before(this.todo, this.first, this.form(), this.turning.part, this.problem);
+    this.again = element("button", { type: "button", className: "again", onclick: () => this.sayAgain() });
+    this.becoming.before(this.todo, this.first, this.again, this.form(), this.turning.part, this.problem);
     this.incident = new Incident(send, say);
     this.ask.append(this.undo, this.incident.part);
   }
@@ -68,6 +69,9 @@ export class AnswerCard extends CallView {
     this.entry.hidden = !data.open;
     this.naming.hidden = Boolean(data.test) || data.kind === "hold" && !data.box;
     this.showNames(rover);
+    this.known = namedBefore(data, rover.calls ?? []);
+    this.again.hidden = !this.known;
+    if (this.known) showText(this.again, stillThe(this.known));
     this.refresh();
     const last = data.answers.at(-1);
     changed(this.ask, last, () => before && last?.settled && this.say(`${data.name}: ${last.text}`));
@@ -84,8 +88,16 @@ export class AnswerCard extends CallView {
   }
 
   sayTheSame({ nearest, open, test, box }) {
-    return nearest.alike && open && !test && fitting(nearest.words, box)
+    return nearest.alike && open && !test && !box && fitting(nearest.words, box)
       && element("button", { type: "button", className: "plain", onclick: () => this.takeOver(nearest.words) }, "Say the same");
+  }
+
+  // The answer that was given to this thing before, by one click.
+  sayAgain() {
+    this.takeOver(this.known.words);
+    this.about.value = "tap";
+    this.refresh();
+    this.send(this.known.motion);
   }
 
   // The first word is the thing's name; the others go with the answer.
@@ -200,6 +212,12 @@ export class AnswerCard extends CallView {
     this.sending = false;
     showText(this.problem, problem);
     if (!problem) this.clear();
+    if (!problem) this.leave();
+  }
+
+  // A single key that is typed next is an answer, not the first letter of a name.
+  leave() {
+    if (document.activeElement === this.word) this.title.focus({ preventScroll: true });
   }
 
   // These words keep the weights that they have.
@@ -224,12 +242,25 @@ export class AnswerCard extends CallView {
   }
 }
 
+const named = (words) => words.map(([word, weight]) => `${word} ${signed(weight)}`).join(", ");
+
 // What stands on the button that sends: motion with what was named.
 export function labels(changes) {
-  const named = changes.map(({ word, weight }) => `${word} ${signed(weight)}`).join(", ");
-  return named
-    ? { go: `${capital(named)}, and go`, stay: `${capital(named)}, and stay`, none: `${capital(named)}, nothing else` }
-    : { go: "Go", stay: "Stay", none: "" };
+  const text = capital(named(changes.map(({ word, weight }) => [word, weight])));
+  return text ? { go: `${text}, and go`, stay: `${text}, and stay`, none: `${text}, nothing else` } : { go: "Go", stay: "Stay", none: "" };
+}
+
+function stillThe({ call, words: [[word, weight], ...others], motion }) {
+  return `Still the ${word} you named${call ? ` at C${call}` : ""}: ${[signed(weight), named(others)].filter(Boolean).join(", ")}${AND[motion]}`;
+}
+
+// What a thing like this one was named before: in the scene most like this one, else at the call before. null where nobody knows.
+// calls: the rover's, the newest first.
+function namedBefore({ open, stage, kind, test, box, reasons, nearest }, calls) {
+  if (!open || stage !== "open" || kind !== "call" || test || !box || !reasons.includes("unknown_object")) return null;
+  const there = calls.find((one) => one.id === nearest?.call), last = calls.find((one) => !one.open && one.kind === "call");
+  if (nearest?.alike && fitting(nearest.words, box)) return { call: nearest.call, words: nearest.words, motion: there?.named?.motion ?? "go" };
+  return last?.named ? { call: last.id, words: [[last.named.word, last.named.weight]], motion: last.named.motion } : null;
 }
 
 // Whether words said elsewhere may be said here with one click: a thing is not named as ground that is driven on.

@@ -8,24 +8,24 @@ export const PATIENCE = 5000; // ms without any event after which the stream cou
 export class Stream {
   // take: called with (kind, content, late), late: seconds that an event waited on its way; and with
   // ("connection", "" or why there is none). whyNot: asks for that, async. whileHidden: whether to listen while
-  // nobody sees the page.
-  constructor(kinds, take, whyNot, { whileHidden = false } = {}) {
-    Object.assign(this, { kinds, take, whyNot, whileHidden });
+  // nobody sees the page. quietly: returns whether to listen then for calls alone.
+  constructor(kinds, take, whyNot, { whileHidden = false, quietly = () => false } = {}) {
+    Object.assign(this, { kinds, take, whyNot, whileHidden, quietly });
     this.stream = null;
     this.heardAt = 0;
-    if (!whileHidden) document.addEventListener("visibilitychange", () => (document.hidden ? this.close() : this.open()));
+    if (!whileHidden) document.addEventListener("visibilitychange", () => (this.wanted ? this.open() : this.close()));
     setInterval(() => this.check(), 1000);
     if (this.wanted) this.open();
   }
 
   get wanted() {
-    return this.whileHidden || !document.hidden;
+    return this.whileHidden || !document.hidden || this.quietly();
   }
 
   open() {
     this.close();
     this.heardAt = performance.now();
-    const stream = new EventSource("/events");
+    const stream = new EventSource(document.hidden && !this.whileHidden ? "/events?quiet" : "/events");
     const delay = new Delay();
     this.stream = stream;
     for (const kind of this.kinds) {

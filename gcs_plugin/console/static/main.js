@@ -3,8 +3,9 @@
 import { arrange, element, showText } from "./elements.js";
 import { Stream, whyNot } from "./stream.js";
 import { Alarm } from "./alarm.js";
+import { AnswerBar } from "./bar.js";
 import { Untold, aloud } from "./calls.js";
-import { listenToKeys } from "./keys.js";
+import { leaveEmptyField, listenToKeys } from "./keys.js";
 import * as model from "./model.js";
 import { joined } from "./plots.js";
 import { RoverView } from "./rover.js";
@@ -20,6 +21,9 @@ const alarm = new Alarm(document.getElementById("alarm"));
 let news = null;
 let connection = "";
 let offset = 0; // this clock less the console's
+
+const firstCard = () => news?.rovers.map((one) => view(one.system).cards.firstOpen).find(Boolean);
+const bar = new AnswerBar(firstCard, (card) => (news.rovers.length > 1 ? `Rover ${card.system}, ` : ""));
 
 const send = poster("the console does not answer. Is it still running?");
 
@@ -53,6 +57,7 @@ function show() {
   document.getElementById("top").dataset.tone = top.tone;
   showText("title", top.title);
   showText("summary", top.text);
+  bar.show();
   document.title = top.calls ? `(${top.calls}) ${top.title} · AnyTraverse` : "AnyTraverse console";
   const problems = stale ? [connection] : news?.problems ?? [];
   const list = document.getElementById("problems");
@@ -65,7 +70,8 @@ function tell() {
     for (const call of untold.take(calls, system)) {
       const text = `${news.rovers.length > 1 ? `Rover ${system} calls. ` : ""}${aloud(call)}`;
       say(text);
-      alarm.ring(text);
+      alarm.ring(text, `${system}/${call.key}`);
+      leaveEmptyField();
     }
   }
 }
@@ -91,6 +97,6 @@ new Stream(["fresh", "news", "points", "timeline", "track"], (kind, content, lat
   gone: "No connection to the console: nothing here is live. Start anytraverse-console again; this page connects by itself.",
 }), { whileHidden: true });
 
-document.getElementById("about").before(listenToKeys(() => news?.rovers.map((one) => view(one.system).cards.firstOpen).find(Boolean)));
+document.getElementById("about").before(listenToKeys(firstCard));
 
 setInterval(show, 500);

@@ -544,7 +544,7 @@ def test_a_setting_of_any_text_is_shown_only_where_that_is_said() -> None:
         for key, check in checks_of(section).items()
         if check.shown is None
     ]
-    assert free == ["link.more", "web.token", "video.encoder"]
+    assert free == ["link.more", "web.token", "video.encoder", "alert.url", "alert.link"]
 
 
 def test_a_stream_of_sticks_and_an_off_switch_on_a_transmitter_exclude_each_other(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ CALL: dict[str, Any] = {
     "name": "C7",
     "stage": "open",
     "open": True,
-    "reason": "Something that none of its words explains.",
+    "reason": "Unknown thing.",
     "stands": "The vehicle is held.",
     "todo": "What is in the yellow frame?",
 }

@@ -32,6 +32,7 @@ STATE: dict[str, Any] = {
         "frame_id": 4711,
         "why": "unknown 71% in yellow frame, over 25% calls",
         "worst_tile_box": [0.41, 0.55, 0.6, 0.81],
+        "distance": 2.13,
         "roi_uncertainty": 0.38,
         "worst_tile": 0.71,
         "drivable_share": 0.9,
@@ -84,7 +85,7 @@ def test_an_open_call_is_read_as_its_data_on_the_wire_would_be() -> None:
     assert (call.reasons, call.holding, call.picture) == (Reasons.UNKNOWN_OBJECT, True, "/calls/7.jpg")
     assert call.roi == (0.3, 0.5, 0.7, 0.95)
     assert call.why == "unknown 71% in yellow frame, over 25% calls"
-    assert CallReport.unpack(call.pack()) == replace(call, why="")
+    assert CallReport.unpack(call.pack()) == replace(call, why="", distance=None)
     assert state.words == {"grass": 1.0, "dirt path": 0.5}
     assert (state.vocabulary, state.tapped) == (("grass", "gravel"), ("dirt path",))
     assert state.known_place is not None

@@ -167,7 +167,7 @@ def test_a_call_comes_with_its_picture_its_reason_and_what_to_do(desk: Desk) -> 
     desk.until(lambda: "small" in desk.shown()["pictures"])
     call = desk.shown()
     assert call["open"]
-    assert call["reason"] == "Something in the middle that none of its words explains."
+    assert call["reason"].startswith("Unknown thing in the middle: ")
     assert call["box"] == pytest.approx(BOX, abs=1e-3)
     assert call["size"] == [128, 96]
     assert "Name it" in call["todo"]
@@ -529,6 +529,17 @@ def test_a_call_shows_the_number_that_is_needed_and_does_not_repeat_it_below(des
     desk.link.link.set_state(ids.State.CALLING, 7, ids.Policy.HOLD)
     desk.link.link.alerts.announce(desk.call, text, desk.link.now)
     desk.run(3.0)
-    assert desk.shown()["figures"] == "new place, .91 like C3, .94 needed"
+    assert desk.shown()["reason"] == "New place: 0.91 like C3, known from 0.94 on."
+    assert desk.shown()["figures"] == ""
     assert desk.shown()["said"] == []
     assert desk.rover()["texts"][-1]["text"] == text
+
+
+def test_whoever_is_alerted_hears_of_each_call_once(desk: Desk) -> None:
+    told: list[tuple[str, str]] = []
+    desk.console._alert = lambda title, text: told.append((title, text))
+    desk.announce()
+    desk.run(3.0)
+    ((title, text),) = told
+    assert title == "Rover 1 calls: C7"
+    assert text.startswith("C7 unknown")

@@ -7,9 +7,11 @@ import json
 import re
 import signal
 import socket
+import threading
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +74,8 @@ def test_the_page_comes_from_here_under_a_strict_policy_and_is_small(served: Ser
 
 MODULES = (
     "main", "model", "rover", "console_card", "track", "alarm", "answer_card", "cards", "keys", "sending",
-    "call_view", "picture", "boxes", "place", "plots", "words", "elements", "stream", "delay", "wording",
+    "bar", "call_view", "picture", "boxes", "place", "plots", "words", "elements", "stream", "delay",
+    "wording",
 )  # fmt: skip
 
 
@@ -141,7 +144,7 @@ def test_calls_are_saved_as_a_zip(served: Served) -> None:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             assert archive.namelist() == ["report.html", "call-7/data.json"]
             told = json.loads(archive.read("call-7/data.json"))
-            assert b"Something in the middle" in archive.read("report.html")
+            assert b"Unknown thing in the middle" in archive.read("report.html")
         assert (told["rover"], told["name"]) == (1, "C7")
 
 
@@ -215,3 +218,43 @@ def test_every_option_is_on_the_page_of_the_manual(capsys: pytest.CaptureFixture
     options = set(re.findall(r"--[a-z-]+", capsys.readouterr().out)) - {"--help"}
     manual = (Path(__file__).parents[3] / "docs" / "console.md").read_text()
     assert {option for option in options if option not in manual} == set()
+
+
+def test_a_call_is_posted_to_the_address_in_a_file(
+    tmp_path: Path, tiny_rover: Callable[..., Any], thing_call: CallReport
+) -> None:
+    taken: list[tuple[str, bytes]] = []
+
+    class Hook(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            taken.append((self.path, self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    hook = HTTPServer(("127.0.0.1", 0), Hook)
+    threading.Thread(target=hook.serve_forever, daemon=True).start()
+    file = tmp_path / "address"
+    file.write_text(f"http://127.0.0.1:{hook.server_port}/topic?auth=SECRET\n")
+    with closing(hook.socket), closing(Served("--alert-url-file", str(file))) as made:
+        made.rovers.append(tiny_rover(1, thing_call))
+        made.until(lambda: bool(taken))
+        hook.shutdown()
+    ((path, text),) = taken
+    assert path == "/topic?auth=SECRET"
+    assert text.startswith(b"C7 unknown thing ahead")
+
+
+def test_a_file_without_an_address_is_said_and_not_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "address"
+    for written in ("", "ntfy.sh/SECRET"):
+        file.write_text(written)
+        assert main(["--alert-url-file", str(file), "--connect", "udpin:127.0.0.1:0"]) == 2
+        told = capsys.readouterr().err
+        assert str(file) in told
+        assert "https://" in told
+        assert "SECRET" not in told

@@ -246,3 +246,13 @@ def test_an_incident_file_is_asked_for_and_cancelled(line: str, command: tuple[i
 def test_no_call_has_the_number_70000() -> None:
     with pytest.raises(CommandError, match="call 70000 cannot be"):
         parse("other place 70000")
+
+
+@pytest.mark.parametrize("line", ["tap THING -1 go", "THING: -1, go", "7 GROUND: 1, go"])
+def test_a_name_that_was_left_open_is_not_taken_for_a_word(line: str) -> None:
+    with pytest.raises(CommandError, match="stands for its name: write what it is"):
+        parse(line)
+
+
+def test_a_word_that_is_spelled_like_it_in_small_letters_is_one() -> None:
+    assert parse("ground: 1") is not None

@@ -196,7 +196,7 @@ def test_a_person_reads_why_it_calls_and_what_fits(
     operator = start("--connect", fly(thing_call).link)
     headline = operator.until(lambda line: "C7" in line)
     assert "unknown thing ahead, 38% unexplained, most in the middle (71%) [vehicle held" in headline
-    assert "tap drum -1 go" in operator.until(lambda line: "answer" in line)
+    assert "tap THING -1 go" in operator.until(lambda line: "answer" in line)
     operator.type("status")
     assert "AUTO armed" in operator.until(lambda line: "rover 1: heard" in line)
     operator.type("nonsense")

@@ -220,12 +220,19 @@ def test_every_call_has_a_headline_and_answers_that_can_be_typed(
     )  # fmt: skip
     assert wording.call_lines(call, 3.0)[0].isprintable()
     for line in wording.fitting_answers(call):
-        parse(line)
+        parse(line.replace("THING", "drum").replace("GROUND", "grass"))
 
 
 @pytest.mark.parametrize(
     ("box", "told"),
-    [((0, 0, 0.2, 1), "at the left"), ((0.4, 0, 0.6, 1), "in the middle"), ((0.8, 0, 1, 1), "at the right")],
+    [
+        ((0.1, 0, 0.3, 1), "at the left"),
+        ((0.4, 0, 0.6, 1), "in the middle"),
+        ((0.7, 0, 0.9, 1), "at the right"),
+        ((0.01, 0, 0.2, 1), "at the left edge"),
+        ((0.8, 0, 1, 1), "at the right edge"),
+        ((0, 0, 1, 1), "in the middle"),
+    ],
 )
 def test_where_a_box_lies(box: tuple[float, float, float, float], told: str) -> None:
     assert where(box) == told
@@ -304,3 +311,24 @@ def test_a_test_call_says_that_it_is_one_when_it_opens_and_when_it_closes(
 def test_every_event_is_told_to_a_program_as_before(all_events: list[ev.Event]) -> None:
     lines = [to_line(record(event, 1.5)) for event in all_events]
     compare(Path(__file__).with_name("golden_events.json"), {str(at): line for at, line in enumerate(lines)})
+
+
+def test_faults_of_one_hold_that_take_turns_share_a_line_with_a_count() -> None:
+    texts = [f"H9 FAULT {('camera silent', 'vision hangs')[turn % 2]}" for turn in range(8)]
+    events = [ev.TextReceived(1, 3, text) for text in texts]
+    told = read(*events, at=tuple(10.0 * turn for turn in range(8)))
+    assert [line.partition("says ")[2] for line in told.splitlines()] == [
+        '"H9 FAULT camera silent"',
+        '"H9 FAULT camera silent, vision hangs: 2 times in 10 s"',
+        '"H9 FAULT camera silent, vision hangs: 7 times in 60 s"',
+    ]
+
+
+def test_a_state_that_goes_to_fault_and_back_in_one_call_is_told_once_a_minute_with_a_count() -> None:
+    states = [ids.State.FAULT, ids.State.CALLING] * 8
+    events = [ev.StateChanged(1, state, 1) for state in states]
+    told = read(*events, at=tuple(5.0 * turn for turn in range(16)))
+    assert [line.partition("  ")[2] for line in told.splitlines()] == [
+        "companion FAULT: it cannot judge (1)",
+        "companion FAULT: it cannot judge (1): 7 times in 60 s",
+    ]

@@ -1,4 +1,4 @@
-// Fetches what the companion tells, only while the page is seen.
+// Fetches what the companion tells, while the page is seen; in the background only what calls need, where somebody wants that.
 
 import { PATIENCE, Stream, whyNot } from "./stream.js";
 
@@ -11,19 +11,20 @@ const WHY_NOT = {
 
 export class Feed {
   // take: called with ("ground" | "news" | "points" | "picture" | "answered" | "calls" | "log" | "connection", content, late). late: seconds that
-  // an event waited on its way.
-  constructor(take) {
+  // an event waited on its way. quietly: returns whether to hear of calls in the background.
+  constructor(take, quietly) {
     this.take = take;
+    this.quietly = quietly;
     this.reading = false;
-    this.stream = new Stream(["ground", "news", "points", "picture", "answered"], take, whyNot("/healthz", WHY_NOT));
+    this.stream = new Stream(["ground", "news", "points", "picture", "answered"], take, whyNot("/healthz", WHY_NOT), { quietly });
     document.addEventListener("visibilitychange", () => this.readFiles());
-    setInterval(() => this.readFiles(), FILES_EVERY);
+    setInterval(() => document.hidden || this.readFiles(), FILES_EVERY);
     this.readFiles();
   }
 
   async readFiles() {
     this.again = this.reading; // what is being read may be older than what this was called for
-    if (document.hidden || this.reading) return;
+    if ((document.hidden && !this.quietly()) || this.reading) return;
     this.reading = true;
     try {
       this.take("calls", await (await read("/shown-calls.json")).json());

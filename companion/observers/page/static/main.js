@@ -1,9 +1,11 @@
 // Connects feed, model and views, and lets ages grow by the browser's own clock.
 
+import { Alarm } from "./alarm.js";
+import { Untold, aloud } from "./calls.js";
 import { showFacts, showText } from "./elements.js";
 import { Feed } from "./feed.js";
 import * as model from "./model.js";
-import { listenToKeys } from "./keys.js";
+import { leaveEmptyField, listenToKeys } from "./keys.js";
 import { joined } from "./plots.js";
 import { Recordings } from "./recordings.js";
 import { poster, say } from "./sending.js";
@@ -15,6 +17,8 @@ const opened = (content) => [content?.state?.open?.id, content?.state?.open?.sta
 const now = () => performance.now() / 1000;
 const recordings = new Recordings(document.getElementById("recordings"), say);
 const picture = document.getElementById("picture");
+const untold = new Untold();
+const alarm = new Alarm(document.getElementById("alarm"));
 let news = null;
 let connection = "";
 let told = { calls: [], names: [], alone: [] }; // of /shown-calls.json
@@ -59,7 +63,7 @@ function tick() {
     for (const old of [news, seen, coming, next]) if (old) old.receivedAt -= Math.max(0, slept);
   }
   const state = model.overview(news, now(), connection);
-  views.showState(state);
+  views.showState(state, told.calls.filter((call) => call.open).length);
   views.showPictureNote(model.pictureNote(seen, now(), state.stale));
   const time = now() - offset;
   if (!news) return;
@@ -107,12 +111,16 @@ const feed = new Feed((kind, content, late) => {
       break;
     case "calls":
       told = content;
+      for (const call of untold.take(told.calls)) {
+        alarm.ring(aloud(call), call.key);
+        leaveEmptyField();
+      }
       break;
     case "log":
       views.showLog(model.logLines(content));
   }
   tick();
-});
+}, () => alarm.on);
 const keys = listenToKeys(views.firstCard);
 setInterval(tick, 250);
 document.addEventListener("visibilitychange", tick);

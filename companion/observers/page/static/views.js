@@ -1,6 +1,7 @@
 // Puts what `model.js` made into the page. No network, and no decision: what is given is what is shown.
 
 import { AnswerCard } from "./answer_card.js";
+import { AnswerBar } from "./bar.js";
 import { CallView, legend } from "./call_view.js";
 import { Cards } from "./cards.js";
 import { changed, element, showText } from "./elements.js";
@@ -12,10 +13,11 @@ import { say } from "./sending.js";
 import { Words } from "./words.js";
 import { clock } from "./wording.js";
 
-export function showState(state) {
-  changed("state", { ...state, since: "" }, (part) => {
+// calls: how many are open.
+export function showState(state, calls) {
+  changed("state", { ...state, since: "", calls }, (part) => {
     part.dataset.tone = state.tone;
-    document.title = `${state.title} · AnyTraverse`;
+    document.title = `${calls && !state.stale ? `(${calls}) ` : ""}${state.title} · AnyTraverse`;
     document.body.classList.toggle("stale", state.stale);
   });
   showText("state-title", state.title);
@@ -49,7 +51,7 @@ const metres = new Metres(document.getElementById("picture"), caption);
 document.getElementById("ahead").append(fan.part, drivable.part, unexplained.part);
 const [open, past] = ["open", "past"].map((id) => document.getElementById(id));
 const pastTitle = past.firstElementChild;
-let known = null, words = null, cards = null, lastMinute = null; // until it is known whether the page may answer
+let known = null, words = null, cards = null, lastMinute = null, bar = null; // until it is known whether the page may answer
 
 // send: posts an answer; null where the page only shows.
 export function begin(send) {
@@ -58,6 +60,7 @@ export function begin(send) {
   cards = new Cards(() => (send ? new AnswerCard("", send, say, words.staged, "h2") : new CallView()));
   document.getElementById("views").append(known.part);
   document.getElementById("words").append(words.part);
+  bar = send && new AnswerBar(firstCard);
   lastMinute = send && new Incident(send, say);
   if (send) document.getElementById("log").before(lastMinute.part);
 }
@@ -80,6 +83,7 @@ export function showPlace({ state }) {
 export function showCalls(rover, time) {
   words.show({ ...rover, words_known: true });
   past.hidden = !cards.show(rover.calls, { front: open, past, before: [pastTitle] }, (card, call) => card.show(call, rover, time));
+  bar?.show();
 }
 
 // data: what is shown of the incident files of the last minute.

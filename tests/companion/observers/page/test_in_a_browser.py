@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -89,7 +90,7 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
     stage.news["status"]["current_id"] = 7
     card = tab.locator("#open .call")
     stage.until(card.is_visible)
-    assert "none of its words explains" in card.inner_text()
+    assert "Unknown thing" in card.inner_text()
     assert re.match(r"Call C7, open for \d+ s\n", card.inner_text())
     assert "<img src=x>: 1, go: <b>no</b>" in card.inner_text()
     assert card.locator("b").count() == 0
@@ -97,7 +98,7 @@ def test_the_page_says_what_is_so_and_never_shows_old_news_as_live(stage: Stage,
         "all => all.map(one => one.src.split('/').pop())"
     )
     assert [one.partition("?")[0] for one in sources] == ["7-raw.jpg", "7-raw.jpg", "7-large.jpg"]
-    controls = tab.locator("button:visible, form, input:visible:enabled:not([type=range])")
+    controls = tab.locator("button:visible:not(#alarm), .bar, form, input:visible:enabled:not([type=range])")
     assert controls.all_text_contents() == ["Show recordings"], "it only shows"
 
     wait_for(lambda: title.inner_text() == "NO NEWS", 6.0)  # nothing is told meanwhile
@@ -189,6 +190,46 @@ def test_without_a_mount_there_is_no_switch_for_metres(stage: Stage, tab: Any) -
     assert not tab.get_by_label("Metres").is_visible()
 
 
+NOTICES = """
+window.told = [];
+window.Notification = class {
+  static permission = "default";
+  static async requestPermission() { return (Notification.permission = "granted"); }
+  constructor(title, { body, tag }) { window.told.push([title, body, tag]); }
+};
+Object.defineProperty(document, "hidden", { get: () => Boolean(window.away) });
+"""
+LEAVE = "window.away = true; document.dispatchEvent(new Event('visibilitychange'))"
+
+
+def test_a_page_in_the_background_hears_of_a_call_where_somebody_allowed_it_and_has_no_pictures_drawn(
+    stage: Stage,
+) -> None:
+    with playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        tab = browser.new_page()
+        tab.add_init_script(NOTICES)
+        tab.goto(stage.page.url)
+        stage.until(lambda: stage.frames > 0)
+        tab.locator("#alarm").click()
+        stage.until(lambda: tab.locator("#alarm").inner_text() == "Sound and notice: on")
+        tab.evaluate(LEAVE)
+        over = time.monotonic() + 2.0  # a picture that was asked for may still be drawn
+        stage.until(lambda: time.monotonic() > over)
+        drawn = stage.frames
+        opened = {"id": 7, "kind": "call", "stage": "open", "frame_id": 9, "age": 3, "holding": True}
+        stage.news["state"] |= {"open": opened, "reasons": ["unknown_object"]}
+        stage.until(lambda: bool(tab.evaluate("told.length")))
+        ((title, text, _tag),) = tab.evaluate("told")
+        assert title == "A rover calls"
+        assert text.startswith("C7. Unknown thing.")
+        assert tab.title().startswith("(1) ")
+        over = time.monotonic() + 1.5
+        stage.until(lambda: time.monotonic() > over)
+        assert stage.frames == drawn
+        browser.close()
+
+
 def held(stage: Stage, tab: Any, given: list[bytes], key: str) -> set[Motion]:
     """Hold a key until what it sends was sent three times. Returns what it is; it must be one answer."""
     tab.keyboard.down(key)
@@ -224,6 +265,17 @@ def have_it_packed(stage: Stage, card: Any, given: list[bytes]) -> None:
     assert "It is without a recording: switched off." in card.inner_text()
 
 
+def go_is_in_view_wherever_it_is_scrolled_to(tab: Any) -> None:
+    bar = tab.locator(".bar")
+    for scrolled in ("0", "document.body.scrollHeight"):
+        tab.evaluate(f"scrollTo(0, {scrolled})")
+        go = bar.get_by_role("button", name="Go", exact=True).bounding_box()
+        assert go["height"] >= 44
+        assert 0 <= go["y"] <= 844 - go["height"]
+    assert "C7: Unknown thing in the middle" in bar.inner_text()
+    tab.evaluate("scrollTo(0, 0)")
+
+
 def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -242,12 +294,12 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
     stage.until(stage.up)
     with playwright.sync_playwright() as browsers:
         browser = browsers.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
-        tab = browser.new_page(viewport={"width": 360, "height": 800})
+        tab = browser.new_page(viewport={"width": 390, "height": 844})
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.goto(f"{stage.page.url}?token={played.TOKEN}")
         card = tab.locator("#open .call")
-        stage.until(card.is_visible)
         stage.until(card.locator(".shot.small img:visible").first.is_visible)
+        go_is_in_view_wherever_it_is_scrolled_to(tab)
         frame = card.locator(".shot.small .aim").bounding_box()
         tab.mouse.click(frame["x"] + 0.5 * frame["width"], frame["y"] + 0.6 * frame["height"])
         card.get_by_label("Its name").click()
@@ -272,7 +324,7 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         have_it_packed(stage, card, given)
         stage.news["state"]["open"] = None
         stage.until(lambda: "closed" in card.inner_text())
-        assert tab.evaluate("document.documentElement.scrollWidth") <= 360
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 390
         tab.route("**/answer", lambda route: route.abort())
         tab.get_by_label("New word").fill("mud")
         tab.keyboard.press("Enter")

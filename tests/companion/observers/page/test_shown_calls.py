@@ -31,17 +31,17 @@ def there(path: str) -> str:
 def test_the_open_call_comes_first_and_says_why_what_was_answered_and_what_is_alike() -> None:
     first, second = shown_calls(STATE, 100.0, RECORDS, there, {})["calls"]
     assert (first["name"], first["open"], first["since"]) == ("C7", True, 88.0)
-    assert first["reason"] == "Something in the middle that none of its words explains."
-    assert first["figures"] == (
-        "unknown 71% in yellow frame, over 25% calls; 90% of the known ground drivable"
+    assert first["reason"] == (
+        "Unknown thing in the middle, 2.1 m ahead: 71 % of the yellow frame is unknown, over 25 % calls."
     )
+    assert first["figures"] == "90% of the known ground drivable"
     assert (first["stands"], first["box"]) == ("The vehicle is held.", (0.41, 0.55, 0.6, 0.81))
     assert first["said"] == [{"at": 1.8e9, "text": "gravel: 1, go: ok"}]
     assert first["nearest"]["text"] == "Most like call C3 (0.91): the answer was drum -1."
     assert first["pictures"]["raw"] == "/calls/7-raw.jpg?v=1"
     assert (second["name"], second["open"], second["outcome"]) == ("C3", False, "accepted by a go")
-    assert second["reason"] == "A place unlike those that it was told about."
-    assert second["figures"] == "new place, .91 like C3, .94 needed; 50% of the known ground drivable"
+    assert second["reason"] == "New place: 0.91 like C3, known from 0.94 on."
+    assert second["figures"] == "50% of the known ground drivable"
 
 
 def test_the_figures_alone_are_told_of_a_call_whose_record_has_no_words_for_them() -> None:

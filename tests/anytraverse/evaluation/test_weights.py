@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 import anytraverse
-from anytraverse import release
 from anytraverse.cli import main
 from anytraverse.errors import AnyTraverseError, PerceiverError
 from anytraverse.evaluation import evaluating, seeing
@@ -122,7 +121,7 @@ def test_another_version_of_a_library_is_another_program(
     found = set()
     for number in ("1.0", "2.0"):
         monkeypatch.setattr(
-            release, "version", lambda name, number=number: number if name == library else "1"
+            "importlib.metadata.version", lambda name, number=number: number if name == library else "1"
         )
         program_identity.cache_clear()
         found.add(program_identity())

@@ -96,13 +96,13 @@ def ask(config: Config, url: str) -> AutopilotReadings:
             interview.listen = listener.hear
             while not turn() and time.monotonic() < until:
                 pass
-            _await_course(interview, listener, turn)
+            await_course(interview, listener, turn)
     except LinkSettingError as error:
         return AutopilotReadings([failed(LINK, str(error))], heard=False)
     return replace(judged(config, url, interview), course=listener.missing)
 
 
-def _await_course(interview: Interview, listener: CourseListener, turn: Callable[[], bool]) -> None:
+def await_course(interview: Interview, listener: CourseListener, turn: Callable[[], bool]) -> None:
     """Ask for position and heading until they are known, for `COURSE_WITHIN` seconds at most."""
     began, asked_at = time.monotonic(), -math.inf
     while interview.autopilot and listener.missing and (now := time.monotonic()) < began + COURSE_WITHIN:

@@ -43,7 +43,7 @@ class Found:
 
 def list_cameras(file: str, folder: str) -> int:
     """Print each camera and save its picture into `folder`. Returns 0 if there is a picture, else 1."""
-    found = [*_configured(file), *_of_the_kernel(), *_of_rpicam(), *_of_depthai()]
+    found = [*_configured(file), *plugged_in()]
     saved = 0
     for number, camera in enumerate(found, 1):
         print(f"{number}  {camera.name}")
@@ -65,6 +65,13 @@ def list_cameras(file: str, folder: str) -> int:
         print("no camera is plugged in, as far as the kernel knows")
     print('Network cameras are not searched for: write source = "rtsp://USER:PASSWORD@HOST/PATH" yourself.')
     return 0 if saved else 1
+
+
+def plugged_in() -> Iterator[Found]:
+    """Yield the cameras of this computer. Takes up to 10 s."""
+    yield from _of_the_kernel()
+    yield from _of_rpicam()
+    yield from _of_depthai()
 
 
 def _configured(file: str) -> Iterator[Found]:

@@ -26,15 +26,20 @@ _TABLES: Mapping[int, Table] = {ARDUPILOT: ardupilot.TABLE, PX4: px4.TABLE}
 _EMPTY = Table((), (), (), (), ())
 
 
+def table_of(autopilot: int) -> Table:
+    """Return the rules for an autopilot of a kind, none for one that is not known."""
+    return _TABLES.get(autopilot, _EMPTY)
+
+
 def names(autopilot: int) -> tuple[str, ...]:
     """Return the names of the parameters to read."""
-    return _TABLES.get(autopilot, _EMPTY).names
+    return table_of(autopilot).names
 
 
 def judge(autopilot: int, facts: Facts, *, holds: bool) -> list[CheckFinding]:
     """Return what is wrong. holds: whether the policy is hold; otherwise every failure is only a warning."""
     worst = FAIL if holds else WARN
-    table = _TABLES.get(autopilot, _EMPTY)
+    table = table_of(autopilot)
     wrong = [
         CheckFinding(f"{rule.name} {facts.values[rule.name]:g}", min(rule.verdict, worst), rule.text)
         for rule in table.rules
@@ -63,7 +68,7 @@ def _missing(table: Table, facts: Facts, worst: Verdict) -> list[CheckFinding]:
 
 def speed(autopilot: int, values: Mapping[str, float]) -> tuple[str, float] | None:
     """Return name and m/s of the parameter that sets the speed of autonomous driving; None without one."""
-    found = ((name, values.get(name, 0.0)) for name in _TABLES.get(autopilot, _EMPTY).speeds)
+    found = ((name, values.get(name, 0.0)) for name in table_of(autopilot).speeds)
     return next(((name, value) for name, value in found if value > 0), None)
 
 
@@ -108,7 +113,8 @@ class Interview:
 
     names: gives the parameters to read from an autopilot of a kind. began: monotonic seconds of the start.
     signing: None without a key. sceptical: with a key, ignore messages that are not signed with it.
-    listen: called with each message of the autopilot and the time. values: the parameters that came.
+    listen: called with each message of the autopilot and the time. values: the parameters that came, types:
+    their MAV_PARAM_TYPE.
     others: (system, component) of other senders; grounds: of those among them that are ground stations.
     bytes: number received.
     """
@@ -122,6 +128,7 @@ class Interview:
     listen: Callable[[Any, float], None] = lambda _message, _now: None
     autopilot: Heartbeat | None = None
     values: dict[str, float] = field(default_factory=dict)
+    types: dict[str, int] = field(default_factory=dict)
     others: set[tuple[int, int]] = field(default_factory=set)
     grounds: set[tuple[int, int]] = field(default_factory=set)
     bytes: int = 0
@@ -179,6 +186,23 @@ class Interview:
                 now,
             )
 
+    def set(self, name: str, value: float, now: float) -> None:
+        """Ask the autopilot to set a parameter that it has told, and to tell it again, in `values`.
+
+        A caller does this for a person alone: see `companion.desk.setup.parameters`.
+        """
+        if self.autopilot is None or name not in self.types:
+            return
+        self._requests[name] = _Request(asked_at=now)
+        written = mavlink.MAVLink_param_set_message(
+            self.autopilot.system_id,
+            AUTOPILOT_COMPONENT_ID,
+            name.encode(),
+            wire_value(value, self.types[name], self.autopilot.kind),
+            self.types[name],
+        )
+        self._send(written, now)
+
     def _is_refused(self, message: Any, now: float) -> bool:
         return self.signing is not None and self.refuse_unsigned and self.signing.refusal(message, now) != ""
 
@@ -210,6 +234,7 @@ class Interview:
             name, value = str(message.param_id), value_of(message, self.autopilot.kind)
             if math.isfinite(value) and self._requests.pop(name, None) is not None:
                 self.values[name] = value
+                self.types[name] = int(message.param_type)
         elif kind == "PARAM_ERROR" and message.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST:
             self._requests.pop(str(message.param_id), None)
         if self.autopilot is not None:
@@ -228,6 +253,15 @@ class Interview:
             frame = self.signing.sign(frame, message, now)
         if self.connection.write(frame, now):
             self._mav.seq = (self._mav.seq + 1) % 256
+
+
+def wire_value(value: float, form: int, autopilot: int) -> float:
+    """Encode a parameter's value as `value_of` decodes it. form: MAV_PARAM_TYPE. Raises struct.error."""
+    integer = _INTEGERS.get(form)
+    if autopilot != PX4 or integer is None:
+        return value
+    coded = struct.pack(integer, round(value)).ljust(4, b"\0")
+    return float(struct.unpack("<f", coded)[0])
 
 
 def value_of(message: Any, autopilot: int) -> float:

@@ -57,7 +57,7 @@ class CameraDelivery:
 
 
 @dataclass
-class _Watched:
+class Watched:
     """Collects what the camera delivers. why: why no picture came so far. ended: no more will come."""
 
     why: str = f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address"
@@ -90,10 +90,35 @@ class _Watched:
         if share is not None:
             self.magenta.append(share)
 
+    def forget_before(self, newest: int) -> None:
+        """Keep what is known of so many pictures, and of the newest one."""
+        for known in (self.arrived, self.ages, self.magenta):
+            del known[:-newest]
 
-def _read_for(source: str, options: CameraOptions, seconds: float) -> _Watched:
+    def delivery(self, roi: Box) -> CameraDelivery:
+        """Return what came so far. roi: by which the exposure is judged."""
+        if self.newest is None:
+            return CameraDelivery(self.why)
+        silence = 0.0 if self.ended else time.monotonic() - self.arrived[-1]
+        image = self.newest.image
+        grey = image.mean(axis=2)
+        return CameraDelivery(
+            width=int(image.shape[1]),
+            height=int(image.shape[0]),
+            rate=_rate(self.arrived, silence),
+            age=median(self.ages),
+            bad=self.bad,
+            brightness=float(grey.mean()),
+            contrast=float(grey.std()),
+            white=float((grey >= _WHITE).mean()),
+            exposure=exposure_name(luma(image), roi),
+            magenta=median(self.magenta) if self.magenta else None,
+        )
+
+
+def _read_for(source: str, options: CameraOptions, seconds: float) -> Watched:
     """Open a camera, wait up to 5 s for a first picture, and read for `seconds` more. Raises CameraError."""
-    watched = _Watched()
+    watched = Watched()
     camera = open_camera(source, options)
     try:
         until = time.monotonic() + SEEN_WITHIN
@@ -122,23 +147,8 @@ def watch(config: Config) -> CameraDelivery:
         watched = _read_for(config.camera.source, config.camera_options, seconds)
     except CameraError as error:
         return CameraDelivery(str(error))
-    if watched.newest is None:
-        return CameraDelivery(watched.why)
-    silence = 0.0 if watched.ended else time.monotonic() - watched.arrived[-1]
-    image, roi = watched.newest.image, config.roi
-    grey = image.mean(axis=2)
-    return CameraDelivery(
-        width=int(image.shape[1]),
-        height=int(image.shape[0]),
-        rate=_rate(watched.arrived, silence),
-        age=median(watched.ages),
-        bad=watched.bad,
-        brightness=float(grey.mean()),
-        contrast=float(grey.std()),
-        white=float((grey >= _WHITE).mean()),
-        exposure=exposure_name(luma(image), Box(roi.left, roi.top, roi.right, roi.bottom)),
-        magenta=median(watched.magenta) if watched.magenta else None,
-    )
+    roi = config.roi
+    return watched.delivery(Box(roi.left, roi.top, roi.right, roi.bottom))
 
 
 def _rate(arrived: list[float], silence: float) -> float | None:

@@ -1,0 +1,1 @@
+"""Sets up a rover in a browser (`companion setup`)."""

@@ -1,0 +1,39 @@
+"""Implements `companion setup`: serves the pages until somebody ends it."""
+
+from __future__ import annotations
+
+import getpass
+import signal
+import socket
+import time
+from pathlib import Path
+
+from companion.desk.setup.server import IDLE, SetupServer
+from companion.desk.setup.session import Session
+
+_LOOK = 0.5
+
+
+def run(file: str, *, port: int = 0) -> int:
+    """Serve until Ctrl-C, or until the pages are idle for an hour. Returns 0.
+
+    Raises ConfigError where the file has a problem, and OSError.
+    """
+    path = Path(file).expanduser().absolute()
+    signal.signal(signal.SIGTERM, _interrupt)
+    with SetupServer(Session(path), port) as server:
+        host = f"{getpass.getuser()}@{socket.gethostname()}"
+        print(f"Open {server.url}")
+        print(f"From another computer, first: ssh -L {server.port}:127.0.0.1:{server.port} {host}")
+        print(f"It changes {path} when you click Write. Ctrl-C ends it.", flush=True)
+        try:
+            while not server.is_idle:
+                time.sleep(_LOOK)
+            print(f"Nobody has used the page for {IDLE / 60:.0f} minutes: it ends.")
+        except KeyboardInterrupt:
+            print("It ends.")
+    return 0
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    raise KeyboardInterrupt

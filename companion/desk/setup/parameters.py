@@ -1,0 +1,163 @@
+"""Reads the autopilot's parameters, proposes what `companion check` wants, and sets one on a click."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from companion.config import Config
+from companion.config.link_settings import LinkSettingError
+from companion.desk.check.autopilot import (
+    LIMIT,
+    AutopilotReadings,
+    CourseListener,
+    await_course,
+    judged,
+    silence,
+    talking,
+)
+from companion.desk.check.interview import NAMES, Facts, Heartbeat, Interview, names, table_of
+from companion.desk.check.rules import CheckFinding, ParameterRule, Verdict
+from companion.pages.requests import RequestError
+
+READ_WITHIN = LIMIT + 10.0
+"""Seconds in which it is asked."""
+SET_WITHIN = 15.0
+"""Seconds until a value that was set must have been read back."""
+_SAME = 1e-4
+_SET, _SUBTRACT = re.compile(r"\bset (\d+(?:\.\d+)?)"), re.compile(r"\bsubtract (\d+)\b")
+
+
+@dataclass(frozen=True)
+class Read:
+    """An autopilot that has told its parameters. course: as in `AutopilotReadings`."""
+
+    url: str
+    interview: Interview
+    autopilot: Heartbeat
+    course: str
+
+    def readings(self, config: Config) -> AutopilotReadings:
+        """Judge what it told, for a configuration with any policy."""
+        return replace(judged(config, self.url, self.interview), course=self.course)
+
+    def facts(self, config: Config) -> Facts:
+        """Return what the rules need to know."""
+        call = config.call
+        offboard, deadman = call.px4_hold == "offboard", call.px4_deadman != "off"
+        values, system_id = self.interview.values, self.autopilot.system_id
+        return Facts(values, system_id, config.link.allowed_senders, offboard, call.policy, deadman)
+
+
+def read(config: Config) -> Read:
+    """Ask the autopilot for all that `companion check` judges; up to 40 s. Raises RequestError."""
+    url = config.link.url
+    try:
+        with talking(config, url, names) as (interview, turn):
+            listener = CourseListener(config.link.system_id)
+            interview.listen = listener.hear
+            until = interview.began + LIMIT
+            while not turn() and time.monotonic() < until:
+                pass
+            await_course(interview, listener, turn)
+    except LinkSettingError as error:
+        raise RequestError(str(error)) from error
+    if interview.autopilot is None:
+        raise RequestError(silence(url, interview))
+    return Read(url, interview, interview.autopilot, listener.missing)
+
+
+def rows(autopilot: int, facts: Facts) -> list[dict[str, Any]]:
+    """Return one row a parameter that a rule names: JSON values. proposed: None where nothing is to be set.
+
+    autopilot: HEARTBEAT.autopilot.
+    """
+    made = dict[str, dict[str, Any]]()
+    for rule in table_of(autopilot).rules:
+        value = facts.values.get(rule.name)
+        if value is None:
+            continue
+        bad = rule.bad(value, facts)
+        row = made.setdefault(
+            rule.name, {"name": rule.name, "value": value, "verdict": "pass", "text": "", "proposed": None}
+        )
+        if bad and Verdict[row["verdict"].upper()] < rule.verdict:
+            wanted = proposed(rule, facts)
+            row |= {"verdict": rule.verdict.name.lower(), "text": rule.text, "proposed": wanted}
+    return sorted(made.values(), key=lambda row: (-Verdict[row["verdict"].upper()], row["name"]))
+
+
+def proposed(rule: ParameterRule, facts: Facts) -> float | None:
+    """Return the value that a rule asks for in its text, if the rule itself accepts it; else None."""
+    value = facts.values[rule.name]
+    for wanted in _named(rule.text, value):
+        if not rule.bad(wanted, Facts(**{**vars(facts), "values": {**facts.values, rule.name: wanted}})):
+            return wanted
+    return None
+
+
+def _named(text: str, value: float) -> Iterator[float]:
+    yield from (float(found) for found in _SET.findall(text))
+    yield from (float(int(value) & ~int(found)) for found in _SUBTRACT.findall(text))
+
+
+def set_one(config: Config, url: str, name: str, before: float, after: float) -> float:
+    """Set a parameter if it still has the value that a person saw. Returns what is read back.
+
+    before, after: seen, and wanted. Raises RequestError; it then says whether anything was written.
+    """
+    try:
+        with talking(config, url, lambda _kind: (name,)) as (interview, turn):
+            until, sent = time.monotonic() + SET_WITHIN, False
+            while time.monotonic() < until:
+                turn()
+                now = interview.values.get(name)
+                if not sent and now is not None:
+                    if not _same(now, before):
+                        raise RequestError(
+                            f"nothing was written: {name} is {now:g} by now, not {before:g}: read again"
+                        )
+                    interview.values.pop(name)
+                    interview.set(name, after, time.monotonic())
+                    sent = True
+                elif sent and now is not None:
+                    if not _same(now, after):
+                        raise RequestError(
+                            f"the autopilot keeps {name} at {now:g}: set it at the ground station"
+                        )
+                    return now
+    except LinkSettingError as error:
+        raise RequestError(str(error)) from error
+    if sent:
+        raise RequestError(f"{name} = {after:g} was sent, and is not confirmed: read again")
+    raise RequestError(f"nothing was written: the autopilot did not tell {name} within {SET_WITHIN:.0f} s")
+
+
+def _same(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=_SAME, abs_tol=_SAME)
+
+
+def document(config: Config, found: Read) -> dict[str, Any]:
+    """Return what the page shows: JSON values."""
+    kind, readings = found.autopilot.kind, found.readings(config)
+    own = rows(kind, found.facts(config))
+    named = {row["name"] for row in own}
+    return {
+        "url": found.url,
+        "autopilot": NAMES.get(kind) or f"autopilot of kind {kind}",
+        "system": found.autopilot.system_id,
+        "rows": own,
+        "others": [finding.row() for finding in others(readings.findings, named)],
+        "speed": readings.speed,
+        "course": readings.course,
+        "grounds": [f"{system}/{component}" for system, component in readings.grounds],
+    }
+
+
+def others(findings: list[CheckFinding], named: set[str]) -> Iterator[CheckFinding]:
+    """Yield the findings that are about no parameter with a value."""
+    return (one for one in findings if one.check.split(" ")[0] not in named)

@@ -1,0 +1,186 @@
+"""What the pages ask for, carried out on one draft: the draft, camera, map, link and autopilot together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from anytraverse.regions import Box
+from companion.config import Config
+from companion.config.guiding import guide_lacks
+from companion.desk.check.camera import check_camera, check_exposure, check_frames
+from companion.desk.check.cameras import plugged_in
+from companion.desk.check.rover import CheckedRover, Perceives, load_perceiver
+from companion.desk.check.watching import CameraDelivery
+from companion.desk.setup import mount, parameters, policies, trial
+from companion.desk.setup.draft import MOST, Draft
+from companion.desk.setup.jobs import Job, Jobs
+from companion.desk.setup.judging import LiveMap
+from companion.desk.setup.listening import LONGEST, listen, ports
+from companion.desk.setup.preview import LivePicture, Preview
+from companion.desk.setup.settings import all_settings
+from companion.pages.requests import RequestError
+
+_LISTED_WITHIN = 25.0
+_PERCEIVER_WITHIN = 120.0
+
+
+class Session:
+    """Somebody's visit. Any thread may use it; what takes seconds runs as a job."""
+
+    def __init__(self, file: Path) -> None:
+        """Raises ConfigError where the file has a problem."""
+        self.draft = Draft(file)
+        self.preview = Preview()
+        self.map = LiveMap()
+        self._read: parameters.Read | None = None
+        self._perceives: tuple[object, Perceives] | None = None
+        self.jobs = Jobs(
+            {
+                "cameras": Job(lambda _: _cameras(), _LISTED_WITHIN),
+                "ports": Job(lambda _: ports(), _LISTED_WITHIN),
+                "listen": Job(lambda told: listen(text(told, "url")), LONGEST + 5.0),
+                "autopilot": Job(lambda _: self._autopilot(), parameters.READ_WITHIN),
+                "parameter": Job(self._parameter, parameters.SET_WITHIN + 5.0),
+                "policies": Job(lambda _: self._policies(), _PERCEIVER_WITHIN),
+                "trial": Job(lambda _: trial.test_call(file), trial.LIMIT + 5.0),
+            }
+        )
+
+    def close(self) -> None:
+        """Close the camera."""
+        self.preview.close()
+
+    def state(self) -> dict[str, Any]:
+        """Return the draft and the values in force with it: JSON values."""
+        config = self.draft.config
+        return {
+            **self.draft.document(),
+            "settings": all_settings(config, self.draft.changes),
+            "words": dict(config.words),
+            "vocabulary": list(config.vocabulary),
+            "running": policies.running(config),
+            "guide_lacks": guide_lacks(config),
+            **mount.ground(config),
+        }
+
+    def change(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        """Change the draft. Raises RequestError."""
+        changes = told.get("changes")
+        if not isinstance(changes, dict) or not changes or len(changes) > MOST:
+            raise RequestError(f"changes is an object of 1 to {MOST} settings")
+        self.draft.change(changes)
+        return self.state()
+
+    def forget(self, _told: Mapping[str, Any]) -> dict[str, Any]:
+        """Drop all changes."""
+        self.draft.forget()
+        return self.state()
+
+    def write(self, _told: Mapping[str, Any]) -> dict[str, Any]:
+        """Write the file."""
+        self.draft.write()
+        return self.state()
+
+    def camera(self) -> dict[str, Any]:
+        """Return what the draft's camera delivers; it is opened, and closed when nobody asks any more."""
+        config = self.draft.config
+        live = self.preview.ask(config.camera.source, config.camera_options, _roi(config))
+        seen = live.seen
+        rover = self._rover(config, seen)
+        found = [] if seen.trouble else [*check_camera(rover), *check_frames(rover), *check_exposure(rover)]
+        return {
+            "number": live.number,
+            "has_picture": bool(live.jpeg),
+            "trouble": seen.trouble,
+            "width": seen.width,
+            "height": seen.height,
+            "rate": seen.rate,
+            "wanted_rate": config.camera.rate,
+            "aspect": config.mount.aspect,
+            "has_shape": bool(seen.width) and config.mount.has_shape(seen.width, seen.height),
+            "rows": [one.row() for one in found],
+        }
+
+    @property
+    def live(self) -> LivePicture:
+        """The newest picture."""
+        return self.preview.newest
+
+    def drag(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        """Set height and tilt by a line that was dragged. Raises RequestError."""
+        row = number(told, "row", -1.0, 2.0)
+        height, tilt = mount.dragged(self.draft.config, text(told, "line"), row)
+        self.draft.change({"mount.height": round(height, 3), "mount.tilt": round(tilt, 2)})
+        return self.state()
+
+    def judge(self, _told: Mapping[str, Any]) -> dict[str, Any]:
+        """Judge the newest picture by the draft's words."""
+        config = self.draft.config
+        return self.map.judge(config, self.live, config.words)
+
+    def _rover(self, config: Config, seen: CameraDelivery) -> CheckedRover:
+        rover = CheckedRover(config, str(self.draft.file), Path())
+        rover.seen = seen
+        return rover
+
+    def _autopilot(self) -> dict[str, Any]:
+        self._read = parameters.read(self.draft.config)
+        return parameters.document(self.draft.config, self._read)
+
+    def _parameter(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        """Set one parameter as it was proposed, and return all of them as they are then."""
+        if self._read is None:
+            raise RequestError("read the autopilot's settings first")
+        config, name = self.draft.config, text(told, "name")
+        rows = parameters.document(config, self._read)["rows"]
+        row = next((row for row in rows if row["name"] == name), None)
+        before, after = number(told, "before", -1e9, 1e9), number(told, "after", -1e9, 1e9)
+        if row is None or row["proposed"] != after:
+            raise RequestError(f"nothing was written: that is no proposal for {name[:16]}: read again")
+        now = parameters.set_one(config, self._read.url, name, before, after)
+        self._read.interview.values[name] = now
+        return parameters.document(config, self._read)
+
+    def _policies(self) -> list[dict[str, Any]]:
+        config = self.draft.config
+        wanted = config.perceiver, config.words, config.vocabulary, config.mount, config.roi, config.camera
+        if self._perceives is None or self._perceives[0] != wanted:
+            self._perceives = wanted, load_perceiver(config)
+        return policies.document(str(self.draft.file), config, self.live.seen, self._perceives[1], self._read)
+
+
+def _cameras() -> list[dict[str, Any]]:
+    return [
+        {
+            "name": found.name,
+            "source": found.source,
+            "why": found.why,
+            "width": found.options.width,
+            "height": found.options.height,
+            "pixel_format": found.options.pixel_format,
+        }
+        for found in plugged_in()
+    ]
+
+
+def _roi(config: Config) -> Box:
+    roi = config.roi
+    return Box(roi.left, roi.top, roi.right, roi.bottom)
+
+
+def text(told: Mapping[str, Any], name: str) -> str:
+    """Return a text of a request. Raises RequestError."""
+    value = told.get(name)
+    if not isinstance(value, str) or not 0 < len(value) <= 1000:
+        raise RequestError(f"{name} is a text of 1 to 1000 characters")
+    return value
+
+
+def number(told: Mapping[str, Any], name: str, low: float, high: float) -> float:
+    """Return a number of a request. Raises RequestError."""
+    value = told.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise RequestError(f"{name} is a number of {low:g} to {high:g}")
+    return float(value)

@@ -1,0 +1,115 @@
+// Page 2: where the camera is mounted, by lines that are dragged onto the ground in the picture.
+
+import { drawn, element, showText } from "./elements.js";
+import { fieldset } from "./fields.js";
+import { groundMarks } from "./live.js";
+import { problem } from "./parts.js";
+
+const STEP = 0.004;
+
+export class MountPage {
+  constructor(store, live) {
+    Object.assign(this, { store, live, rows: {}, handles: new Map() });
+    this.problem = problem();
+    this.view = element("div");
+    this.metres = element("select", { id: "mark-at", onchange: () => this.live.fit() }, ...[1, 2, 3, 4, 5].map((at) => element("option", { value: at, selected: at === 2 }, `${at} m`)));
+    this.fields = fieldset(store, "The mount in numbers", {
+      "mount.height": { name: "Height of the lens, m", help: "Above the ground." },
+      "mount.tilt": { name: "Tilt, degrees", help: "Of the lens axis below the horizon." },
+      "mount.front": { name: "Lens to the vehicle's front, m", help: "Metres count from the front." },
+      "mount.roll": { name: "Roll, degrees", help: "Above 0 the right side is down." },
+      "mount.heading": { name: "Heading, degrees", help: "Clockwise from the nose." },
+    });
+    this.text = element("p", { className: "faint" });
+    this.part = element("div", { className: "columns picture-first" },
+      element("section", {}, element("h2", {}, "Where the ground is"), this.view, this.text, this.problem),
+      element("section", {}, element("h2", {}, "Mount"),
+        element("ol", { className: "todo-list" },
+          element("li", {}, "Stand the rover on level ground."),
+          element("li", {}, "Drag the horizon line to the horizon. It sets the tilt."),
+          element("li", {}, element("label", { for: "mark-at" }, "Lay a mark on the ground ahead of the vehicle's front, at "), this.metres, ", and drag that line onto it. It sets the height."),
+          element("li", {}, "Or measure, and type the numbers.")),
+        element("p", { className: "faint" }, "With the keyboard: Tab to a line, then arrow up and down."),
+        this.fields.part));
+  }
+
+  enter() {
+    this.live.show(this.view, { draw: (width, height) => this.draw(width, height) });
+  }
+
+  show(state) {
+    this.fields.show();
+    showText(this.text, state.known ? `Height ${this.store.value("mount.height")} m, tilt ${this.store.value("mount.tilt")} degrees.` : "Not set yet: the lines show a camera 1 m high and tilted by 10 degrees.");
+    if (this.live.part.isConnected) this.live.fit();
+  }
+
+  // The handles stay the same elements, since one may be dragged or have the focus.
+  draw(width, height) {
+    const { lines } = this.store.state;
+    const wanted = { horizon: lines.find((one) => one.kind === "horizon"), [this.metres.value]: lines.find((one) => one.kind === "metre" && one.label === `${this.metres.value} m`) };
+    const handles = Object.entries(wanted).map(([name, line]) => this.handle(name, line, width, height));
+    return [...groundMarks({ lines }, width, height), ...handles];
+  }
+
+  handle(name, line, width, height) {
+    const row = line ? (line.start[1] + line.end[1]) / 2 : name === "horizon" ? 0.02 : 0.98;
+    this.rows[name] = row;
+    if (!this.handles.has(name)) this.handles.set(name, this.made(name));
+    const part = this.handles.get(name);
+    const at = Math.min(0.98, Math.max(0.02, row)) * height;
+    part.setAttribute("aria-valuenow", Math.round(100 * row));
+    part.setAttribute("aria-valuetext", `${Math.round(100 * row)} percent from the top${line ? "" : ", out of the picture"}`);
+    const [hit, circle, arrows] = part.children;
+    for (const [attribute, value] of Object.entries({ x1: 0, x2: width, y1: at, y2: at })) hit.setAttribute(attribute, value);
+    circle.setAttribute("cx", width / 2);
+    circle.setAttribute("cy", at);
+    circle.setAttribute("r", Math.max(9, width / 50));
+    arrows.setAttribute("x", width / 2);
+    arrows.setAttribute("y", at);
+    arrows.setAttribute("font-size", Math.max(13, width / 32));
+    return part;
+  }
+
+  made(name) {
+    const label = name === "horizon" ? "Horizon line" : `Line ${name} m ahead`;
+    const part = drawn("g", { class: "handle", role: "slider", tabindex: 0, "aria-label": label, "aria-orientation": "vertical", "aria-valuemin": 0, "aria-valuemax": 100 },
+      drawn("line", { class: "hit" }), drawn("circle", {}), drawn("text", {}, "↕"));
+    const row = (event) => {
+      const box = this.live.image.getBoundingClientRect();
+      return (event.clientY - box.top) / box.height;
+    };
+    let dragged = false;
+    part.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      dragged = true;
+      part.setPointerCapture(event.pointerId);
+    });
+    part.addEventListener("pointermove", (event) => dragged && this.move(name, row(event)));
+    for (const end of ["pointerup", "pointercancel"]) part.addEventListener(end, () => (dragged = false));
+    part.addEventListener("keydown", (event) => {
+      const way = { ArrowUp: -1, ArrowDown: 1, PageUp: -10, PageDown: 10 }[event.key];
+      if (!way) return;
+      event.preventDefault();
+      this.move(name, this.rows[name] + way * STEP);
+    });
+    return part;
+  }
+
+  // One request at a time; only the newest place waits.
+  async move(name, row) {
+    this.rows[name] = row;
+    this.next = { line: name, row };
+    if (this.moving) return;
+    this.moving = true;
+    while (this.next) {
+      const told = this.next;
+      this.next = null;
+      showText(this.problem, await this.store.post("/drag", told));
+    }
+    this.moving = false;
+  }
+
+  done(state) {
+    return state.known;
+  }
+}

@@ -1,0 +1,60 @@
+// Page 9: what is changed, the file, and what to do next.
+
+import { job } from "./api.js";
+import { changed, element, showText } from "./elements.js";
+import { button, problem, waiting } from "./parts.js";
+import { say } from "./sending.js";
+
+export class ReviewPage {
+  constructor(store) {
+    this.store = store;
+    this.text = element("p", { role: "status" });
+    this.diff = element("pre", { tabIndex: 0, "aria-label": "Changes of the file" });
+    this.guarded = element("p", { className: "faint" });
+    this.problem = problem();
+    this.write = button("Write the file", () => this.post("/write"), { className: "primary" });
+    this.undo = button("Take all changes back", () => this.post("/forget"));
+    this.commands = element("ol", { className: "todo-list" });
+    this.trial = button("Raise a test call", () => this.call());
+    this.status = element("p", { className: "faint", role: "status" });
+    this.part = element("div", { className: "columns" },
+      element("section", {}, element("h2", {}, "Review"), this.text, this.guarded, this.diff, element("div", { className: "row" }, this.write, this.undo), this.problem),
+      element("section", {}, element("h2", {}, "Next"), this.commands,
+        element("p", {}, "While the companion runs, a test call shows whether your ground station is told, and whether its answer comes back. It holds nothing and teaches nothing."),
+        this.trial, this.status));
+  }
+
+  show({ file, diff, changed: keys, guarded, written, policy }) {
+    const count = keys.length;
+    showText(this.text, count ? `${count} ${count === 1 ? "setting is" : "settings are"} changed and not written.` : written || "Nothing is changed yet.");
+    showText(this.guarded, count && guarded.length ? `Only on this computer may these be set: ${guarded.join(", ")}.` : "");
+    changed(this.diff, diff, (part) => {
+      part.hidden = !diff;
+      part.replaceChildren(...diff.split("\n").map((line) => element("span", { tone: /^(---|\+\+\+)/.test(line) ? "" : { "+": "new", "-": "old" }[line[0]] ?? "" }, `${line}\n`)));
+    });
+    this.write.disabled = this.undo.disabled = !diff;
+    changed(this.commands, file, (home) => home.replaceChildren(...[
+      ["Check the file", `companion config check ${file}`],
+      ["Check the rover", `companion check ${file}`],
+      ["Try it in the foreground", `companion run --config ${file}`],
+      ["Or start the service", "sudo systemctl restart companion"],
+    ].map(([what, command]) => element("li", {}, `${what}: `, element("code", {}, command)))));
+  }
+
+  async post(path) {
+    const wrong = await this.store.post(path);
+    showText(this.problem, wrong);
+    if (!wrong && path === "/write") say(this.store.state.written);
+  }
+
+  async call() {
+    this.trial.disabled = true;
+    const { answer, problem: wrong } = await job("trial", {}, waiting(this.status, "Look at your ground station: a test call is raised, answer it"));
+    this.trial.disabled = false;
+    showText(this.status, wrong ?? answer.said.join(" "));
+  }
+
+  done(state) {
+    return Boolean(state.written) && !state.changed.length;
+  }
+}

@@ -60,9 +60,12 @@ def _height(camera: GroundCamera, metres: float, row: float) -> float:
     return min(HEIGHTS[1], max(HEIGHTS[0], (metres + camera.front) / ahead))
 
 
-def ground(config: Config) -> dict[str, Any]:
-    """Return what is drawn over the picture, and what follows from it: JSON values, places in fractions."""
-    judged = judge_stopping(config)
+def ground(config: Config, speed: float | None = None, overrun: float = 0.0) -> dict[str, Any]:
+    """Return what is drawn over the picture, and what follows from it: JSON values, places in fractions.
+
+    speed, overrun: as in `judge_stopping`, where the autopilot has told them.
+    """
+    judged = judge_stopping(config, speed=speed, overrun=overrun)
     found: dict[str, Any] = {
         "lines": [
             {

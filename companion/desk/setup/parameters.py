@@ -76,27 +76,34 @@ def rows(autopilot: int, facts: Facts) -> list[dict[str, Any]]:
 
     autopilot: HEARTBEAT.autopilot.
     """
-    made = dict[str, dict[str, Any]]()
-    for rule in table_of(autopilot).rules:
-        value = facts.values.get(rule.name)
-        if value is None:
-            continue
-        bad = rule.bad(value, facts)
-        row = made.setdefault(
-            rule.name, {"name": rule.name, "value": value, "verdict": "pass", "text": "", "proposed": None}
-        )
-        if bad and Verdict[row["verdict"].upper()] < rule.verdict:
-            wanted = proposed(rule, facts)
-            row |= {"verdict": rule.verdict.name.lower(), "text": rule.text, "proposed": wanted}
-    return sorted(made.values(), key=lambda row: (-Verdict[row["verdict"].upper()], row["name"]))
+    named = dict.fromkeys(rule.name for rule in table_of(autopilot).rules if rule.name in facts.values)
+    made = [_row(autopilot, name, facts) for name in named]
+    return sorted(made, key=lambda row: (-Verdict[row["verdict"].upper()], row["name"]))
 
 
-def proposed(rule: ParameterRule, facts: Facts) -> float | None:
-    """Return the value that a rule asks for in its text, if the rule itself accepts it; else None."""
-    value = facts.values[rule.name]
-    for wanted in _named(rule.text, value):
-        if not rule.bad(wanted, Facts(**{**vars(facts), "values": {**facts.values, rule.name: wanted}})):
-            return wanted
+def _row(autopilot: int, name: str, facts: Facts) -> dict[str, Any]:
+    bad = sorted(_bad(autopilot, name, facts), key=lambda rule: -rule.verdict)
+    return {
+        "name": name,
+        "value": facts.values[name],
+        "verdict": (bad[0].verdict if bad else Verdict.PASS).name.lower(),
+        "text": "; ".join(rule.text for rule in bad),
+        "proposed": proposed(autopilot, name, facts),
+    }
+
+
+def _bad(autopilot: int, name: str, facts: Facts) -> list[ParameterRule]:
+    """Return the rules that call the value of a parameter bad."""
+    value = facts.values[name]
+    return [rule for rule in table_of(autopilot).rules if rule.name == name and rule.bad(value, facts)]
+
+
+def proposed(autopilot: int, name: str, facts: Facts) -> float | None:
+    """Return a value that a rule asks for in its text and that all rules accept; None without one."""
+    for rule in _bad(autopilot, name, facts):
+        for wanted in _named(rule.text, facts.values[name]):
+            if not _bad(autopilot, name, replace(facts, values={**facts.values, name: wanted})):
+                return wanted
     return None
 
 

@@ -52,6 +52,8 @@ class Preview:
         self._clock = clock
         self._changed = threading.Condition()
         self._wanted: _Wanted | None = None
+        self._shown: tuple[str, CameraOptions] | None = None
+        """The camera that `_newest` is of."""
         self._asked_at = 0.0
         self._newest = LivePicture()
         self._ended = False
@@ -60,12 +62,14 @@ class Preview:
 
     def ask(self, source: str, options: CameraOptions, roi: Box) -> LivePicture:
         """Return the newest picture of this camera, which is opened, and the one before closed."""
-        wanted = _Wanted(source, options, roi)
         with self._changed:
             self._asked_at = self._clock()
-            if self._wanted is None or (self._wanted.source, self._wanted.options) != (source, options):
-                self._wanted = wanted
+            if (source, options) != self._shown:
+                self._shown = source, options
                 self._newest = LivePicture(self._newest.number)
+                self._wanted = None
+            if self._wanted is None:
+                self._wanted = _Wanted(source, options, roi)
                 self._changed.notify()
             return self._newest
 

@@ -1,4 +1,4 @@
-"""The process that opens a camera for the page. A driver that hangs or crashes takes only this process along."""
+"""Opens a camera for the page, in a process of its own: a driver that hangs or crashes harms nothing else."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import cv2
 from anytraverse.frame import Image
 from anytraverse.regions import Box
 from companion.cameras import CameraError, CameraOptions, open_camera
-from companion.cameras.shown import plain_words
 from companion.desk.check.watching import SEEN_WITHIN, CameraDelivery, Watched
 
 LARGEST = 4 << 20
@@ -22,8 +21,8 @@ WIDEST = 960
 """Pixels of the picture that is shown."""
 _EVERY = 0.2
 """Seconds between two messages."""
-_COUNTED = 60
-"""Pictures by which rate and age are measured."""
+_ENOUGH, _COUNTED = 3, 60
+"""Pictures by which rate and age are measured, at least and at most."""
 _QUALITY = 92
 
 
@@ -33,7 +32,7 @@ def show(source: str, options: CameraOptions, roi: Box, out: Connection) -> None
     try:
         _show(source, options, roi, out)
     except CameraError as error:
-        _send(out, CameraDelivery(plain_words(str(error), source)), b"")
+        _send(out, CameraDelivery(str(error)), b"")
     except (BrokenPipeError, ConnectionError):
         pass
 
@@ -46,7 +45,8 @@ def _show(source: str, options: CameraOptions, roi: Box, out: Connection) -> Non
             watched.read(camera)
             watched.forget_before(_COUNTED)
             now = time.monotonic()
-            if now - sent_at < _EVERY or (watched.newest is None and now - began < SEEN_WITHIN):
+            few = len(watched.arrived) < _ENOUGH and now - began < SEEN_WITHIN
+            if few or now - sent_at < _EVERY:
                 continue
             sent_at = now
             newest = watched.newest

@@ -62,7 +62,7 @@ class Session:
             "vocabulary": list(config.vocabulary),
             "running": policies.running(config),
             "guide_lacks": guide_lacks(config),
-            **mount.ground(config),
+            **mount.ground(config, *self._driven(config)),
         }
 
     def change(self, told: Mapping[str, Any]) -> dict[str, Any]:
@@ -119,6 +119,13 @@ class Session:
         """Judge the newest picture by the draft's words."""
         config = self.draft.config
         return self.map.judge(config, self.live, config.words)
+
+    def _driven(self, config: Config) -> tuple[float | None, float]:
+        """Return the autopilot's own speed, m/s, and how far it drives on in its hold mode, m."""
+        if self._read is None:
+            return None, 0.0
+        readings = self._read.readings(config)
+        return readings.speed[1] if readings.speed else None, readings.overrun
 
     def _rover(self, config: Config, seen: CameraDelivery) -> CheckedRover:
         rover = CheckedRover(config, str(self.draft.file), Path())

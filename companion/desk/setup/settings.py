@@ -38,9 +38,14 @@ def _row(section: str, one: Any, value: object, changes: Mapping[str, object | N
         "default": _plain(one.default),
         "form": _form(check),
         "changed": key in changes,
-        "guarded": is_guarded(key, plain),
+        "guarded": any(is_guarded(key, some) for some in (plain, *_others(check))),
         "vehicle": section in OF_A_VEHICLE,
     }
+
+
+def _others(check: ValueCheck) -> list[object]:
+    """Return values that stand for what else could be set: of some settings not all values are guarded."""
+    return list(check.schema.get("enum", ())) or ([""] if check.schema.get("type") == "string" else [])
 
 
 def _form(check: ValueCheck) -> dict[str, Any]:

@@ -28,7 +28,7 @@ export class MountPage {
           element("li", {}, "Stand the rover on level ground."),
           element("li", {}, "Drag the horizon line to the horizon. It sets the tilt."),
           element("li", {}, element("label", { for: "mark-at" }, "Lay a mark on the ground ahead of the vehicle's front, at "), this.metres, ", and drag that line onto it. It sets the height."),
-          element("li", {}, "Or measure, and type the numbers.")),
+          element("li", {}, "Or measure, and type the numbers. Of a recorded drive, ", element("code", {}, "companion look-ground DRIVE --estimate"), " proposes them.")),
         element("p", { className: "faint" }, "With the keyboard: Tab to a line, then arrow up and down."),
         this.fields.part));
   }

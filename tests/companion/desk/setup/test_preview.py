@@ -1,0 +1,116 @@
+"""The live picture: what the camera's process sends, and what becomes of one that fails."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from anytraverse.regions import Box
+from companion.cameras import CameraOptions
+from companion.desk.setup import preview
+from companion.desk.setup.preview import LivePicture, Preview, _read
+from companion.desk.setup.preview_process import show
+from tests.waiting import wait_for
+
+ROI = Box(0.3, 0.6, 0.7, 0.95)
+OPTIONS = CameraOptions(playback=30.0, loop=True)
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> str:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for name, grey in (("a", 90), ("b", 120)):
+        cv2.imwrite(str(folder / f"{name}.png"), np.full((60, 80, 3), grey, np.uint8))
+    return f"folder:{folder}"
+
+
+def test_the_process_sends_what_is_measured_with_each_picture(source: str) -> None:
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    thread = threading.Thread(target=_quiet(show), args=(source, OPTIONS, ROI, theirs), daemon=True)
+    thread.start()
+    assert ours.poll(20.0)
+    seen, jpeg = _read(ours.recv_bytes())
+    assert (seen.trouble, seen.width, seen.height) == ("", 80, 60)
+    assert seen.rate == pytest.approx(30.0, rel=0.7)
+    assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape == (60, 80, 3)
+    ours.close()
+    thread.join(10.0)
+    assert not thread.is_alive(), "it ends where nobody reads it"
+
+
+def _quiet(act: Callable[..., None]) -> Callable[..., None]:
+    """In a thread no signal can be set."""
+
+    def run(*arguments: object) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("companion.desk.setup.preview_process.signal.signal", lambda *_: None)
+            act(*arguments)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "message", [b"", b"rubbish\n", b"[]\n", b"{}\nJPEG", json.dumps({"trouble": 1}).encode() + b"\n"]
+)
+def test_a_process_that_sends_rubbish_is_said_to(message: bytes) -> None:
+    seen, jpeg = _read(message)
+    assert "cannot be read" in seen.trouble
+    assert jpeg == b""
+
+
+@pytest.fixture
+def live() -> Iterator[Preview]:
+    made = Preview()
+    yield made
+    made.close()
+
+
+def shown(live: Preview, source: str, fits: Callable[[LivePicture], object]) -> LivePicture:
+    def look() -> LivePicture | None:
+        found = live.ask(source, OPTIONS, ROI)
+        return found if fits(found) else None
+
+    return wait_for(look, 60.0)
+
+
+@pytest.mark.slow
+def test_one_camera_is_open_at_a_time_and_one_that_fails_says_why(source: str, live: Preview) -> None:
+    first = shown(live, source, lambda one: one.jpeg)
+    assert first.seen.width == 80
+    absent = shown(live, "folder:/nowhere", lambda one: one.seen.trouble and one.number > first.number)
+    assert "nowhere" in absent.seen.trouble
+    assert absent.jpeg == b""
+    again = shown(live, source, lambda one: one.jpeg)
+    assert again.number > absent.number
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_or_hangs_is_said_to_and_started_again(
+    source: str, live: Preview, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(preview, "AGAIN", 0.1)
+    monkeypatch.setattr(preview, "show", _dies)
+    assert "exit code 3" in shown(live, source, lambda one: one.number).seen.trouble
+    monkeypatch.setattr(preview, "SILENT", 0.5)
+    monkeypatch.setattr(preview, "show", _hangs)
+    shown(live, "folder:/other", lambda one: "hangs" in one.seen.trouble)
+    monkeypatch.setattr(preview, "SILENT", 30.0)
+    monkeypatch.setattr(preview, "show", show)
+    shown(live, source, lambda one: one.jpeg)
+
+
+def _dies(*_: object) -> None:
+    os._exit(3)
+
+
+def _hangs(*_: object) -> None:
+    threading.Event().wait(60.0)

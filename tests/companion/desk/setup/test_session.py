@@ -1,0 +1,189 @@
+"""A visit: the draft, what the pages are told, and what is written into the file."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from companion.cli import main
+from companion.config import ConfigError, load_config
+from companion.desk.check.watching import CameraDelivery
+from companion.desk.setup.draft import Draft
+from companion.desk.setup.jobs import Job, Jobs
+from companion.desk.setup.judging import LiveMap
+from companion.desk.setup.preview import LivePicture
+from companion.desk.setup.session import Session
+from companion.pages.requests import RequestError
+from companion.sim.field.render import PinholeCamera
+from companion.sim.field.things import World
+from tests.waiting import wait_for
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """The configuration that `companion init` writes."""
+    assert main(["init", str(tmp_path)]) == 0
+    return tmp_path / "companion.toml"
+
+
+@pytest.fixture
+def session(file: Path) -> Iterator[Session]:
+    made = Session(file)
+    yield made
+    made.close()
+
+
+def row(state: dict[str, Any], key: str) -> dict[str, Any]:
+    found: dict[str, Any] = next(one for one in state["settings"] if one["key"] == key)
+    return found
+
+
+def test_nothing_is_changed_at_first_and_every_setting_has_its_meaning(session: Session) -> None:
+    state = session.state()
+    assert (state["changed"], state["diff"]) == ([], "")
+    assert row(state, "call.policy")["form"] == {"type": "choice", "options": ["report", "shadow", "hold", "guide"]}
+    assert row(state, "call.policy")["guarded"]
+    assert not row(state, "call.votes")["guarded"]
+    assert all(one["help"] for one in state["settings"])
+    assert state["words"]["grass"] == 1.0
+
+
+def test_a_change_is_in_force_for_the_pages_at_once_and_in_the_file_only_when_written(
+    session: Session, file: Path
+) -> None:
+    before = file.read_text()
+    state = session.change({"changes": {"mount.height": 0.8, "mount.tilt": 9.5}})
+    assert state["changed"] == ["mount.height", "mount.tilt"]
+    assert "+height = 0.8" in state["diff"]
+    assert file.read_text() == before
+    state = session.write({})
+    assert (state["changed"], state["diff"]) == ([], "")
+    assert "companion.toml.1" in state["written"]
+    assert load_config(file).mount.height == 0.8
+    with pytest.raises(RequestError, match="nothing is changed"):
+        session.write({})
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"mount.height": 1.0}, "height and tilt go together"),
+        ({"mount.height": -1.0, "mount.tilt": 3.0}, "0.05 to 20"),
+        ({"nothing.here": 1}, "not known"),
+        ({"call.policy": "hold"}, "not known whether the vehicle stops"),
+        ({"camera.source": "pipe:cat"}, "pixel_format|width"),
+        ({"words": {"grass": 5}}, "1"),
+        ({"words": 3}, "table"),
+        ({"mount.height": {"a": 1}}, "number"),
+        ({}, "1 to"),
+        ([], "1 to"),
+    ],
+)
+def test_a_change_with_a_problem_is_refused_whole_and_the_draft_stays(
+    session: Session, changes: Any, why: str
+) -> None:
+    session.change({"changes": {"camera.rate": 5.0}})
+    with pytest.raises(RequestError, match=why):
+        session.change({"changes": changes})
+    assert session.state()["changed"] == ["camera.rate"]
+
+
+def test_a_file_that_somebody_else_changed_meanwhile_is_not_written_over(session: Session, file: Path) -> None:
+    session.change({"changes": {"camera.rate": 5.0}})
+    file.write_text(file.read_text().replace("rate = 10.0", "rate = 7.0", 1))
+    with pytest.raises(RequestError):
+        session.write({})
+    assert load_config(file).camera.rate == 7.0
+
+
+def test_changes_are_taken_back_all_at_once(session: Session) -> None:
+    session.change({"changes": {"camera.rate": 5.0}})
+    assert session.forget({})["changed"] == []
+    assert session.draft.config.camera.rate == 10.0
+
+
+def test_a_file_with_a_problem_is_mended_first(file: Path) -> None:
+    file.write_text(file.read_text().replace("rate = 10.0", "rate = 0", 1))
+    with pytest.raises(ConfigError):
+        Draft(file)
+
+
+def test_a_password_in_a_source_is_told_to_no_page(session: Session) -> None:
+    state = session.change({"changes": {"camera.source": "rtsp://me:secret@10.0.0.9/live"}})
+    assert "secret" not in str(state)
+    assert row(state, "camera.source")["hidden"]
+
+
+def test_a_dragged_horizon_sets_height_and_tilt_together(session: Session) -> None:
+    session.drag({"line": "horizon", "row": 0.35})
+    assert session.draft.config.mount.height == 1.0
+    state = session.drag({"line": "2", "row": 0.8})
+    assert state["known"]
+    for wrong in ({"line": "2", "row": "0.8"}, {"line": 2, "row": 0.8}, {"line": "2", "row": float("nan")}, {}):
+        with pytest.raises(RequestError):
+            session.drag(wrong)
+
+
+def test_a_weight_changes_the_judged_picture_at_once(file: Path) -> None:
+    draft, live_map = Draft(file), LiveMap()
+    world = World(0)
+    frame, _ = PinholeCamera(world).render(world.trail.pose(20.0), 0.0)
+    live = LivePicture(1, CameraDelivery(), cv2.imencode(".jpg", frame[..., ::-1])[1].tobytes())
+    good = live_map.judge(draft.config, live, {"grass": 1.0, "dirt path": 1.0})
+    first = live_map.jpeg
+    bad = live_map.judge(draft.config, live, {"grass": -1.0, "dirt path": -1.0})
+    assert good["ok"]
+    assert good["shares"]["drivable"] > 0.4
+    assert bad["shares"]["not drivable"] == good["shares"]["drivable"]
+    assert live_map.jpeg != first
+    assert "blocked" in bad["reasons"]
+    with pytest.raises(RequestError, match="no picture"):
+        live_map.judge(draft.config, LivePicture(), {"grass": 1.0})
+    with pytest.raises(RequestError, match="camera's process"):
+        live_map.judge(draft.config, LivePicture(2, CameraDelivery(), b"rubbish"), {"grass": 1.0})
+
+
+def test_each_policy_is_checked_as_if_it_were_chosen(session: Session) -> None:
+    session.change({"changes": {"perceiver.name": "builtin:lexicon"}})
+    found = {one["policy"]: one for one in session._policies()}
+    assert list(found) == ["report", "shadow", "hold", "guide"]
+    assert found["report"]["chosen"]
+    assert any("hold cannot be given" in one["text"] for one in found["hold"]["rows"] if one["verdict"] == "fail")
+    assert any(one["check"] == "guide" and "[mount] height" in one["text"] for one in found["guide"]["rows"])
+    assert not any(one["check"] in ("disk", "heat") for one in found["hold"]["rows"])
+
+
+def test_no_parameter_is_set_that_was_not_proposed(session: Session) -> None:
+    with pytest.raises(RequestError, match="read the autopilot"):
+        session._parameter({"name": "MIS_RESTART", "before": 1.0, "after": 0.0})
+
+
+def test_a_job_tells_its_result_its_problem_or_that_it_is_late() -> None:
+    gate: list[int] = []
+
+    def waits(_told: object) -> str:
+        wait_for(lambda: gate)
+        return "well"
+
+    def refuses(_told: object) -> None:
+        raise RequestError("no")
+
+    jobs = Jobs({"waits": Job(waits, 60.0), "late": Job(waits, 0.0), "refuses": Job(refuses, 1.0)})
+    assert jobs.document("waits") == {"state": "idle"}
+    assert jobs.start("waits", {})["state"] == "running"
+    with pytest.raises(RequestError, match="still runs"):
+        jobs.start("waits", {})
+    jobs.start("late", {})
+    time.sleep(0.01)
+    assert "did not end" in jobs.document("late")["problem"]
+    gate.append(1)
+    wait_for(lambda: jobs.document("waits").get("result") == "well")
+    jobs.start("refuses", {})
+    wait_for(lambda: jobs.document("refuses").get("problem") == "no")
+    with pytest.raises(RequestError, match="no job"):
+        jobs.start("rm", {})

@@ -60,6 +60,20 @@ def _height(camera: GroundCamera, metres: float, row: float) -> float:
     return min(HEIGHTS[1], max(HEIGHTS[0], (metres + camera.front) / ahead))
 
 
+def lines(config: Config) -> list[dict[str, Any]]:
+    """Return the lines of the ground for a picture: JSON values."""
+    return [
+        {
+            "kind": line.kind,
+            "label": line.label,
+            "start": line.start,
+            "end": line.end,
+            "labelled": line.labelled,
+        }
+        for line in lines_of(config)
+    ]
+
+
 def ground(config: Config, speed: float | None = None, overrun: float = 0.0) -> dict[str, Any]:
     """Return what is drawn over the picture, and what follows from it: JSON values, places in fractions.
 
@@ -67,16 +81,7 @@ def ground(config: Config, speed: float | None = None, overrun: float = 0.0) -> 
     """
     judged = judge_stopping(config, speed=speed, overrun=overrun)
     found: dict[str, Any] = {
-        "lines": [
-            {
-                "kind": line.kind,
-                "label": line.label,
-                "start": line.start,
-                "end": line.end,
-                "labelled": line.labelled,
-            }
-            for line in lines_of(mounted(config))
-        ],
+        "lines": lines(mounted(config)),
         "known": config.ground_camera is not None,
         "stops": judged if isinstance(judged, str) else judged.describe(),
         "enough": isinstance(judged, Stopping) and judged.enough,

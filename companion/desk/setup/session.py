@@ -109,9 +109,14 @@ class Session:
         return self.preview.newest
 
     def drag(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        """Set height and tilt by a line that was dragged. Raises RequestError."""
-        row = number(told, "row", -1.0, 2.0)
-        height, tilt = mount.dragged(self.draft.config, text(told, "line"), row)
+        """Set height and tilt by a line that was dragged. Raises RequestError.
+
+        While it is being dragged ("final" is not true) only the lines that would follow are told.
+        """
+        config, row = self.draft.config, number(told, "row", -1.0, 2.0)
+        height, tilt = mount.dragged(config, text(told, "line"), row)
+        if told.get("final") is not True:
+            return {"lines": mount.lines(mount.mounted(config, height=height, tilt=tilt))}
         self.draft.change({"mount.height": round(height, 3), "mount.tilt": round(tilt, 2)})
         return self.state()
 

@@ -8,7 +8,9 @@ const EVERY = 350; // ms
 export class Live {
   constructor() {
     this.image = element("img", { alt: "The camera's picture", draggable: false, hidden: true });
-    this.marks = drawn("svg", { class: "marks" });
+    this.lines = drawn("g");
+    this.handles = drawn("g");
+    this.marks = drawn("svg", { class: "marks" }, this.lines, this.handles);
     this.note = element("p", { className: "note" }, "The camera is being opened.");
     this.pane = element("div", { className: "frame pane" }, this.image, this.marks, this.note);
     this.part = element("figure", { className: "live" }, this.pane);
@@ -23,6 +25,7 @@ export class Live {
   // draw: makes the marks, given the picture's width and height. changed: called with what the camera says.
   show(home, { draw = () => [], changed = () => {} } = {}) {
     Object.assign(this, { draw, changed });
+    this.handles.replaceChildren();
     home.append(this.part);
     this.fit();
     if (this.told) changed(this.told);
@@ -32,8 +35,13 @@ export class Live {
     const { naturalWidth: width, naturalHeight: height } = this.image;
     if (!width) return;
     this.marks.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    const made = this.draw(width, height);
-    if (made) this.marks.replaceChildren(...made);
+    this.lines.replaceChildren(...this.draw(width, height));
+  }
+
+  // One that stays is not moved: it may be dragged, or have the focus.
+  hold(handles) {
+    for (const one of [...this.handles.children]) if (!handles.includes(one)) one.remove();
+    for (const one of handles) if (one.parentNode !== this.handles) this.handles.append(one);
   }
 
   async look() {

@@ -1,5 +1,6 @@
 // Page 2: where the camera is mounted, by lines that are dragged onto the ground in the picture.
 
+import { ask } from "./api.js";
 import { drawn, element, showText } from "./elements.js";
 import { fieldset } from "./fields.js";
 import { groundMarks } from "./live.js";
@@ -43,12 +44,11 @@ export class MountPage {
     if (this.live.part.isConnected) this.live.fit();
   }
 
-  // The handles stay the same elements, since one may be dragged or have the focus.
   draw(width, height) {
     const { lines } = this.store.state;
     const wanted = { horizon: lines.find((one) => one.kind === "horizon"), [this.metres.value]: lines.find((one) => one.kind === "metre" && one.label === `${this.metres.value} m`) };
-    const handles = Object.entries(wanted).map(([name, line]) => this.handle(name, line, width, height));
-    return [...groundMarks({ lines }, width, height), ...handles];
+    this.live.hold(Object.entries(wanted).map(([name, line]) => this.handle(name, line, width, height)));
+    return groundMarks({ lines }, width, height);
   }
 
   handle(name, line, width, height) {
@@ -84,29 +84,41 @@ export class MountPage {
       dragged = true;
       part.setPointerCapture(event.pointerId);
     });
-    part.addEventListener("pointermove", (event) => dragged && this.move(name, row(event)));
-    for (const end of ["pointerup", "pointercancel"]) part.addEventListener(end, () => (dragged = false));
+    part.addEventListener("pointermove", (event) => dragged && this.move(name, row(event), false));
+    part.addEventListener("lostpointercapture", () => {
+      if (dragged) this.move(name, this.rows[name], true);
+      dragged = false;
+    });
     part.addEventListener("keydown", (event) => {
       const way = { ArrowUp: -1, ArrowDown: 1, PageUp: -10, PageDown: 10 }[event.key];
       if (!way) return;
       event.preventDefault();
-      this.move(name, this.rows[name] + way * STEP);
+      this.move(name, this.rows[name] + way * STEP, true);
     });
     return part;
   }
 
-  // One request at a time; only the newest place waits.
-  async move(name, row) {
+  // One request at a time; only the newest place waits. final: whether the line stays there.
+  async move(name, row, final) {
     this.rows[name] = row;
-    this.next = { line: name, row };
+    this.next = { line: name, row, final };
     if (this.moving) return;
     this.moving = true;
     while (this.next) {
       const told = this.next;
       this.next = null;
-      showText(this.problem, await this.store.post("/drag", told));
+      showText(this.problem, told.final ? await this.store.post("/drag", told) : await this.follow(told));
     }
     this.moving = false;
+  }
+
+  async follow(told) {
+    const { answer, problem: wrong } = await ask("/drag", told);
+    if (answer) {
+      this.store.state.lines = answer.lines;
+      this.live.fit();
+    }
+    return wrong ?? "";
   }
 
   done(state) {

@@ -95,7 +95,7 @@ def test_a_port_that_is_taken_is_said_to_be() -> None:
 
 @pytest.mark.parametrize("url", ["", "udpin", "http://x", "udpin:rover.local:14550", "serial:rtsp://u:p@h:9"])
 def test_what_is_no_url_is_refused(url: str) -> None:
-    with pytest.raises(RequestError, match="not understood|no IPv4|udpin"):
+    with pytest.raises(RequestError, match=r"not understood|no IPv4"):
         listen(url)
 
 

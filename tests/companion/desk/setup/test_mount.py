@@ -17,7 +17,9 @@ from companion.pages.requests import RequestError
 DEFAULT = Config()
 
 
-def looking(height: float, tilt: float, front: float = 0.0, roll: float = 0.0, heading: float = 0.0) -> Config:
+def looking(
+    height: float, tilt: float, front: float = 0.0, roll: float = 0.0, heading: float = 0.0
+) -> Config:
     mount = MountSection(height=height, tilt=tilt, front=front, roll=roll, heading=heading)
     return replace(DEFAULT, mount=mount)
 

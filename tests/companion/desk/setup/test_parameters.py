@@ -1,4 +1,4 @@
-"""An autopilot's parameters: what is proposed for each, and that only what was seen and clicked is written."""
+"""An autopilot's parameters: what is proposed, and that only what was seen and clicked is written."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LOCAL = ("127.0.0.1", 0)
 
 
 class Autopilot:
-    """Answers heartbeats and parameter messages on a port. written: what was set. deaf_to_sets: it keeps its own."""
+    """Answers on a port. written: what was set. deaf_to_sets: it keeps its own values."""
 
     def __init__(self, values: dict[str, float], *, deaf_to_sets: bool = False) -> None:
         self.values = values

@@ -46,7 +46,10 @@ def row(state: dict[str, Any], key: str) -> dict[str, Any]:
 def test_nothing_is_changed_at_first_and_every_setting_has_its_meaning(session: Session) -> None:
     state = session.state()
     assert (state["changed"], state["diff"]) == ([], "")
-    assert row(state, "call.policy")["form"] == {"type": "choice", "options": ["report", "shadow", "hold", "guide"]}
+    assert row(state, "call.policy")["form"] == {
+        "type": "choice",
+        "options": ["report", "shadow", "hold", "guide"],
+    }
     assert row(state, "call.policy")["guarded"]
     assert not row(state, "call.votes")["guarded"]
     assert all(one["help"] for one in state["settings"])
@@ -93,7 +96,9 @@ def test_a_change_with_a_problem_is_refused_whole_and_the_draft_stays(
     assert session.state()["changed"] == ["camera.rate"]
 
 
-def test_a_file_that_somebody_else_changed_meanwhile_is_not_written_over(session: Session, file: Path) -> None:
+def test_a_file_that_somebody_else_changed_meanwhile_is_not_written_over(
+    session: Session, file: Path
+) -> None:
     session.change({"changes": {"camera.rate": 5.0}})
     file.write_text(file.read_text().replace("rate = 10.0", "rate = 7.0", 1))
     with pytest.raises(RequestError):
@@ -120,11 +125,18 @@ def test_a_password_in_a_source_is_told_to_no_page(session: Session) -> None:
 
 
 def test_a_dragged_horizon_sets_height_and_tilt_together(session: Session) -> None:
-    session.drag({"line": "horizon", "row": 0.35})
+    assert "lines" in session.drag({"line": "horizon", "row": 0.35})
+    assert session.state()["changed"] == [], "it is still being dragged"
+    session.drag({"line": "horizon", "row": 0.35, "final": True})
     assert session.draft.config.mount.height == 1.0
-    state = session.drag({"line": "2", "row": 0.8})
+    state = session.drag({"line": "2", "row": 0.8, "final": True})
     assert state["known"]
-    for wrong in ({"line": "2", "row": "0.8"}, {"line": 2, "row": 0.8}, {"line": "2", "row": float("nan")}, {}):
+    for wrong in (
+        {"line": "2", "row": "0.8"},
+        {"line": 2, "row": 0.8},
+        {"line": "2", "row": float("nan")},
+        {},
+    ):
         with pytest.raises(RequestError):
             session.drag(wrong)
 
@@ -153,7 +165,9 @@ def test_each_policy_is_checked_as_if_it_were_chosen(session: Session) -> None:
     found = {one["policy"]: one for one in session._policies()}
     assert list(found) == ["report", "shadow", "hold", "guide"]
     assert found["report"]["chosen"]
-    assert any("hold cannot be given" in one["text"] for one in found["hold"]["rows"] if one["verdict"] == "fail")
+    assert any(
+        "hold cannot be given" in one["text"] for one in found["hold"]["rows"] if one["verdict"] == "fail"
+    )
     assert any(one["check"] == "guide" and "[mount] height" in one["text"] for one in found["guide"]["rows"])
     assert not any(one["check"] in ("disk", "heat") for one in found["hold"]["rows"])
 

@@ -17,6 +17,7 @@ from companion.cli_drives import add_drives
 from companion.cli_errors import UserError, error_text
 from companion.cli_memory import add_memory
 from companion.cli_settings import add_settings
+from companion.cli_setup import add_setup
 from companion.system.log_lines import dump_when_aborted, end_process, log_to_stderr, say_last
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def parser() -> argparse.ArgumentParser:
     add_memory(commands)
     add_drives(commands)
     add_settings(commands)
+    add_setup(commands)
 
     return root
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from typing import Any
 from anytraverse.regions import Box
 from companion.cameras import CameraOptions
 from companion.desk.check.watching import CameraDelivery
-from companion.desk.setup.preview_process import LARGEST, show
+from companion.desk.setup.preview_process import LARGEST, begin
 
 FORGOTTEN = 8.0
 """Seconds without a question after which the camera is closed."""
@@ -112,9 +113,8 @@ class Preview:
         """Run the process, and take what it sends, while this camera is wanted."""
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
-        process = context.Process(
-            target=show, args=(wanted.source, wanted.options, wanted.roi, theirs), daemon=True
-        )
+        what = os.getpid(), wanted.source, wanted.options, wanted.roi, theirs
+        process = context.Process(target=begin, args=what, daemon=True)
         process.start()
         theirs.close()
         try:

@@ -14,6 +14,7 @@ from anytraverse.frame import Image
 from anytraverse.regions import Box
 from companion.cameras import CameraError, CameraOptions, open_camera
 from companion.desk.check.watching import SEEN_WITHIN, CameraDelivery, Watched
+from companion.system.child_process import end_with
 
 LARGEST = 4 << 20
 """Bytes of a message: one line of JSON, then a JPEG."""
@@ -26,9 +27,15 @@ _ENOUGH, _COUNTED = 3, 60
 _QUALITY = 92
 
 
+def begin(parent: int, source: str, options: CameraOptions, roi: Box, out: Connection) -> None:
+    """Run as a process. parent: its process id; this one ends with it, whatever a driver does."""
+    end_with(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command says when to end
+    show(source, options, roi, out)
+
+
 def show(source: str, options: CameraOptions, roi: Box, out: Connection) -> None:
     """Open a camera, and send what it delivers until nobody reads it. Ends where the camera does."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command says when to end
     try:
         _show(source, options, roi, out)
     except CameraError as error:

@@ -2,7 +2,7 @@
 
 import { changed, element, showText } from "./elements.js";
 
-export const problem = () => element("p", { className: "problem", role: "alert" });
+export const problem = () => element("p", { className: "problem" });
 
 export const waiting = (part, what) => (seconds) => showText(part, `${what}${seconds > 1 ? `, ${Math.round(seconds)} s` : ""} …`);
 

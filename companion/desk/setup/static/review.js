@@ -3,7 +3,6 @@
 import { job } from "./api.js";
 import { changed, element, showText } from "./elements.js";
 import { button, problem, waiting } from "./parts.js";
-import { say } from "./sending.js";
 
 export class ReviewPage {
   constructor(store) {
@@ -42,9 +41,7 @@ export class ReviewPage {
   }
 
   async post(path) {
-    const wrong = await this.store.post(path);
-    showText(this.problem, wrong);
-    if (!wrong && path === "/write") say(this.store.state.written);
+    showText(this.problem, await this.store.post(path));
   }
 
   async call() {

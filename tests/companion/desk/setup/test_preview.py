@@ -17,7 +17,7 @@ from anytraverse.regions import Box
 from companion.cameras import CameraOptions
 from companion.desk.setup import preview
 from companion.desk.setup.preview import LivePicture, Preview, _read
-from companion.desk.setup.preview_process import show
+from companion.desk.setup.preview_process import begin, show
 from tests.waiting import wait_for
 
 ROI = Box(0.3, 0.6, 0.7, 0.95)
@@ -35,27 +35,18 @@ def source(tmp_path: Path) -> str:
 
 def test_the_process_sends_what_is_measured_with_each_picture(source: str) -> None:
     ours, theirs = multiprocessing.Pipe(duplex=False)
-    thread = threading.Thread(target=_quiet(show), args=(source, OPTIONS, ROI, theirs), daemon=True)
+    thread = threading.Thread(target=show, args=(source, OPTIONS, ROI, theirs), daemon=True)
     thread.start()
     assert ours.poll(20.0)
     seen, jpeg = _read(ours.recv_bytes())
     assert (seen.trouble, seen.width, seen.height) == ("", 80, 60)
     assert seen.rate == pytest.approx(30.0, rel=0.7)
-    assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape == (60, 80, 3)
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    assert picture.shape == (60, 80, 3)
     ours.close()
     thread.join(10.0)
     assert not thread.is_alive(), "it ends where nobody reads it"
-
-
-def _quiet(act: Callable[..., None]) -> Callable[..., None]:
-    """In a thread no signal can be set."""
-
-    def run(*arguments: object) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("companion.desk.setup.preview_process.signal.signal", lambda *_: None)
-            act(*arguments)
-
-    return run
 
 
 @pytest.mark.parametrize(
@@ -98,13 +89,13 @@ def test_a_process_that_dies_or_hangs_is_said_to_and_started_again(
     source: str, live: Preview, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(preview, "AGAIN", 0.1)
-    monkeypatch.setattr(preview, "show", _dies)
+    monkeypatch.setattr(preview, "begin", _dies)
     assert "exit code 3" in shown(live, source, lambda one: one.number).seen.trouble
     monkeypatch.setattr(preview, "SILENT", 0.5)
-    monkeypatch.setattr(preview, "show", _hangs)
+    monkeypatch.setattr(preview, "begin", _hangs)
     shown(live, "folder:/other", lambda one: "hangs" in one.seen.trouble)
     monkeypatch.setattr(preview, "SILENT", 30.0)
-    monkeypatch.setattr(preview, "show", show)
+    monkeypatch.setattr(preview, "begin", begin)
     shown(live, source, lambda one: one.jpeg)
 
 

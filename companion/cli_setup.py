@@ -1,0 +1,44 @@
+"""The command that sets up a rover in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from companion.cli_errors import UserError, error_text
+from companion.system.log_lines import log_to_stderr
+
+if TYPE_CHECKING:
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+
+_BEGUN = "companion.toml"
+
+
+def add_setup(commands: Commands) -> None:
+    """Add setup."""
+    setup = commands.add_parser("setup", help="set up a rover in a browser, from nothing")
+    setup.add_argument("file", nargs="?", default=_BEGUN, metavar="FILE")
+    setup.add_argument("--port", type=int, default=0, help="of the page; by default any free one")
+    setup.set_defaults(run=_setup)
+
+
+def _setup(options: argparse.Namespace) -> int:
+    from companion.cli import main
+    from companion.config import ConfigError
+
+    log_to_stderr(logging.ERROR)
+    path = Path(options.file)
+    if not path.exists() and path.name == _BEGUN and (code := main(["init", str(path.parent)])):
+        return code
+    try:
+        from companion.desk.setup.command import run
+
+        return run(str(path), port=options.port)
+    except ImportError as error:
+        raise UserError(f'it needs {error.name}: pip install "anytraverse-companion[rover]"') from error
+    except ConfigError as error:
+        raise UserError(error_text(error)) from error
+    except (OSError, OverflowError) as error:
+        raise UserError(f"port {options.port}: {getattr(error, 'strerror', None) or error}") from error

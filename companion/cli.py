@@ -105,7 +105,7 @@ def parser() -> argparse.ArgumentParser:
     add_memory(commands)
     add_drives(commands)
     add_settings(commands)
-    add_setup(commands)
+    add_setup(commands, lambda folder: main(["init", folder]))
 
     return root
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,21 +18,20 @@ if TYPE_CHECKING:
 _BEGUN = "companion.toml"
 
 
-def add_setup(commands: Commands) -> None:
-    """Add setup."""
+def add_setup(commands: Commands, init: Callable[[str], int]) -> None:
+    """Add setup. init: writes the files to begin with into a folder, and returns its exit code."""
     setup = commands.add_parser("setup", help="set up a rover in a browser, from nothing")
     setup.add_argument("file", nargs="?", default=_BEGUN, metavar="FILE")
     setup.add_argument("--port", type=int, default=0, help="of the page; by default any free one")
-    setup.set_defaults(run=_setup)
+    setup.set_defaults(run=partial(_setup, init))
 
 
-def _setup(options: argparse.Namespace) -> int:
-    from companion.cli import main
+def _setup(init: Callable[[str], int], options: argparse.Namespace) -> int:
     from companion.config import ConfigError
 
     log_to_stderr(logging.ERROR)
     path = Path(options.file)
-    if not path.exists() and path.name == _BEGUN and (code := main(["init", str(path.parent)])):
+    if not path.exists() and path.name == _BEGUN and (code := init(str(path.parent))):
         return code
     try:
         from companion.desk.setup.command import run

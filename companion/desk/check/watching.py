@@ -57,7 +57,7 @@ class CameraDelivery:
 
 
 @dataclass
-class Watched:
+class WatchedCamera:
     """Collects what the camera delivers. why: why no picture came so far. ended: no more will come."""
 
     why: str = f"no picture in {SEEN_WITHIN:.0f} s: check cable, light and address"
@@ -116,9 +116,9 @@ class Watched:
         )
 
 
-def _read_for(source: str, options: CameraOptions, seconds: float) -> Watched:
+def _read_for(source: str, options: CameraOptions, seconds: float) -> WatchedCamera:
     """Open a camera, wait up to 5 s for a first picture, and read for `seconds` more. Raises CameraError."""
-    watched = Watched()
+    watched = WatchedCamera()
     camera = open_camera(source, options)
     try:
         until = time.monotonic() + SEEN_WITHIN

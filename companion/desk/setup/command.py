@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from companion.desk.setup.server import IDLE, SetupServer
-from companion.desk.setup.session import Session
+from companion.desk.setup.session import SetupSession
 
 _LOOK = 0.5
 
@@ -21,7 +21,7 @@ def run(file: str, *, port: int = 0) -> int:
     """
     path = Path(file).expanduser().absolute()
     signal.signal(signal.SIGTERM, _interrupt)
-    with SetupServer(Session(path), port) as server:
+    with SetupServer(SetupSession(path), port) as server:
         host = f"{getpass.getuser()}@{socket.gethostname()}"
         print(f"Open {server.url}")
         print(f"From another computer, first: ssh -L {server.port}:127.0.0.1:{server.port} {host}")

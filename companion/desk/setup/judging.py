@@ -20,7 +20,7 @@ from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver, make_perceiver
 from anytraverse.preferences import Preferences
 from companion.config import Config
-from companion.desk.setup.preview import LivePicture
+from companion.desk.setup.preview import PreviewPicture
 from companion.pages.requests import RequestError
 from companion.vision.messages import Model
 from companion.vision.warm_up import judging_settings
@@ -42,7 +42,7 @@ class LiveMap:
         self.jpeg = b""
         """The picture that was judged last, as JPEG."""
 
-    def judge(self, config: Config, live: LivePicture, words: Mapping[str, float]) -> dict[str, Any]:
+    def judge(self, config: Config, live: PreviewPicture, words: Mapping[str, float]) -> dict[str, Any]:
         """Judge a picture by these words. Takes seconds the first time.
 
         Returns figures as JSON values; the picture is in `jpeg`. Raises RequestError.
@@ -56,7 +56,7 @@ class LiveMap:
             except AnyTraverseError as error:
                 raise RequestError(str(error)) from error
 
-    def _judge(self, config: Config, live: LivePicture, words: Mapping[str, float]) -> dict[str, Any]:
+    def _judge(self, config: Config, live: PreviewPicture, words: Mapping[str, float]) -> dict[str, Any]:
         perceiver = self._perceiver(config)
         preferences = Preferences.of(dict(words))
         settings = judging_settings(config, perceiver, misfit_allowed=True)

@@ -33,7 +33,7 @@ _SET, _SUBTRACT = re.compile(r"\bset (\d+(?:\.\d+)?)"), re.compile(r"\bsubtract 
 
 
 @dataclass(frozen=True)
-class Read:
+class AskedAutopilot:
     """An autopilot that has told its parameters. course: as in `AutopilotReadings`."""
 
     url: str
@@ -53,7 +53,7 @@ class Read:
         return Facts(values, system_id, config.link.allowed_senders, offboard, call.policy, deadman)
 
 
-def read(config: Config) -> Read:
+def read(config: Config) -> AskedAutopilot:
     """Ask the autopilot for all that `companion check` judges; up to 40 s. Raises RequestError."""
     url = config.link.url
     try:
@@ -68,7 +68,7 @@ def read(config: Config) -> Read:
         raise RequestError(str(error)) from error
     if interview.autopilot is None:
         raise RequestError(silence(url, interview))
-    return Read(url, interview, interview.autopilot, listener.missing)
+    return AskedAutopilot(url, interview, interview.autopilot, listener.missing)
 
 
 def rows(autopilot: int, facts: Facts) -> list[dict[str, Any]]:
@@ -148,7 +148,7 @@ def _same(one: float, other: float) -> bool:
     return math.isclose(one, other, rel_tol=_SAME, abs_tol=_SAME)
 
 
-def document(config: Config, found: Read) -> dict[str, Any]:
+def document(config: Config, found: AskedAutopilot) -> dict[str, Any]:
     """Return what the page shows: JSON values."""
     kind, readings = found.autopilot.kind, found.readings(config)
     own = rows(kind, found.facts(config))

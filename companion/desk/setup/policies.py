@@ -14,7 +14,7 @@ from companion.desk.check.rover import CheckedRover, Perceives
 from companion.desk.check.rules import Verdict, failed, passed, skipped
 from companion.desk.check.table import CHECKS, survived
 from companion.desk.check.watching import CameraDelivery
-from companion.desk.setup.parameters import Read
+from companion.desk.setup.parameters import AskedAutopilot
 
 POLICIES = {
     "report": "It calls and reports. It never touches the vehicle.",
@@ -30,7 +30,7 @@ _OF_THE_ROVER = frozenset(
 
 
 def document(
-    file: str, config: Config, seen: CameraDelivery, perceives: Perceives, found: Read | None
+    file: str, config: Config, seen: CameraDelivery, perceives: Perceives, found: AskedAutopilot | None
 ) -> list[dict[str, Any]]:
     """Return one entry a policy: JSON values."""
     return [
@@ -47,7 +47,7 @@ def document(
 
 
 def _judged(
-    file: str, config: Config, seen: CameraDelivery, perceives: Perceives, read: Read | None
+    file: str, config: Config, seen: CameraDelivery, perceives: Perceives, read: AskedAutopilot | None
 ) -> dict[str, Any]:
     rover = CheckedRover(config, file, state_folder(config))
     rover.seen, rover.perceives, rover.asked = seen, perceives, asked_for(config, read)
@@ -65,7 +65,7 @@ def _judged(
     }
 
 
-def asked_for(config: Config, found: Read | None) -> AutopilotReadings:
+def asked_for(config: Config, found: AskedAutopilot | None) -> AutopilotReadings:
     """Return what an autopilot told, judged for this policy."""
     if found is None:
         return AutopilotReadings(

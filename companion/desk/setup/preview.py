@@ -30,7 +30,7 @@ _FIELDS = {one.name: one for one in fields(CameraDelivery)}
 
 
 @dataclass(frozen=True)
-class LivePicture:
+class PreviewPicture:
     """The newest picture. number: rises with each one, 0 before the first. jpeg: may be empty. at: when."""
 
     number: int = 0
@@ -56,18 +56,18 @@ class Preview:
         self._shown: tuple[str, CameraOptions] | None = None
         """The camera that `_newest` is of."""
         self._asked_at = 0.0
-        self._newest = LivePicture()
+        self._newest = PreviewPicture()
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="preview", daemon=True)
         self._thread.start()
 
-    def ask(self, source: str, options: CameraOptions, roi: Box) -> LivePicture:
+    def ask(self, source: str, options: CameraOptions, roi: Box) -> PreviewPicture:
         """Return the newest picture of this camera, which is opened, and the one before closed."""
         with self._changed:
             self._asked_at = self._clock()
             if (source, options) != self._shown:
                 self._shown = source, options
-                self._newest = LivePicture(self._newest.number)
+                self._newest = PreviewPicture(self._newest.number)
                 self._wanted = None
             if self._wanted is None:
                 self._wanted = _Wanted(source, options, roi)
@@ -75,7 +75,7 @@ class Preview:
             return self._newest
 
     @property
-    def newest(self) -> LivePicture:
+    def newest(self) -> PreviewPicture:
         """The newest picture, of whichever camera was asked for last."""
         return self._newest
 
@@ -151,7 +151,7 @@ class Preview:
     def _tell(self, wanted: _Wanted, seen: CameraDelivery, jpeg: bytes) -> None:
         with self._changed:
             if self._wanted is wanted:
-                self._newest = LivePicture(self._newest.number + 1, seen, jpeg, self._clock())
+                self._newest = PreviewPicture(self._newest.number + 1, seen, jpeg, self._clock())
 
 
 def _how(process: SpawnProcess) -> str:

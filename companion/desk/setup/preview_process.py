@@ -13,7 +13,7 @@ import cv2
 from anytraverse.frame import Image
 from anytraverse.regions import Box
 from companion.cameras import CameraError, CameraOptions, open_camera
-from companion.desk.check.watching import SEEN_WITHIN, CameraDelivery, Watched
+from companion.desk.check.watching import SEEN_WITHIN, CameraDelivery, WatchedCamera
 from companion.system.child_process import end_with
 
 LARGEST = 4 << 20
@@ -45,7 +45,7 @@ def show(source: str, options: CameraOptions, roi: Box, out: Connection) -> None
 
 
 def _show(source: str, options: CameraOptions, roi: Box, out: Connection) -> None:
-    watched, began, sent_at = Watched(), time.monotonic(), 0.0
+    watched, began, sent_at = WatchedCamera(), time.monotonic(), 0.0
     camera = open_camera(source, options)
     try:
         while not watched.ended:

@@ -17,7 +17,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
-from companion.desk.setup.session import Session
+from companion.desk.setup.session import SetupSession
 from companion.pages.access import Gate
 from companion.pages.listen import Listen, hashed
 from companion.pages.requests import MOST_POSTED, RequestError, read_object
@@ -37,7 +37,9 @@ Action = Callable[[Mapping[str, Any]], Any]
 class SetupServer:
     """Serves while it is entered, in a thread of its own. url: what to open, with the token."""
 
-    def __init__(self, session: Session, port: int = 0, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, session: SetupSession, port: int = 0, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         """port: 0: any free one."""
         self._session = session
         self._port = port

@@ -18,7 +18,7 @@ from companion.desk.setup.draft import MOST, Draft
 from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
 from companion.desk.setup.listening import LONGEST, listen, ports
-from companion.desk.setup.preview import LivePicture, Preview
+from companion.desk.setup.preview import Preview, PreviewPicture
 from companion.desk.setup.settings import all_settings
 from companion.pages.requests import RequestError
 
@@ -26,7 +26,7 @@ _LISTED_WITHIN = 25.0
 _PERCEIVER_WITHIN = 120.0
 
 
-class Session:
+class SetupSession:
     """Somebody's visit. Any thread may use it; what takes seconds runs as a job."""
 
     def __init__(self, file: Path) -> None:
@@ -34,7 +34,7 @@ class Session:
         self.draft = Draft(file)
         self.preview = Preview()
         self.map = LiveMap()
-        self._read: parameters.Read | None = None
+        self._read: parameters.AskedAutopilot | None = None
         self._perceives: tuple[object, Perceives] | None = None
         self.jobs = Jobs(
             {
@@ -104,7 +104,7 @@ class Session:
         }
 
     @property
-    def live(self) -> LivePicture:
+    def live(self) -> PreviewPicture:
         """The newest picture."""
         return self.preview.newest
 

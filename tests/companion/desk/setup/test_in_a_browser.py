@@ -103,6 +103,7 @@ def looks_right(tab: Any) -> None:
 
 def drag(tab: Any, handle: str, row: float) -> None:
     """Drag a line to a row, a fraction of the picture's height."""
+    tab.evaluate("scrollTo(0, 0)")
     picture = tab.locator(".live img").bounding_box()
     circle = tab.get_by_role("slider", name=handle).locator("circle").bounding_box()
     x = circle["x"] + circle["width"] / 2

@@ -16,7 +16,7 @@ import pytest
 from anytraverse.regions import Box
 from companion.cameras import CameraOptions
 from companion.desk.setup import preview
-from companion.desk.setup.preview import LivePicture, Preview, _read
+from companion.desk.setup.preview import Preview, PreviewPicture, _read
 from companion.desk.setup.preview_process import begin, show
 from tests.waiting import wait_for
 
@@ -65,8 +65,8 @@ def live() -> Iterator[Preview]:
     made.close()
 
 
-def shown(live: Preview, source: str, fits: Callable[[LivePicture], object]) -> LivePicture:
-    def look() -> LivePicture | None:
+def shown(live: Preview, source: str, fits: Callable[[PreviewPicture], object]) -> PreviewPicture:
+    def look() -> PreviewPicture | None:
         found = live.ask(source, OPTIONS, ROI)
         return found if fits(found) else None
 

@@ -16,8 +16,8 @@ from companion.desk.check.watching import CameraDelivery
 from companion.desk.setup.draft import Draft
 from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
-from companion.desk.setup.preview import LivePicture
-from companion.desk.setup.session import Session
+from companion.desk.setup.preview import PreviewPicture
+from companion.desk.setup.session import SetupSession
 from companion.pages.requests import RequestError
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
@@ -32,8 +32,8 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def session(file: Path) -> Iterator[Session]:
-    made = Session(file)
+def session(file: Path) -> Iterator[SetupSession]:
+    made = SetupSession(file)
     yield made
     made.close()
 
@@ -43,7 +43,7 @@ def row(state: dict[str, Any], key: str) -> dict[str, Any]:
     return found
 
 
-def test_nothing_is_changed_at_first_and_every_setting_has_its_meaning(session: Session) -> None:
+def test_nothing_is_changed_at_first_and_every_setting_has_its_meaning(session: SetupSession) -> None:
     state = session.state()
     assert (state["changed"], state["diff"]) == ([], "")
     assert row(state, "call.policy")["form"] == {
@@ -57,7 +57,7 @@ def test_nothing_is_changed_at_first_and_every_setting_has_its_meaning(session: 
 
 
 def test_a_change_is_in_force_for_the_pages_at_once_and_in_the_file_only_when_written(
-    session: Session, file: Path
+    session: SetupSession, file: Path
 ) -> None:
     before = file.read_text()
     state = session.change({"changes": {"mount.height": 0.8, "mount.tilt": 9.5}})
@@ -88,7 +88,7 @@ def test_a_change_is_in_force_for_the_pages_at_once_and_in_the_file_only_when_wr
     ],
 )
 def test_a_change_with_a_problem_is_refused_whole_and_the_draft_stays(
-    session: Session, changes: Any, why: str
+    session: SetupSession, changes: Any, why: str
 ) -> None:
     session.change({"changes": {"camera.rate": 5.0}})
     with pytest.raises(RequestError, match=why):
@@ -97,7 +97,7 @@ def test_a_change_with_a_problem_is_refused_whole_and_the_draft_stays(
 
 
 def test_a_file_that_somebody_else_changed_meanwhile_is_not_written_over(
-    session: Session, file: Path
+    session: SetupSession, file: Path
 ) -> None:
     session.change({"changes": {"camera.rate": 5.0}})
     file.write_text(file.read_text().replace("rate = 10.0", "rate = 7.0", 1))
@@ -106,7 +106,7 @@ def test_a_file_that_somebody_else_changed_meanwhile_is_not_written_over(
     assert load_config(file).camera.rate == 7.0
 
 
-def test_changes_are_taken_back_all_at_once(session: Session) -> None:
+def test_changes_are_taken_back_all_at_once(session: SetupSession) -> None:
     session.change({"changes": {"camera.rate": 5.0}})
     assert session.forget({})["changed"] == []
     assert session.draft.config.camera.rate == 10.0
@@ -118,13 +118,13 @@ def test_a_file_with_a_problem_is_mended_first(file: Path) -> None:
         Draft(file)
 
 
-def test_a_password_in_a_source_is_told_to_no_page(session: Session) -> None:
+def test_a_password_in_a_source_is_told_to_no_page(session: SetupSession) -> None:
     state = session.change({"changes": {"camera.source": "rtsp://me:secret@10.0.0.9/live"}})
     assert "secret" not in str(state)
     assert row(state, "camera.source")["hidden"]
 
 
-def test_a_dragged_horizon_sets_height_and_tilt_together(session: Session) -> None:
+def test_a_dragged_horizon_sets_height_and_tilt_together(session: SetupSession) -> None:
     assert "lines" in session.drag({"line": "horizon", "row": 0.35})
     assert session.state()["changed"] == [], "it is still being dragged"
     session.drag({"line": "horizon", "row": 0.35, "final": True})
@@ -145,7 +145,7 @@ def test_a_weight_changes_the_judged_picture_at_once(file: Path) -> None:
     draft, live_map = Draft(file), LiveMap()
     world = World(0)
     frame, _ = PinholeCamera(world).render(world.trail.pose(20.0), 0.0)
-    live = LivePicture(1, CameraDelivery(), cv2.imencode(".jpg", frame[..., ::-1])[1].tobytes())
+    live = PreviewPicture(1, CameraDelivery(), cv2.imencode(".jpg", frame[..., ::-1])[1].tobytes())
     good = live_map.judge(draft.config, live, {"grass": 1.0, "dirt path": 1.0})
     first = live_map.jpeg
     bad = live_map.judge(draft.config, live, {"grass": -1.0, "dirt path": -1.0})
@@ -155,12 +155,12 @@ def test_a_weight_changes_the_judged_picture_at_once(file: Path) -> None:
     assert live_map.jpeg != first
     assert "blocked" in bad["reasons"]
     with pytest.raises(RequestError, match="no picture"):
-        live_map.judge(draft.config, LivePicture(), {"grass": 1.0})
+        live_map.judge(draft.config, PreviewPicture(), {"grass": 1.0})
     with pytest.raises(RequestError, match="camera's process"):
-        live_map.judge(draft.config, LivePicture(2, CameraDelivery(), b"rubbish"), {"grass": 1.0})
+        live_map.judge(draft.config, PreviewPicture(2, CameraDelivery(), b"rubbish"), {"grass": 1.0})
 
 
-def test_each_policy_is_checked_as_if_it_were_chosen(session: Session) -> None:
+def test_each_policy_is_checked_as_if_it_were_chosen(session: SetupSession) -> None:
     session.change({"changes": {"perceiver.name": "builtin:lexicon"}})
     found = {one["policy"]: one for one in session._policies()}
     assert list(found) == ["report", "shadow", "hold", "guide"]
@@ -172,7 +172,7 @@ def test_each_policy_is_checked_as_if_it_were_chosen(session: Session) -> None:
     assert not any(one["check"] in ("disk", "heat") for one in found["hold"]["rows"])
 
 
-def test_no_parameter_is_set_that_was_not_proposed(session: Session) -> None:
+def test_no_parameter_is_set_that_was_not_proposed(session: SetupSession) -> None:
     with pytest.raises(RequestError, match="read the autopilot"):
         session._parameter({"name": "MIS_RESTART", "before": 1.0, "after": 0.0})
 

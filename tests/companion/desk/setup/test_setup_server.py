@@ -64,10 +64,10 @@ def clock() -> Clock:
 @pytest.fixture
 def server(tmp_path: Path, clock: Clock) -> Iterator[Any]:
     from companion.desk.setup.server import SetupServer
-    from companion.desk.setup.session import Session
+    from companion.desk.setup.session import SetupSession
 
     assert main(["init", str(tmp_path)]) == 0
-    with SetupServer(Session(tmp_path / "companion.toml"), clock=clock) as made:
+    with SetupServer(SetupSession(tmp_path / "companion.toml"), clock=clock) as made:
         yield made
 
 

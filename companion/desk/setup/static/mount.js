@@ -78,16 +78,16 @@ export class MountPage {
       const box = this.live.image.getBoundingClientRect();
       return (event.clientY - box.top) / box.height;
     };
-    let dragged = false;
+    let dragged = null; // the row under the pointer
     part.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      dragged = true;
-      part.setPointerCapture(event.pointerId);
+      if (event.button === 0) part.setPointerCapture(event.pointerId);
     });
-    part.addEventListener("pointermove", (event) => dragged && this.move(name, row(event), false));
+    part.addEventListener("pointermove", (event) => {
+      if (part.hasPointerCapture(event.pointerId)) this.move(name, (dragged = row(event)), false);
+    });
     part.addEventListener("lostpointercapture", () => {
-      if (dragged) this.move(name, this.rows[name], true);
-      dragged = false;
+      if (dragged !== null) this.move(name, dragged, true);
+      dragged = null;
     });
     part.addEventListener("keydown", (event) => {
       const way = { ArrowUp: -1, ArrowDown: 1, PageUp: -10, PageDown: 10 }[event.key];

@@ -27,7 +27,7 @@ def _row(section: str, one: Any, value: object, changes: Mapping[str, object | N
     check: ValueCheck = one.metadata["check"]
     key = f"{section}.{one.name}"
     plain = _plain(value)
-    shown = None if value is None or check.shown is None else _plain(check.shown(plain))
+    shown = plain if value == one.default else None if check.shown is None else _plain(check.shown(plain))
     return {
         "key": key,
         "section": section,

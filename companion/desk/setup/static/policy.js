@@ -39,10 +39,10 @@ export class PolicyPage {
     const [wrong, list] = [element("div"), element("div")];
     findings(wrong, rows.filter(({ verdict }) => verdict === "fail"));
     findings(list, rows.filter(({ verdict }) => verdict !== "fail"));
-    const counts = [[fails, "to mend"], [warns, "to know of"], [skips, "not checked"]].filter(([count]) => count).map(([count, text]) => `${count} ${text}`);
+    const counts = [[warns, "to know of"], [skips, "not checked"]].filter(([count]) => count).map(([count, text]) => `${count} ${text}`);
     return element("div", { className: "policy", tone: fails ? "fail" : warns ? "warn" : "pass" },
       element("div", { className: "row" }, input, element("label", { for: input.id }, element("b", {}, policy), ` ${what}`)),
-      wrong, element("details", {}, element("summary", {}, counts.join(", ") || "All is well"), list));
+      wrong, element("details", {}, element("summary", {}, counts.join(", ") || (fails ? "The rest is well" : "All is well")), list));
   }
 
   async choose(policy) {

@@ -201,3 +201,11 @@ def test_a_job_tells_its_result_its_problem_or_that_it_is_late() -> None:
     wait_for(lambda: jobs.document("refuses").get("problem") == "no")
     with pytest.raises(RequestError, match="no job"):
         jobs.start("rm", {})
+
+
+def test_a_secret_that_is_not_set_is_not_said_to_be(session: SetupSession, file: Path) -> None:
+    assert not row(session.state(), "web.token")["hidden"]
+    file.chmod(0o600)
+    state = session.change({"changes": {"web.token": "a-token-of-24-characters"}})
+    assert row(state, "web.token")["hidden"]
+    assert "a-token-of-24" not in str(state)

@@ -8,12 +8,11 @@ from typing import Any
 
 from anytraverse.regions import Box
 from companion.config import Config
-from companion.config.guiding import guide_lacks
 from companion.desk.check.camera import check_camera, check_exposure, check_frames
 from companion.desk.check.cameras import plugged_in
 from companion.desk.check.rover import CheckedRover, Perceives, load_perceiver
 from companion.desk.check.watching import CameraDelivery
-from companion.desk.setup import mount, parameters, policies, trial
+from companion.desk.setup import driven, mount, parameters, policies, trial
 from companion.desk.setup.draft import MOST, Draft
 from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
@@ -41,6 +40,7 @@ class SetupSession:
                 "cameras": Job(lambda _: _cameras(), _LISTED_WITHIN),
                 "ports": Job(lambda _: ports(), _LISTED_WITHIN),
                 "listen": Job(lambda told: listen(text(told, "url")), LONGEST + 5.0),
+                "estimate": Job(lambda _: driven.estimate(self.draft.config), driven.LIMIT),
                 "autopilot": Job(lambda _: self._autopilot(), parameters.READ_WITHIN),
                 "parameter": Job(self._parameter, parameters.SET_WITHIN + 5.0),
                 "policies": Job(lambda _: self._policies(), _PERCEIVER_WITHIN),
@@ -61,7 +61,7 @@ class SetupSession:
             "words": dict(config.words),
             "vocabulary": list(config.vocabulary),
             "running": policies.running(config),
-            "guide_lacks": guide_lacks(config),
+            "recorded": driven.is_recorded(config),
             **mount.ground(config, *self._driven(config)),
         }
 

@@ -44,7 +44,7 @@ export class LinkPage {
     const own = this.store.value("link.url");
     showText(this.own, `In the file: ${own}`);
     changed(this.choices, this.ports, (home) => home.replaceChildren(...(this.ports ?? []).map(({ url, what }) =>
-      element("label", { className: "choice" }, element("input", { type: "radio", name: "port", value: url, checked: own === url || own.startsWith(`${url}:`) }), element("span", {}, element("b", {}, url), ` ${what}`)))));
+      element("label", { className: "choice" }, element("input", { type: "radio", name: "port", value: url, checked: !this.other.checked && (own === url || own.startsWith(`${url}:`)) }), element("span", {}, element("b", {}, url), ` ${what}`)))));
     if (this.result) this.tell(this.result);
   }
 

@@ -1,10 +1,10 @@
 // Page 2: where the camera is mounted, by lines that are dragged onto the ground in the picture.
 
-import { ask } from "./api.js";
+import { ask, job } from "./api.js";
 import { drawn, element, showText } from "./elements.js";
 import { fieldset } from "./fields.js";
 import { groundMarks } from "./live.js";
-import { problem } from "./parts.js";
+import { button, problem, waiting } from "./parts.js";
 
 const STEP = 0.004;
 
@@ -22,6 +22,9 @@ export class MountPage {
       "mount.heading": { name: "Heading, degrees", help: "Clockwise from the nose." },
     });
     this.text = element("p", { className: "faint" });
+    this.status = element("p", { role: "status" });
+    this.use = button("Use them", () => this.take(), { hidden: true });
+    this.estimate = element("div", {}, button("Estimate it by the recorded drives", (event) => this.ask(event.target)), this.status, this.use);
     this.part = element("div", { className: "columns picture-first" },
       element("section", {}, element("h2", {}, "Where the ground is"), this.view, this.text, this.problem),
       element("section", {}, element("h2", {}, "Mount"),
@@ -31,7 +34,7 @@ export class MountPage {
           element("li", {}, element("label", { for: "mark-at" }, "Lay a mark on the ground ahead of the vehicle's front, at "), this.metres, ", and drag that line onto it. It sets the height."),
           element("li", {}, "Or measure, and type the numbers. Of a recorded drive, ", element("code", {}, "companion look-ground DRIVE --estimate"), " proposes them.")),
         element("p", { className: "faint" }, "With the keyboard: Tab to a line, then arrow up and down."),
-        this.fields.part));
+        this.estimate, this.fields.part));
   }
 
   enter() {
@@ -40,6 +43,7 @@ export class MountPage {
 
   show(state) {
     this.fields.show();
+    this.estimate.hidden = !state.recorded;
     showText(this.text, state.known ? `Height ${this.store.value("mount.height")} m, tilt ${this.store.value("mount.tilt")} degrees.` : "Not set yet: the lines show a camera 1 m high and tilted by 10 degrees.");
     if (this.live.part.isConnected) this.live.fit();
   }
@@ -119,6 +123,20 @@ export class MountPage {
       this.live.fit();
     }
     return wrong ?? "";
+  }
+
+  async ask(pressed) {
+    pressed.disabled = true;
+    const { answer, problem: wrong } = await job("estimate", {}, waiting(this.status, "Comparing frames"));
+    pressed.disabled = false;
+    this.found = answer;
+    this.use.hidden = !answer;
+    showText(this.status, wrong ?? answer.text);
+  }
+
+  async take() {
+    this.use.hidden = true;
+    showText(this.problem, await this.store.change({ "mount.height": this.found.height, "mount.tilt": this.found.tilt }));
   }
 
   done(state) {

@@ -13,6 +13,7 @@ import pytest
 from companion.cli import main
 from companion.config import ConfigError, load_config
 from companion.desk.check.watching import CameraDelivery
+from companion.desk.setup import trial
 from companion.desk.setup.draft import Draft
 from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
@@ -21,6 +22,7 @@ from companion.desk.setup.session import SetupSession
 from companion.pages.requests import RequestError
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
+from tests.companion.desk.ground.simulated import record
 from tests.waiting import wait_for
 
 
@@ -209,3 +211,30 @@ def test_a_secret_that_is_not_set_is_not_said_to_be(session: SetupSession, file:
     state = session.change({"changes": {"web.token": "a-token-of-24-characters"}})
     assert row(state, "web.token")["hidden"]
     assert "a-token-of-24" not in str(state)
+
+
+@pytest.mark.slow
+def test_a_recorded_drive_proposes_the_mount(session: SetupSession, tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    session.change({"changes": {"journal.folder": str(folder), "camera.view": 75.0}})
+    assert not session.state()["recorded"]
+    (folder / "recordings").mkdir(parents=True)
+    record(folder / "recordings" / "000001.mcap", 0, frames=60)
+    assert session.state()["recorded"]
+    session.jobs.start("estimate", {})
+    told = wait_for(
+        lambda: found if (found := session.jobs.document("estimate"))["state"] != "running" else None, 120.0
+    )
+    assert told["result"]["tilt"] == pytest.approx(7.0, abs=0.3)
+    assert told["result"]["height"] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.slow
+def test_without_a_companion_that_runs_a_test_call_says_to_start_it(
+    session: SetupSession, tmp_path: Path
+) -> None:
+    session.change({"changes": {"journal.folder": str(tmp_path / "state")}})
+    session.write({})
+    told = trial.test_call(session.draft.file)
+    assert not told["answered"]
+    assert "start the companion first" in str(told["said"])

@@ -222,17 +222,14 @@ def test_a_recorded_drive_proposes_the_mount(session: SetupSession, tmp_path: Pa
     record(folder / "recordings" / "000001.mcap", 0, frames=60)
     assert session.state()["recorded"]
     session.jobs.start("estimate", {})
-    told = wait_for(
-        lambda: found if (found := session.jobs.document("estimate"))["state"] != "running" else None, 120.0
-    )
+    wait_for(lambda: session.jobs.document("estimate")["state"] != "running", 180.0)
+    told = session.jobs.document("estimate")
     assert told["result"]["tilt"] == pytest.approx(7.0, abs=0.3)
     assert told["result"]["height"] == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.slow
-def test_without_a_companion_that_runs_a_test_call_says_to_start_it(
-    session: SetupSession, tmp_path: Path
-) -> None:
+def test_a_test_call_wants_a_companion_that_runs(session: SetupSession, tmp_path: Path) -> None:
     session.change({"changes": {"journal.folder": str(tmp_path / "state")}})
     session.write({})
     told = trial.test_call(session.draft.file)

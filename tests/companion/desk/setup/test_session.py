@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import cv2
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from companion.cli import main
 from companion.config import ConfigError, load_config
@@ -235,3 +239,26 @@ def test_a_test_call_wants_a_companion_that_runs(session: SetupSession, tmp_path
     told = trial.test_call(session.draft.file)
     assert not told["answered"]
     assert "start the companion first" in str(told["said"])
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),
+    max_leaves=5,
+)
+NAMED = (
+    "camera.source camera.rate call.policy words words.grass vocabulary aliases.grass link.url mount.height "
+    "link.allowed_senders link.more.wifi.url thresholds.tile perceiver.providers"
+)
+KEYS = st.sampled_from(NAMED.split()) | st.text(max_size=12)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.dictionaries(KEYS, VALUES, min_size=1, max_size=3))
+def test_whatever_is_posted_is_refused_or_leaves_a_valid_draft(
+    session: SetupSession, changes: dict[str, Any]
+) -> None:
+    with suppress(RequestError):
+        session.change({"changes": json.loads(json.dumps(changes))})
+    session.forget({})
+    assert session.state()["changed"] == []

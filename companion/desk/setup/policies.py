@@ -79,6 +79,6 @@ def running(config: Config) -> str:
     if status(state_folder(config)) is None:
         return ""
     return (
-        "The companion runs, and has camera and link. Stop it first: sudo systemctl stop companion. "
-        "Or set here what needs neither."
+        "The companion runs, and has camera and link. To set those up, stop it first: sudo systemctl stop "
+        "companion"
     )

@@ -23,7 +23,11 @@ export class ReviewPage {
         this.trial, this.status));
   }
 
-  show({ file, diff, changed: keys, guarded, written, policy }) {
+  enter() {
+    this.store.load(); // whether the companion runs by now
+  }
+
+  show({ file, diff, changed: keys, guarded, written }) {
     const count = keys.length;
     showText(this.text, count ? `${count} ${count === 1 ? "setting is" : "settings are"} changed and not written.` : written || "Nothing is changed yet.");
     showText(this.guarded, count && guarded.length ? `Only on this computer may these be set: ${guarded.join(", ")}.` : "");

@@ -10,7 +10,7 @@ const REASONS = { unknown_scene: "the scene is new", unknown_object: "something 
 
 export class WordPage {
   constructor(store, live) {
-    Object.assign(this, { store, live });
+    Object.assign(this, { store, live, seen: new Set() });
     this.words = new Words("", async (_kind, { changes }) => this.store.change({ words: this.after(changes) }));
     this.picture = element("img", { alt: "The picture with the judgement: green is drivable, orange is not, violet stripes are unknown", hidden: true });
     this.note = element("p", { className: "note" }, "The perceiver is being loaded.");
@@ -51,7 +51,8 @@ export class WordPage {
 
   show({ words, vocabulary }) {
     const used = Object.entries(words).map(([word, weight]) => ({ word, weight, fixed: vocabulary.includes(word) }));
-    const offered = vocabulary.filter((word) => !(word in words)).map((word) => ({ word, weight: null, fixed: true }));
+    for (const word of [...vocabulary, ...Object.keys(words)]) this.seen.add(word); // so that one that is switched off stays
+    const offered = [...this.seen].filter((word) => !(word in words)).map((word) => ({ word, weight: null, fixed: true }));
     this.words.show({ words: [...used, ...offered], words_known: true, calls: [], given: words, names: [] });
     if (this.part.isConnected) this.judge();
   }

@@ -164,7 +164,7 @@ def set_the_vehicle_and_words(tab: Any) -> None:
     assert tab.locator(".marks .region").count() == 1
     forward(tab, "Words")
     tab.locator("img[alt^='The picture with the judgement']").wait_for()
-    facts = tab.locator("dl.facts")
+    facts = tab.locator("dl.facts dd").first
     before = facts.inner_text()
     tab.get_by_label("grass", exact=True).uncheck()
     wait_for(lambda: facts.inner_text() != before)

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from companion.cli_config import add_config
 from companion.cli_errors import UserError, error_text
 from companion.system.log_lines import log_to_stderr
 
@@ -21,7 +22,7 @@ _BEGUN = "companion.toml"
 def add_setup(commands: Commands, init: Callable[[str], int]) -> None:
     """Add setup. init: writes the files to begin with into a folder, and returns its exit code."""
     setup = commands.add_parser("setup", help="set up a rover in a browser, from nothing")
-    setup.add_argument("file", nargs="?", default=_BEGUN, metavar="FILE")
+    add_config(setup, alone=True)
     setup.add_argument("--port", type=int, default=0, help="of the page; by default any free one")
     setup.set_defaults(run=partial(_setup, init))
 
@@ -30,7 +31,7 @@ def _setup(init: Callable[[str], int], options: argparse.Namespace) -> int:
     from companion.config import ConfigError
 
     log_to_stderr(logging.ERROR)
-    path = Path(options.file)
+    path = Path(options.config)
     if not path.exists() and path.name == _BEGUN and (code := init(str(path.parent))):
         return code
     try:

@@ -14,7 +14,7 @@ STOPS = (
 )
 """m/s; m from the request to standstill by HOLD, and by the script's brake in GUIDED: means of 5 or 6 each.
 
-Measured in ArduPilot's own simulation (docs/autopilots.md): the simulated rover here brakes by its figures.
+Measured in ArduPilot's own simulation (docs/stopping.md): the simulated rover here brakes by its figures.
 """
 SLOW, STOP_GOAL = 1.6, 0.55
 """m/s below which the way braked over that by HOLD has a goal, for all stops together."""

@@ -47,7 +47,7 @@ class Body:
     `MotorDrive.BRAKE` stops it from 2.5 m/s in 2.6 m by default. `MotorDrive.HOLD` decelerates by
     `easing` x speed + `easing_rest`. Its stopping distances are within 2 % of those of ArduPilot Rover
     4.7-dev in its own simulation (companion.vehicle.brakes.ARDUPILOT). `MotorDrive.STOP` does so by
-    `stopping` x speed + `stopping_rest`, 16 % shorter to 3 % longer than its GUIDED (docs/autopilots.md).
+    `stopping` x speed + `stopping_rest`, 16 % shorter to 3 % longer than its GUIDED (docs/stopping.md).
     """
 
     mass: float = 80.0  # kg

@@ -21,7 +21,7 @@ else:
 
 _MOST = 300
 """Characters of a line that are shown."""
-_SETTING = re.compile(r"(\w+)\s*=\s*(.*)")
+_SETTING = re.compile(r"\b(\w+)\s*=\s*(.*)")
 _QUOTES = "\"'`,;()[]{}<>"
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -69,3 +71,10 @@ def test_what_is_harmless_is_shown_as_it_stands() -> None:
 
 def test_nothing_is_shown_where_nothing_changes() -> None:
     assert shown_diff("a = 1\n", "a = 1\n", "companion.toml") == ""
+
+
+def test_a_long_word_in_a_comment_takes_no_long_time() -> None:
+    text = f"# {40_000 * 'x'}\n[call]\nvotes = 2\n"
+    began = time.process_time()
+    assert "+votes = 3" in shown_diff(text, text.replace("votes = 2", "votes = 3"), "companion.toml")
+    assert time.process_time() - began < 2.0

@@ -123,6 +123,12 @@ def guards_old(key: str, value: object) -> bool:
     return key == "call.policy" and not _is_open(key, value)
 
 
+def only_in_shell(key: str, value: object) -> bool:
+    """Whether a page may set `key` to nothing at all while `value` is in force. Raises as `guard_of`."""
+    some_are_open = key in _OPEN_VALUES and not guards_old(key, value)
+    return not some_are_open and (guards_old(key, value) or guard_of(key, None) is Guard.LOOPBACK)
+
+
 def _is_open(key: str, value: object) -> bool:
     section, _, name = key.partition(".")
     if value is None:

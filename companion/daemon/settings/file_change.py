@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import secrets
 from collections.abc import Mapping
@@ -43,16 +42,16 @@ class FileChange:
     def ask(
         self,
         changes: Mapping[str, Value],
-        before: bytes,
+        sha256: str,
         asked_from: str,
         vehicle: Vehicle | None,
         now: float,
     ) -> str:
         """Ask for changes, as of `propose`; return why not, "" where the request was laid down.
 
-        before: the file for which they were made. asked_from: the address of who asked, for the log. vehicle:
-        its newest state; a vehicle that is armed, or of which that is not known, stays as it is, since the
-        companion starts again. now: s of the link's clock.
+        sha256: of the file for which they were made. asked_from: the address of who asked, for the log.
+        vehicle: its newest state; a vehicle that is armed, or of which that is not known, stays as it is,
+        since the companion starts again. now: s of the link's clock.
         """
         if self._asked:
             return "another change is being made: wait for it"
@@ -60,8 +59,7 @@ class FileChange:
             return "it is not known whether the vehicle is armed: connect the autopilot, or edit the file"
         if vehicle.armed:
             return "the vehicle is armed: disarm it first"
-        digest = hashlib.sha256(before).hexdigest()
-        request = ConfigRequest(secrets.token_hex(8), digest, asked_from, dict(changes))
+        request = ConfigRequest(secrets.token_hex(8), sha256, asked_from, dict(changes))
         try:
             write_atomically(self._request, msgspec.json.encode(request), sync=False)
         except OSError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from companion.vehicle.state import Vehicle
 STANDS = Vehicle(1, 3, 0, armed=False, heard_at=100.0)
 NOW = 100.5
 BEFORE = b'[vehicle]\nfile = ""\n'
+SHA256 = hashlib.sha256(BEFORE).hexdigest()
 
 
 @pytest.fixture
@@ -31,16 +33,16 @@ def test_a_change_that_is_asked_for_is_made_by_the_helper_and_answered_once(
 ) -> None:
     file = tmp_path / "companion.toml"
     assert change.answer(NOW) is None
-    assert change.ask({"camera.rate": 5.0}, BEFORE, "10.0.0.7", STANDS, NOW) == ""
+    assert change.ask({"camera.rate": 5.0}, SHA256, "10.0.0.7", STANDS, NOW) == ""
     assert change.answer(NOW) is None
-    assert "another change" in change.ask({"camera.rate": 6.0}, BEFORE, "10.0.0.7", STANDS, NOW)
+    assert "another change" in change.ask({"camera.rate": 6.0}, SHA256, "10.0.0.7", STANDS, NOW)
     leave(answered(file, tmp_path / "run", os.getuid()), tmp_path / "answers")
     found = change.answer(NOW + 1.0)
     assert found is not None
     assert found.written
     assert b"rate = 5.0" in file.read_bytes()
     assert change.answer(NOW + 1.0) is None
-    assert change.ask({"camera.rate": 6.0}, BEFORE, "10.0.0.7", STANDS, NOW) == ""
+    assert change.ask({"camera.rate": 6.0}, SHA256, "10.0.0.7", STANDS, NOW) == ""
     assert change.answer(NOW + 1.0) is None, "the answer to the one before is none to this"
 
 
@@ -54,14 +56,14 @@ def test_while_the_vehicle_is_armed_or_may_be_nothing_is_asked_for(
         (STANDS, silent, "not known"),
         (replace(STANDS, heard_at=float("nan")), NOW, "not known"),
     ):
-        assert why in change.ask({"camera.rate": 5.0}, BEFORE, "x", vehicle, now)
+        assert why in change.ask({"camera.rate": 5.0}, SHA256, "x", vehicle, now)
     assert not list((tmp_path / "run").iterdir())
 
 
 def test_without_an_answer_the_request_is_taken_back_and_that_is_said(
     change: FileChange, tmp_path: Path
 ) -> None:
-    change.ask({"camera.rate": 5.0}, BEFORE, "x", STANDS, NOW)
+    change.ask({"camera.rate": 5.0}, SHA256, "x", STANDS, NOW)
     leave(ConfigAnswer("other", written=True, text=""), tmp_path / "answers")
     assert change.answer(NOW + WITHIN - 0.1) is None
     assert (tmp_path / "run" / REQUEST).exists()
@@ -75,7 +77,7 @@ def test_without_an_answer_the_request_is_taken_back_and_that_is_said(
 def test_a_request_that_cannot_be_laid_down_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     change = FileChange(tmp_path / "file", tmp_path)
-    assert "cannot be laid down" in change.ask({"camera.rate": 5.0}, BEFORE, "x", STANDS, NOW)
+    assert "cannot be laid down" in change.ask({"camera.rate": 5.0}, SHA256, "x", STANDS, NOW)
 
 
 def test_there_is_none_without_systemd(monkeypatch: pytest.MonkeyPatch) -> None:

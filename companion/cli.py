@@ -131,7 +131,7 @@ def _run(options: argparse.Namespace) -> int:
         config = load_config(options.config)
         from companion.run import main as run
 
-        return _leave(run(config, stop, options.vision, service))
+        return _leave(run(config, stop, options.vision, service, Path(options.config)))
     except ConfigError as error:
         raise UserError(error_text(error)) from error
     except (AnyTraverseError, JournalError, LinkSettingError, ParameterError) as error:

@@ -16,6 +16,8 @@ from companion.config import Config
 from companion.config.stopping import longest_brake
 from companion.daemon.call_alerts import CallAlerts
 from companion.daemon.composition import Resources, compose, first_parameters, open_id, stored_u32
+from companion.daemon.settings.file_change import FileChange
+from companion.daemon.settings.from_page import SettingsFromPage
 from companion.daemon.settings.runtime import first_words, restored_policy
 from companion.daemon.startup import load, report_death
 from companion.daemon.supervisor import Supervisor
@@ -59,11 +61,15 @@ class _Beside(NamedTuple):
     live: Live
     packer: IncidentPacker
     deleter: RecordingDeleter
+    settings: SettingsFromPage
 
     @classmethod
-    def of(cls, config: Config) -> _Beside:
+    def of(cls, config: Config, file: Path | None) -> _Beside:
+        page, settings = Page(config), SettingsFromPage(config, file, FileChange.of_service())
+        page.offer_settings(settings.document(), settings.ask)
+        settings.tell = page.tell_settings
         files = IncidentPacker(config), RecordingDeleter(config)
-        return cls(Page(config), Video(config), Recorder(config), Live(config), *files)
+        return cls(page, Video(config), Recorder(config), Live(config), *files, settings)
 
     def poll(self, link: Link, now: float, news: Callable[[], Mapping[str, Any]]) -> None:
         """Keep them running, and hear them. news: what the page is told. link: tells where the video is."""
@@ -74,6 +80,7 @@ class _Beside(NamedTuple):
         self.live.poll(now)
         self.packer.poll(now)
         self.deleter.poll()
+        self.settings.poll(link.vehicle, now)
 
     def show(self, supervisor: Supervisor, now: float) -> None:
         """Give page and video the pictures that were drawn for them."""
@@ -93,17 +100,18 @@ def main(
     stop: Callable[[], bool] | None = None,
     vision: Sequence[str] | None = None,
     service: ServiceManager | None = None,
+    file: Path | None = None,
 ) -> int:
     """Run the daemon until `stop()` is true (by default: on SIGTERM or SIGINT), and return the exit code.
 
     vision: the command line of the vision process, for one that has other perceivers. service: where systemd
-    is told how it goes.
+    is told how it goes. file: where `config` stands, None: nowhere.
     Raises AnyTraverseError, LinkSettingError, ParameterError or JournalError for what a person must mend.
     """
     stop = stop or stop_on_signals()
     with ExitStack() as closing:
         service = service or ServiceManager()
-        code = _main(config, stop, vision or COMMAND, service, closing)
+        code = _main(config, stop, vision or COMMAND, service, closing, file)
         log.info("told to stop, and stopped")
         return code
 
@@ -114,6 +122,7 @@ def _main(
     command: Sequence[str],
     service: ServiceManager,
     closing: ExitStack,
+    file: Path | None,
 ) -> int:
     journal = Journal(config.journal.path)
     writer = closing.enter_context(Writer(journal))
@@ -128,7 +137,7 @@ def _main(
     launch = partial(VisionChild, command, network=needs_of(config.camera.source).any)
     vision = VisionClient(launch, config, memory, VISION, first_frame=first_frame)
     closing.callback(vision.close)
-    beside = _Beside.of(config)
+    beside = _Beside.of(config, file)
     alerts = AlertSender(config.alert.url, config.alert.shown)
     closing.callback(alerts.close)
     for process in beside:

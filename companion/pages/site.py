@@ -7,7 +7,7 @@ import contextlib
 import json
 import socket
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -85,14 +85,29 @@ def event(name: str, content: Mapping[str, Any]) -> bytes:
 def posted(carry_out: Callable[[bytes], str]) -> Callable[[Request], Any]:
     """Make what answers a POST. carry_out: takes its body; returns what was done, or raises RequestError."""
 
+    async def done(body: bytes, _asked_from: str) -> Mapping[str, Any]:
+        return {"done": carry_out(body)}
+
+    return posted_later(done)
+
+
+def posted_later(
+    carry_out: Callable[[bytes, str], Awaitable[Mapping[str, Any]]],
+) -> Callable[[Request], Any]:
+    """Make what answers a POST with what `carry_out` returns. It takes the body, and who asks, an address.
+
+    It has a deadline of its own, and raises RequestError.
+    """
+
     async def answer(request: Request) -> Response:
         try:
-            done = carry_out(await asyncio.wait_for(request.body(), _POSTED_WITHIN))
-        except RequestError as error:
-            return as_json({"problem": str(error)}, 409)
+            body = await asyncio.wait_for(request.body(), _POSTED_WITHIN)
         except (TimeoutError, asyncio.TimeoutError, ClientDisconnect):
             return as_json({"problem": "the request did not come whole"}, 408)
-        return as_json({"done": done})
+        try:
+            return as_json(await carry_out(body, request.client.host if request.client else ""))
+        except RequestError as error:
+            return as_json({"problem": str(error)}, 409)
 
     return answer
 

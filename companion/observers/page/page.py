@@ -16,7 +16,14 @@ from typing import Any
 
 from companion.config import Config
 from companion.config.stopping import lines_of
-from companion.observers.page.messages import ALIVE, ANSWER, LONGEST_SAID, WANTED, PageMessageKind
+from companion.observers.page.messages import (
+    ALIVE,
+    ANSWER,
+    LONGEST_SAID,
+    SETTINGS_REQUEST,
+    WANTED,
+    PageMessageKind,
+)
 from companion.pages.listen import hashed
 from companion.system.datagrams import LARGEST, Datagram, decode
 from companion.system.side_process import SideChild, SideService, missing_packages
@@ -81,6 +88,8 @@ class Page(SideService[WebChild]):
         self._may_answer = bool(config.web.token)
         self.answer: Callable[[bytes, float], None] = lambda _payload, _at: None
         """Takes the payload of an answer that was given on the page, and when it was handed over."""
+        self._settings = b""
+        self._ask_settings: Callable[[Mapping[str, Any]], None] | None = None
         if off and listen is not None:
             log.warning("no page: %s", off)
 
@@ -126,6 +135,24 @@ class Page(SideService[WebChild]):
         self.send(Datagram(PageMessageKind.ACKNOWLEDGEMENT, content).encoded())
         self._acknowledged = True
 
+    def offer_settings(self, document: Mapping[str, Any], ask: Callable[[Mapping[str, Any]], None]) -> None:
+        """Have who has the token see and change settings of the file. Before the first `tell`.
+
+        document: of `PageMessageKind.SETTINGS`. ask: takes a SETTINGS_REQUEST; ValueError: it is nonsense.
+        """
+        if not self._may_answer:
+            return
+        try:
+            self._settings = Datagram(PageMessageKind.SETTINGS, document).encoded()
+        except ValueError as error:
+            log.warning("the page shows no settings: %s", error)
+        else:
+            self._ask_settings = ask
+
+    def tell_settings(self, content: Mapping[str, Any]) -> None:
+        """Tell the page what became of a request about settings: a `PageMessageKind.SETTINGS_ANSWER`."""
+        self.send(Datagram(PageMessageKind.SETTINGS_ANSWER, content).encoded())
+
     def figures(self) -> dict[str, Any]:
         """Return where the page is, what is wrong with it, and how often it was started again."""
         return {"url": self.url, "trouble": self.trouble, "restarts": self.restarted}
@@ -143,6 +170,11 @@ class Page(SideService[WebChild]):
         at = content.get("at")
         if kind == ANSWER and self._may_answer and isinstance(at, float) and len(payload) <= MAX_PAYLOAD:
             self.answer(payload, at)
+        elif kind == SETTINGS_REQUEST and self._ask_settings is not None:
+            try:
+                self._ask_settings(content)
+            except ValueError:
+                return False
         elif kind not in (ALIVE, WANTED):
             return False
         if not self.running:
@@ -165,6 +197,8 @@ class Page(SideService[WebChild]):
         # A port that was free is the same one after a restart.
         self._listen = self._listen._replace(port=listener.getsockname()[1])
         child.send(self._setup)
+        if self._settings:
+            child.send(self._settings)
         return child
 
     def _end_listening(self) -> None:

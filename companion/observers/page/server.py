@@ -23,11 +23,12 @@ from companion.observers.page.answering import Answering
 from companion.observers.page.calls import shown_calls
 from companion.observers.page.disk import Disk, no_file
 from companion.observers.page.files import StateFolder
-from companion.observers.page.messages import ALIVE, ANSWER, WANTED, PageMessageKind
+from companion.observers.page.messages import ALIVE, ANSWER, SETTINGS_REQUEST, WANTED, PageMessageKind
 from companion.observers.page.metrics import Metrics
 from companion.observers.page.news import SILENT, News
 from companion.observers.page.recording_routes import RecordingRoutes
 from companion.observers.page.recordings import RecordingsFolder
+from companion.observers.page.settings import PageSettings
 from companion.pages.access import Gate, WrongTokens
 from companion.pages.calls import incident_shown
 from companion.pages.requests import MOST_POSTED
@@ -59,10 +60,12 @@ class PageSite:
         recordings: RecordingsFolder,
         answering: Answering | None = None,
         ground: Sequence[Mapping[str, Any]] = (),
+        settings: PageSettings | None = None,
     ) -> None:
-        """answering: None where the page only shows. ground: see `PageMessageKind.SETUP`."""
+        """answering, settings: None where the page only shows. ground: see `PageMessageKind.SETUP`."""
         self._news = news
         self._answering = answering
+        self._settings = settings
         self._folder = folder
         self._ground = ground
         self.wrong_tokens = WrongTokens()
@@ -93,6 +96,8 @@ class PageSite:
             routes.append(Route("/undo", posted(self._answering.undo), methods=["POST"]))
             routes.append(Route("/incident", posted(self._answering.incident), methods=["POST"]))
             routes.append(Route("/incidents/{name}", self._incident))
+        if self._settings is not None:
+            routes += self._settings.routes()
         return Starlette(routes=routes)
 
     async def _events(self, request: Request) -> Response:
@@ -216,14 +221,15 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
         raise ValueError("the first message is no setup")
     channel.settimeout(0)
     news = News()
-    answering = None
+    answering = settings = None
     if setup["token_hash"]:
+        settings = PageSettings(lambda asked: _send(channel, Datagram(SETTINGS_REQUEST, asked).encoded()))
         answering = Answering(
             news, lambda payload, now: _send(channel, Datagram(ANSWER, {"at": now}, payload).encoded())
         )
     folder = setup["folder"]
-    site = PageSite(news, StateFolder(folder), RecordingsFolder(folder), answering, setup["ground"])
-    asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering)
+    site = PageSite(news, StateFolder(folder), RecordingsFolder(folder), answering, setup["ground"], settings)
+    asyncio.get_running_loop().add_reader(channel, _listen, channel, news, answering, settings)
     most_posted = MOST_POSTED if answering is not None else 0
     gate = Gate(
         site.app(),
@@ -238,7 +244,9 @@ async def _serve(channel: socket.socket, listener: socket.socket) -> None:
     beating.cancel()
 
 
-def _listen(channel: socket.socket, news: News, answering: Answering | None) -> None:
+def _listen(
+    channel: socket.socket, news: News, answering: Answering | None, settings: PageSettings | None
+) -> None:
     """Take a message of the supervisor. Ends the process when the supervisor is gone."""
     try:
         packed = channel.recv(LARGEST)
@@ -252,6 +260,10 @@ def _listen(channel: socket.socket, news: News, answering: Answering | None) -> 
         message = decode(packed)
         if message.kind == PageMessageKind.ACKNOWLEDGEMENT and answering is not None:
             answering.acknowledge(bytes.fromhex(str(message.content.get("payload"))))
+        elif message.kind == PageMessageKind.SETTINGS and settings is not None:
+            settings.told = message.content
+        elif message.kind == PageMessageKind.SETTINGS_ANSWER and settings is not None:
+            settings.answered(message.content)
         else:
             news.take(message)
     except ValueError as error:

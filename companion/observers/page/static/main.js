@@ -9,6 +9,7 @@ import { leaveEmptyField, listenToKeys } from "./keys.js";
 import { joined } from "./plots.js";
 import { Recordings } from "./recordings.js";
 import { poster, say } from "./sending.js";
+import { Settings } from "./settings.js";
 import * as views from "./views.js";
 
 const send = poster("the rover does not answer. See what it says at the top.");
@@ -16,6 +17,7 @@ const send = poster("the rover does not answer. See what it says at the top.");
 const opened = (content) => [content?.state?.open?.id, content?.state?.open?.stage, content?.state?.open?.holding, content?.state?.reasons, content?.incidents];
 const now = () => performance.now() / 1000;
 const recordings = new Recordings(document.getElementById("recordings"), say);
+const settings = new Settings(document.getElementById("settings"), say);
 const picture = document.getElementById("picture");
 const untold = new Untold();
 const alarm = new Alarm(document.getElementById("alarm"));
@@ -77,6 +79,7 @@ const feed = new Feed((kind, content, late) => {
   switch (kind) {
     case "connection":
       connection = content;
+      settings.connection(content);
       break;
     case "ground":
       views.showGround(content.lines);
@@ -88,6 +91,7 @@ const feed = new Feed((kind, content, late) => {
       if (!news) {
         views.begin(content.answers ? send : null);
         recordings.begin(content.answers ? send : null);
+        settings.begin(content.answers);
         if (content.answers) document.getElementById("about").before(keys);
       }
       if (JSON.stringify(opened(news)) !== JSON.stringify(opened(content))) readFiles();
@@ -97,6 +101,7 @@ const feed = new Feed((kind, content, late) => {
       showFacts("computer", model.computer(news));
       views.showPlace(news);
       recordings.show(news.status?.recording);
+      settings.show(news.status?.set_by_ground);
       views.showChecks(model.checks(news));
       showText("about", `AnyTraverse companion ${news.status?.version ?? ""}. ${news.answers ? "Calls can be answered here." : "This page only shows: answer calls from a ground station, or set [web] token."}`);
       break;

@@ -1,0 +1,181 @@
+// Settings of the file: what is in force, what would change, and a second click that has it written.
+
+import { element, showText } from "./elements.js";
+import { SettingsList, differences } from "./settings_list.js";
+
+const PATIENCE = 45_000; // ms; the companion needs less, and says why it failed
+const SHELL = "Other values may be set in the shell only.";
+
+export class Settings {
+  constructor(home, say) {
+    Object.assign(this, { home, say, file: "", cannot: "", staged: new Map(), proposal: "", restarts: false, lost: false, busy: false });
+    this.mark = SHELL;
+    this.rows = new Map(); // by key
+    this.text = element("p", { role: "status" });
+    this.ground = element("p", { className: "faint" });
+    this.toggle = button("Show settings", () => this.turn(), { "aria-expanded": "false" });
+    this.problem = element("p", { className: "problem" });
+    this.problems = element("ul", { className: "problems" });
+    this.diff = element("pre", { tabIndex: 0, role: "region", "aria-label": "Changes of the file", hidden: true });
+    this.look = button("Show what would change", () => this.propose(), { hidden: true });
+    this.write = button("Write and restart", () => this.have(), { hidden: true, className: "primary" });
+    this.undo = button("Take all back", () => this.forget(), { hidden: true });
+    this.review = element("div", { className: "review" }, this.text, this.problem, this.problems, this.diff, element("div", { className: "row" }, this.look, this.write, this.undo));
+    this.place = element("div", { hidden: true });
+    home.append(this.toggle, this.ground, this.review, this.place);
+  }
+
+  // may: whether this page may change anything.
+  begin(may) {
+    this.home.hidden = !may;
+  }
+
+  // set: what the ground has set, of status.
+  show(set = {}) {
+    const given = Object.entries(set).map(([name, told]) => `${name} ${told.set}`);
+    showText(this.ground, given.length && !this.place.hidden ? `Set by the ground meanwhile, and in force instead of the file's: ${given.join(", ")}.` : "");
+  }
+
+  // why: why there is no connection, "" while there is one.
+  connection(why) {
+    const back = this.lost && !why;
+    this.lost = Boolean(why);
+    if (!back || this.place.hidden) return;
+    if (this.restarts) this.tell("It was written, and the companion was started again.");
+    this.restarts = false;
+    this.load();
+  }
+
+  async turn() {
+    const shown = this.place.hidden;
+    this.place.hidden = this.review.hidden = !shown;
+    this.toggle.setAttribute("aria-expanded", String(shown));
+    showText(this.toggle, shown ? "Hide settings" : "Show settings");
+    if (shown) await this.load();
+  }
+
+  async load() {
+    const { answer, problem } = await ask("/settings.json");
+    if (!answer?.rows) return showText(this.problem, problem || "The companion has told no settings yet: show them again.");
+    Object.assign(this, { file: answer.file, cannot: answer.problem });
+    this.rows = new Map(answer.rows.map((row) => [row.key, row]));
+    for (const [key, value] of this.staged) if (same(this.rows.get(key)?.value, value)) this.staged.delete(key);
+    const search = this.list?.search.value ?? "";
+    this.list = new SettingsList(this, { shell: (row) => this.command(row), note: this.cannot ? "" : "What you change here waits until you have it written." });
+    this.list.search.value = search;
+    this.list.filter();
+    this.place.replaceChildren(this.list.part);
+    if (this.cannot) this.tell(`${this.cannot[0].toUpperCase()}${this.cannot.slice(1)}.`);
+    this.changed();
+  }
+
+  command({ key, shell }) {
+    return shell || this.cannot ? `companion config set ${this.file || "FILE"} ${key}=VALUE` : "";
+  }
+
+  row(key) {
+    const row = this.rows.get(key);
+    return this.staged.has(key) ? { ...row, value: this.staged.get(key), hidden: false, changed: true } : row;
+  }
+
+  async change(changes) {
+    if (this.busy) return "Wait: the last change is being looked at.";
+    for (const [key, value] of Object.entries(changes)) {
+      const { value: now, hidden } = this.rows.get(key);
+      if (!hidden && same(now, value)) this.staged.delete(key);
+      else this.staged.set(key, value);
+    }
+    this.changed();
+    return "";
+  }
+
+  forget() {
+    this.staged.clear();
+    this.changed();
+    this.look.hidden || this.look.focus();
+  }
+
+  // The changes are others now: what was shown does not count any more.
+  changed() {
+    this.proposal = "";
+    const count = this.staged.size;
+    if (count) this.tell(`${count} ${count === 1 ? "setting is" : "settings are"} changed here, and not written: ${[...this.staged.keys()].join(", ")}.`);
+    else if (!this.restarts && !this.cannot && / not written/.test(this.text.textContent)) this.tell("");
+    this.wrong("");
+    this.diff.hidden = true;
+    this.shown();
+    this.list.show();
+  }
+
+  shown() {
+    const some = this.staged.size > 0;
+    this.look.hidden = !some || Boolean(this.proposal);
+    this.write.hidden = !this.proposal;
+    this.undo.hidden = !some;
+    for (const one of [this.look, this.write, this.undo]) one.disabled = this.busy;
+  }
+
+  async propose() {
+    const answer = await this.post("/settings/look", { changes: Object.fromEntries(this.staged) }, "The file is being checked …");
+    if (!answer?.proposal) return;
+    this.proposal = answer.proposal;
+    this.diff.replaceChildren(...differences(answer.diff));
+    this.diff.hidden = false;
+    this.tell("This would change. The companion then starts again, and sees nothing for some seconds.");
+    this.shown();
+    this.write.focus();
+  }
+
+  async have() {
+    const answer = await this.post("/settings/write", { proposal: this.proposal }, "It is being written …");
+    this.proposal = "";
+    if (answer?.written) {
+      this.restarts = true;
+      this.staged.clear();
+      this.changed();
+      this.tell(`It is written, and the companion starts again: this page comes back by itself. ${answer.text[0].toUpperCase()}${answer.text.slice(1)}.`);
+    }
+    this.shown();
+  }
+
+  async post(path, content, meanwhile) {
+    const before = this.text.textContent;
+    this.busy = true;
+    this.wrong("");
+    this.tell(meanwhile);
+    this.shown();
+    const { answer, problem } = await ask(path, content);
+    this.busy = false;
+    this.tell(before);
+    const why = problem || answer?.problem;
+    if (why) this.wrong(`Nothing was written: ${why}.`, answer?.problems);
+    this.shown();
+    return why ? null : answer;
+  }
+
+  tell(text) {
+    showText(this.text, text);
+  }
+
+  wrong(text, rows = []) {
+    showText(this.problem, text);
+    this.problems.replaceChildren(...rows.map((row) => element("li", {}, row)));
+    if (text) this.say(`${text} ${rows.join(" ")}`);
+  }
+}
+
+const button = (text, onclick, properties = {}) => element("button", { type: "button", className: "plain", onclick, ...properties }, text);
+const same = (a, b) => JSON.stringify(a ?? null) === JSON.stringify(b ?? null);
+
+// content: posted as JSON; without it the path is read. Resolves to {answer}, with its problem, or to {problem}.
+async function ask(path, content) {
+  const posted = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(content) };
+  try {
+    const answer = await fetch(path, { signal: AbortSignal.timeout(PATIENCE), ...(content === undefined ? {} : posted) });
+    const text = await answer.text();
+    const json = answer.headers.get("content-type")?.startsWith("application/json");
+    return answer.ok && json ? { answer: JSON.parse(text) } : { problem: json ? JSON.parse(text).problem : text.trim() };
+  } catch {
+    return { problem: "the rover did not answer, so it is not known: look what is set" };
+  }
+}

@@ -1,0 +1,82 @@
+// An input for a setting of the file: its label, unit and meaning; what is wrong with a value stands below it.
+
+import { element, showText } from "./elements.js";
+
+const EMPTY = "not set";
+
+// store: row(key) returns a row of the settings' list, change({key: value}) resolves to "" or to what is wrong.
+// key: "section.key". name: what stands before it, by default the setting's own. long: whether it may be a long text.
+export class Field {
+  constructor(store, key, { name = "", help = "", wide = false } = {}) {
+    Object.assign(this, { store, key });
+    const id = `f-${key.replace(".", "-")}`;
+    this.row = store.row(key);
+    this.input = this.made(id);
+    this.problem = element("p", { className: "problem", id: `${id}-problem` });
+    this.note = element("p", { className: "faint", id: `${id}-help` });
+    this.input.setAttribute("aria-describedby", `${id}-help ${id}-problem`);
+    this.help = help;
+    this.part = element("div", { className: wide ? "setting wide" : "setting" }, element("label", { for: id }, name || this.row.name), this.input, this.note, this.problem);
+    this.input.addEventListener("change", () => this.send());
+    this.show();
+  }
+
+  made(id) {
+    const { type, options, low, high } = this.row.form;
+    if (type === "flag") return element("input", { type: "checkbox", id });
+    if (type === "choice") {
+      const none = this.row.default === null ? [element("option", { value: "" }, EMPTY)] : [];
+      return element("select", { id }, ...none, ...options.map((one) => element("option", { value: one }, one)));
+    }
+    const input = element("input", { type: "text", id, autocomplete: "off", placeholder: EMPTY });
+    if (type === "number" || type === "integer") {
+      input.inputMode = "decimal";
+      input.title = `${low} to ${high}`;
+    }
+    return input;
+  }
+
+  show() {
+    this.row = this.store.row(this.key);
+    const { value, hidden, form, guarded, help } = this.row;
+    if (form.type === "flag") this.input.checked = value === true;
+    else if (document.activeElement !== this.input || !this.edited) this.input.value = value === null ? "" : Array.isArray(value) ? value.join(", ") : String(value);
+    if (hidden) this.input.placeholder = "set, and not shown";
+    this.part.classList.toggle("changed", Boolean(this.row.changed));
+    const mark = guarded ? ` ${this.store.mark ?? "Only on this computer."}` : "";
+    showText(this.note, `${this.help || help}${this.help ? "" : "."}${mark}`);
+  }
+
+  async send() {
+    const { value, wrong } = this.read();
+    this.edited = Boolean(wrong);
+    showText(this.problem, wrong ?? "");
+    if (wrong || (value === null && this.row.hidden)) return;
+    this.edited = true;
+    const problem = await this.store.change({ [this.key]: value });
+    this.edited = Boolean(problem);
+    showText(this.problem, problem);
+    this.input.setAttribute("aria-invalid", problem ? "true" : "false");
+  }
+
+  read() {
+    const { type } = this.row.form;
+    if (type === "flag") return { value: this.input.checked };
+    const text = this.input.value.trim();
+    if (text === "") return { value: this.row.default === "" ? "" : null };
+    if (type === "number" || type === "integer") {
+      const value = Number(text.replace(",", "."));
+      return Number.isFinite(value) ? { value } : { wrong: "That is no number." };
+    }
+    if (type === "list") return { value: text.split(",").map((one) => one.trim()).map((one) => (one !== "" && Number.isFinite(Number(one)) ? Number(one) : one)) };
+    const numeric = Number(text);
+    return { value: Number.isFinite(numeric) && typeof this.row.default === "number" ? numeric : text };
+  }
+}
+
+// Fields beside each other. told: key -> options of `Field`.
+export function fieldset(store, title, told) {
+  const fields = Object.entries(told).map(([key, options]) => new Field(store, key, options));
+  const part = element("fieldset", {}, element("legend", {}, title), ...fields.map((field) => field.part));
+  return { part, show: () => fields.forEach((field) => field.show()) };
+}

@@ -40,8 +40,9 @@ export class Field {
     this.row = this.store.row(this.key);
     const { value, hidden, form, guarded, help } = this.row;
     if (form.type === "flag") this.input.checked = value === true;
-    else if (document.activeElement !== this.input || !this.edited) this.input.value = value === null ? "" : Array.isArray(value) ? value.join(", ") : String(value);
-    if (hidden) this.input.placeholder = "set, and not shown";
+    else if (document.activeElement !== this.input || !this.edited) this.input.value = value === null || hidden ? "" : Array.isArray(value) ? value.join(", ") : String(value);
+    // Part of a value in the input would be taken for the whole, and be written.
+    this.input.placeholder = !hidden ? EMPTY : value === null ? "set, and not shown" : `${value} (not shown whole)`;
     this.part.classList.toggle("changed", Boolean(this.row.changed));
     const mark = guarded ? ` ${this.store.mark ?? "Only on this computer."}` : "";
     showText(this.note, `${this.help || help}${this.help ? "" : "."}${mark}`);
@@ -51,7 +52,7 @@ export class Field {
     const { value, wrong } = this.read();
     this.edited = Boolean(wrong);
     showText(this.problem, wrong ?? "");
-    if (wrong || (value === null && this.row.hidden)) return;
+    if (wrong || (this.row.hidden && this.input.value.trim() === "")) return;
     this.edited = true;
     const problem = await this.store.change({ [this.key]: value });
     this.edited = Boolean(problem);

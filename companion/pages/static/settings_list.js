@@ -12,7 +12,7 @@ export class SettingsList {
     this.fields = [];
     this.sections = [...grouped(store.rows.values())].map(([name, rows]) => {
       const fields = rows.map((row) => {
-        const help = `${row.help}. Default: ${text(row.default)}.`, command = shell(row);
+        const help = `${row.help.replace(/ ?\.\.\.$/, "")}. Default: ${text(row.default)}.`, command = shell(row);
         return { row, field: command ? told(row, help, command) : new Field(store, row.key, { help }) };
       });
       this.fields.push(...fields);

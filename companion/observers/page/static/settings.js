@@ -2,16 +2,18 @@
 
 import { element, showText } from "./elements.js";
 import { SettingsList, differences } from "./settings_list.js";
+import { capital } from "./wording.js";
 
 const PATIENCE = 45_000; // ms; the companion needs less, and says why it failed
-const SHELL = "Other values may be set in the shell only.";
+const SHELL = "Some values only in the shell.";
 
 export class Settings {
   constructor(home, say) {
-    Object.assign(this, { home, say, file: "", cannot: "", staged: new Map(), proposal: "", restarts: false, lost: false, busy: false });
+    Object.assign(this, { home, say, file: "", cannot: "", staged: new Map(), proposal: "", became: "", restarts: false, lost: false, busy: false });
     this.mark = SHELL;
     this.rows = new Map(); // by key
     this.text = element("p", { role: "status" });
+    this.why = element("p");
     this.ground = element("p", { className: "faint" });
     this.toggle = button("Show settings", () => this.turn(), { "aria-expanded": "false" });
     this.problem = element("p", { className: "problem" });
@@ -22,7 +24,7 @@ export class Settings {
     this.undo = button("Take all back", () => this.forget(), { hidden: true });
     this.review = element("div", { className: "review" }, this.text, this.problem, this.problems, this.diff, element("div", { className: "row" }, this.look, this.write, this.undo));
     this.place = element("div", { hidden: true });
-    home.append(this.toggle, this.ground, this.review, this.place);
+    home.append(this.toggle, this.why, this.ground, this.place, this.review);
   }
 
   // may: whether this page may change anything.
@@ -41,7 +43,7 @@ export class Settings {
     const back = this.lost && !why;
     this.lost = Boolean(why);
     if (!back || this.place.hidden) return;
-    if (this.restarts) this.tell("It was written, and the companion was started again.");
+    if (this.restarts) this.became = "It was written, and the companion was started again.";
     this.restarts = false;
     this.load();
   }
@@ -65,7 +67,7 @@ export class Settings {
     this.list.search.value = search;
     this.list.filter();
     this.place.replaceChildren(this.list.part);
-    if (this.cannot) this.tell(`${this.cannot[0].toUpperCase()}${this.cannot.slice(1)}.`);
+    showText(this.why, this.cannot ? `${capital(this.cannot)}.` : "");
     this.changed();
   }
 
@@ -83,7 +85,7 @@ export class Settings {
     for (const [key, value] of Object.entries(changes)) {
       const { value: now, hidden } = this.rows.get(key);
       if (!hidden && same(now, value)) this.staged.delete(key);
-      else this.staged.set(key, value);
+      else this.staged.set(key, value), (this.became = "");
     }
     this.changed();
     return "";
@@ -98,19 +100,21 @@ export class Settings {
   // The changes are others now: what was shown does not count any more.
   changed() {
     this.proposal = "";
-    const count = this.staged.size;
-    if (count) this.tell(`${count} ${count === 1 ? "setting is" : "settings are"} changed here, and not written: ${[...this.staged.keys()].join(", ")}.`);
-    else if (!this.restarts && !this.cannot && / not written/.test(this.text.textContent)) this.tell("");
+    this.tell(this.summary());
     this.wrong("");
-    this.diff.hidden = true;
     this.shown();
     this.list.show();
+  }
+
+  summary() {
+    const count = this.staged.size, keys = [...this.staged.keys()].join(", ");
+    return count ? `${count} ${count === 1 ? "setting is" : "settings are"} changed here, and not written: ${keys}.` : this.became;
   }
 
   shown() {
     const some = this.staged.size > 0;
     this.look.hidden = !some || Boolean(this.proposal);
-    this.write.hidden = !this.proposal;
+    this.write.hidden = this.diff.hidden = !this.proposal;
     this.undo.hidden = !some;
     for (const one of [this.look, this.write, this.undo]) one.disabled = this.busy;
   }
@@ -120,7 +124,6 @@ export class Settings {
     if (!answer?.proposal) return;
     this.proposal = answer.proposal;
     this.diff.replaceChildren(...differences(answer.diff));
-    this.diff.hidden = false;
     this.tell("This would change. The companion then starts again, and sees nothing for some seconds.");
     this.shown();
     this.write.focus();
@@ -132,21 +135,20 @@ export class Settings {
     if (answer?.written) {
       this.restarts = true;
       this.staged.clear();
+      this.became = `It is written, and the companion starts again: this page comes back by itself. ${capital(answer.text)}.`;
       this.changed();
-      this.tell(`It is written, and the companion starts again: this page comes back by itself. ${answer.text[0].toUpperCase()}${answer.text.slice(1)}.`);
     }
     this.shown();
   }
 
   async post(path, content, meanwhile) {
-    const before = this.text.textContent;
     this.busy = true;
     this.wrong("");
     this.tell(meanwhile);
     this.shown();
     const { answer, problem } = await ask(path, content);
     this.busy = false;
-    this.tell(before);
+    this.tell(this.summary());
     const why = problem || answer?.problem;
     if (why) this.wrong(`Nothing was written: ${why}.`, answer?.problems);
     this.shown();

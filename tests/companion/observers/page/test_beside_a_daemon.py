@@ -67,6 +67,19 @@ def test_a_call_is_answered_on_the_page_and_the_answer_stands_in_its_record(comp
     assert companion.post("/undo", {"call": opened["id"] + 1}).status == 409
 
 
+def test_it_shows_its_settings_and_that_they_are_changed_in_the_shell_where_no_service_runs_it(
+    companion: WithPage,
+) -> None:
+    companion.until(lambda: companion.get("/settings.json").status == 200)
+    told = json.loads(companion.get("/settings.json").body)
+    rows = {row["key"]: row for row in told["rows"]}
+    assert (rows["perceiver.name"]["value"], rows["web.token"]["value"]) == ("painted", None)
+    assert told["file"].endswith("/companion.toml")
+    assert "not started by its service" in told["problem"]
+    said = companion.post("/settings/look", {"changes": {"call.votes": 3}})
+    assert "not started by its service" in json.loads(said.body)["problem"]
+
+
 def test_it_judges_on_while_its_page_is_killed_and_the_page_returns(companion: WithPage) -> None:
     companion.until(lambda: companion.get("/healthz").status == 200)
     state = json.loads(companion.get("/state.json").body)

@@ -134,9 +134,11 @@ class SettingsFromPage:
         self._kept = None
         if problem := wrong_keys(request.changes):
             return problem
-        asked = msgspec.json.encode(Asked(str(self._file.absolute()), request.changes))
         try:
+            asked = msgspec.json.encode(Asked(str(self._file.absolute()), request.changes))
             self._child = self._launch()
+        except (ValueError, OverflowError):  # half of a character, or a number without end
+            return "that is no value of a setting"
         except OSError as error:
             return f"it cannot be looked at: {(error.strerror or str(error)).lower()}"
         self._proposing, self._began = request, now

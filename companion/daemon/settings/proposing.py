@@ -6,6 +6,7 @@ The checks read files and import what judges words, which would stall the superv
 from __future__ import annotations
 
 import hashlib
+import json
 import select
 import socket
 import sys
@@ -20,7 +21,8 @@ from companion.system.side_process import SideChild
 COMMAND = (sys.executable, "-m", "companion.daemon.settings.proposing_process")
 LONGEST = 128 << 10
 """Bytes of what either end says."""
-_LONGEST_DIFF = 32 << 10
+_LONGEST_DIFF = 64 << 10
+"""Bytes as JSON, in which it goes to the page."""
 _MOST_PROBLEMS, _LONGEST_PROBLEM = 20, 500
 _ASKED_WITHIN = 10.0
 
@@ -61,7 +63,7 @@ def proposed(file: Path, changes: Mapping[str, Value]) -> Proposed:
         return Proposed(problems=_shown(error.problems))
     except ValueError as error:
         return Proposed(problems=_shown([error]))
-    if len(found.diff) > _LONGEST_DIFF:
+    if len(json.dumps(found.diff)) > _LONGEST_DIFF:
         return Proposed(problems=["the change is too long to be shown here: make it in the shell"])
     return Proposed(sha256, found.diff, _shown(found.problems), list(found.guarded))
 

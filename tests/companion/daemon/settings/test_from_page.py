@@ -139,6 +139,9 @@ def test_only_the_newest_proposal_is_written_and_not_for_ever(desk: Desk) -> Non
         ({}, "0 settings"),
         ({f"words.w{n}": 0.5 for n in range(65)}, "65 settings"),
         ({"call.votes": 2}, "nothing would change"),
+        ({"words.grass": "\ud800"}, "no value"),
+        ({"vocabulary": ["\ud800"]}, "no value"),
+        ({"call.votes": 1 << 70}, "would be refused"),
     ],
 )
 def test_what_is_guarded_unknown_or_nothing_is_refused(
@@ -215,7 +218,7 @@ def test_rows_say_what_is_in_force_without_secrets_and_what_is_for_the_shell(des
 
 def test_a_change_too_long_to_be_shown_is_not_proposed(tmp_path: Path) -> None:
     file = tmp_path / "companion.toml"
-    words = "\n".join(f"w{n} = 0.5  # {280 * 'x'}" for n in range(120))
+    words = "\n".join(f"w{n} = 0.5  # {280 * 'x'}" for n in range(240))
     file.write_text(f"{FILE}[words]\n{words}\n")
     file.chmod(0o600)
     assert "too long" in proposed(file, {"words": None}).problems[0]

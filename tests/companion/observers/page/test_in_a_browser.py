@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -477,6 +478,11 @@ def test_the_whole_page_with_a_recording_open_is_accessible_by_axe(tmp_path: Pat
         browser.close()
 
 
+def listed(home: Any) -> bool:
+    """Whether the section has its settings."""
+    return int(home.locator(".setting").count()) > 50
+
+
 def test_a_setting_is_changed_by_a_second_click_after_what_would_change_was_shown(tmp_path: Path) -> None:
     stage = SettingsStage(tmp_path, token=played.TOKEN)
     stage.until(stage.up)
@@ -488,7 +494,7 @@ def test_a_setting_is_changed_by_a_second_click_after_what_would_change_was_show
         home, review = tab.locator("#settings"), tab.locator("#settings .review")
         stage.until(home.is_visible)
         tab.get_by_role("button", name="Show settings").click()
-        stage.until(lambda: home.locator(".setting").count() > 50)
+        stage.until(partial(listed, home))
         assert tab.evaluate("document.documentElement.scrollWidth") == 390
         assert not any(secret in home.inner_html() for secret in ("s3cr3tword", played.TOKEN))
         tab.get_by_label("Search").fill("web token")
@@ -551,7 +557,7 @@ def test_the_settings_are_accessible_by_axe_also_where_there_is_no_helper(
                 home = tab.locator("#settings")
                 stage.until(home.is_visible)
                 tab.get_by_role("button", name="Show settings").click()
-                stage.until(lambda home=home: home.locator(".setting").count() > 50)
+                stage.until(partial(listed, home))
                 if helper:
                     tab.get_by_label("votes", exact=True).fill("3")
                     tab.get_by_label("votes", exact=True).press("Tab")

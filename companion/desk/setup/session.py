@@ -8,6 +8,7 @@ from typing import Any
 
 from anytraverse.regions import Box
 from companion.config import Config
+from companion.config.rows import all_settings
 from companion.desk.check.camera import check_camera, check_exposure, check_frames
 from companion.desk.check.cameras import plugged_in
 from companion.desk.check.rover import CheckedRover, Perceives, load_perceiver
@@ -18,7 +19,6 @@ from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
 from companion.desk.setup.listening import LONGEST, listen, ports
 from companion.desk.setup.preview import Preview, PreviewPicture
-from companion.desk.setup.settings import all_settings
 from companion.pages.requests import RequestError
 
 _LISTED_WITHIN = 25.0

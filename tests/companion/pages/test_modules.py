@@ -11,7 +11,12 @@ ROOT = Path(__file__).parents[3]
 SHARED = ROOT / "companion" / "pages" / "static"
 PAGES = [
     ROOT / place / "static"
-    for place in ("companion/observers/page", "gcs_plugin/console", "companion/desk/drives")
+    for place in (
+        "companion/observers/page",
+        "gcs_plugin/console",
+        "companion/desk/drives",
+        "companion/desk/setup",
+    )
 ]
 _EXPORT = re.compile(r"^export (?:async )?(?:function|class|const) (\w+)", re.MULTILINE)
 _NAMED = re.compile(r'^import \{([^}]*)\} from "\./([\w.]+)";', re.MULTILINE)
@@ -23,7 +28,7 @@ def modules(page: Path) -> dict[str, str]:
     return {file.name: file.read_text() for folder in (SHARED, page) for file in folder.glob("*.js")}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal"])
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal", "setup"])
 def test_what_a_module_imports_is_exported(page: Path) -> None:
     found = modules(page)
     exported = {name: set(_EXPORT.findall(text)) for name, text in found.items()}
@@ -37,7 +42,7 @@ def test_what_a_module_imports_is_exported(page: Path) -> None:
             assert set(re.findall(rf"\b{alias}\.(\w+)\(", text)) <= exported[source], (name, source)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal"])
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal", "setup"])
 def test_a_page_has_no_file_of_the_name_of_a_shared_one_and_loads_all_its_own(page: Path) -> None:
     assert {file.name for file in page.iterdir()}.isdisjoint(file.name for file in SHARED.iterdir())
     site = pytest.importorskip("companion.pages.site")
@@ -53,13 +58,13 @@ def test_a_page_has_no_file_of_the_name_of_a_shared_one_and_loads_all_its_own(pa
     assert used | {"main.js"} >= {file.name for file in page.glob("*.js")}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal"])
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal", "setup"])
 def test_what_is_told_is_never_markup(page: Path) -> None:
     for name, text in modules(page).items():
         for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval("):
             assert word not in text, name
 
 
-@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal"])
+@pytest.mark.parametrize("page", PAGES, ids=["rover", "console", "rehearsal", "setup"])
 def test_a_page_stays_small_enough_for_a_slow_link(page: Path) -> None:
     assert sum(file.stat().st_size for folder in (SHARED, page) for file in folder.iterdir()) < 200_000

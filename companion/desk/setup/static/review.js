@@ -3,6 +3,7 @@
 import { job } from "./api.js";
 import { changed, element, showText } from "./elements.js";
 import { button, problem, waiting } from "./parts.js";
+import { differences } from "./settings_list.js";
 
 export class ReviewPage {
   constructor(store) {
@@ -33,7 +34,7 @@ export class ReviewPage {
     showText(this.guarded, count && guarded.length ? `Only on this computer may these be set: ${guarded.join(", ")}.` : "");
     changed(this.diff, diff, (part) => {
       part.hidden = !diff;
-      part.replaceChildren(...diff.split("\n").map((line) => element("span", { tone: /^(---|\+\+\+)/.test(line) ? "" : { "+": "new", "-": "old" }[line[0]] ?? "" }, `${line}\n`)));
+      part.replaceChildren(...differences(diff));
     });
     this.write.disabled = this.undo.disabled = !diff;
     changed(this.commands, file, (home) => home.replaceChildren(...[

@@ -267,9 +267,10 @@ def have_it_packed(stage: Stage, card: Any, given: list[bytes]) -> None:
     assert "It is without a recording: switched off." in card.inner_text()
 
 
-def go_is_in_view_wherever_it_is_scrolled_to(tab: Any) -> None:
+def go_is_in_view_wherever_it_is_scrolled_to(stage: Stage, tab: Any) -> None:
     bar = tab.locator(".bar")
     for scrolled in ("0", "document.body.scrollHeight"):
+        stage.until(bar.is_visible)  # not while the news are old, as after a slow moment
         tab.evaluate(f"scrollTo(0, {scrolled})")
         go = bar.get_by_role("button", name="Go", exact=True).bounding_box()
         assert go["height"] >= 44
@@ -301,7 +302,7 @@ def test_a_call_is_answered_with_a_tap_and_a_name_by_whoever_has_the_token(
         tab.goto(f"{stage.page.url}?token={played.TOKEN}")
         card = tab.locator("#open .call")
         stage.until(card.locator(".shot.small img:visible").first.is_visible)
-        go_is_in_view_wherever_it_is_scrolled_to(tab)
+        go_is_in_view_wherever_it_is_scrolled_to(stage, tab)
         frame = card.locator(".shot.small .aim").bounding_box()
         tab.mouse.click(frame["x"] + 0.5 * frame["width"], frame["y"] + 0.6 * frame["height"])
         card.get_by_label("Its name").click()

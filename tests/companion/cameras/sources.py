@@ -14,10 +14,11 @@ SECRETS = (USER, PLAIN, MIXED, "hunt3r", DIGITS, BASIC)
 
 
 class Form(NamedTuple):
-    """A source. shown: what is shown of it; "" where it is refused."""
+    """A source. shown: what is shown of it; "" where it has no kind. valid: whether a file may name it."""
 
     source: str
     shown: str
+    valid: bool = True
 
 
 _GST = "pipe:gst-launch-1.0 -q"
@@ -31,11 +32,11 @@ URLS = {
     "http": Form(f"http://{USER}:{MIXED}@ADDRESS/mjpg/video.mjpg", _HTTP),
     "https": Form(f"https://{USER}:{DIGITS}@ADDRESS/video", "https://ADDRESS/..."),
     "at in a password": Form(f"rtsp://{USER}:{MIXED}@{PLAIN}@ADDRESS/1", _RTSP),
-    "slash in a password": Form(f"rtsp://{USER}:{MIXED}/{PLAIN}@ADDRESS/1", "rtsp:..."),
-    "slash after digits": Form(f"rtsp://{USER}:481/{PLAIN}@ADDRESS/1", "rtsp:..."),
-    "at and slash": Form(f"rtsp://{USER}:{MIXED}@{PLAIN}/{DIGITS}@ADDRESS/1", "rtsp:..."),
-    "hash in a password": Form(f"http://{USER}:{MIXED}#{PLAIN}@ADDRESS/1", "http:..."),
-    "question mark in a password": Form(f"rtsp://{USER}:{MIXED}?{PLAIN}@ADDRESS/1", "rtsp:..."),
+    "slash in a password": Form(f"rtsp://{USER}:{MIXED}/{PLAIN}@ADDRESS/1", "rtsp:...", valid=False),
+    "slash after digits": Form(f"rtsp://{USER}:481/{PLAIN}@ADDRESS/1", "rtsp:...", valid=False),
+    "at and slash": Form(f"rtsp://{USER}:{MIXED}@{PLAIN}/{DIGITS}@ADDRESS/1", "rtsp:...", valid=False),
+    "hash in a password": Form(f"http://{USER}:{MIXED}#{PLAIN}@ADDRESS/1", "http:...", valid=False),
+    "question mark in a password": Form(f"rtsp://{USER}:{MIXED}?{PLAIN}@ADDRESS/1", "rtsp:...", valid=False),
     "percent": Form(f"rtsp://{USER}:%63orrect%68orse@ADDRESS/1", _RTSP),
     "in the path, with signs": Form(f"rtsp://ADDRESS/user={USER}&password={PLAIN}&channel=1", _RTSP),
     "in the path, with lines": Form(f"rtsp://ADDRESS/user={USER}_password={MIXED}_channel=1.sdp?real", _RTSP),
@@ -54,7 +55,7 @@ URLS = {
     "rtmp": Form(f"rtmp://{USER}:{PLAIN}@ADDRESS/live/{MIXED}", ""),
     "srt": Form(f"srt://ADDRESS?mode=caller&passphrase={PLAIN}", ""),
     "udp": Form(f"udp://{USER}:{MIXED}@ADDRESS", ""),
-    "a slash too few": Form(f"rtsp:/{USER}:{PLAIN}@ADDRESS/1", "rtsp:/ADDRESS/..."),
+    "a slash too few": Form(f"rtsp:/{USER}:{PLAIN}@ADDRESS/1", "rtsp:/ADDRESS/...", valid=False),
     "no colon": Form(f"rtsp//{USER}:{PLAIN}@ADDRESS/1", ""),
     "no kind": Form(f"{USER}:{PLAIN}@ADDRESS/1", ""),
     "no kind, a key": Form(f"ADDRESS/user={USER}_password={PLAIN}", ""),
@@ -109,7 +110,7 @@ PIPES = {
     "an option": Form(f"pipe:cam --password {PLAIN} ADDRESS", "pipe:cam ..."),
     "an option, joined": Form(f"pipe:cam -p{MIXED} ADDRESS", "pipe:cam ..."),
     "an argument": Form(f"pipe:cam ADDRESS {DIGITS}", "pipe:cam ..."),
-    "wrong quotes": Form(f"pipe:cam --password '{PLAIN}", "pipe:cam ..."),
+    "wrong quotes": Form(f"pipe:cam --password '{PLAIN}", "pipe:cam ...", valid=False),
     "no program": Form(f"pipe:rtsp://{USER}:{PLAIN}@ADDRESS/{MIXED}", "pipe:..."),
 }
 FORMS = {**URLS, **PIPES}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from anytraverse.operations import taps_of, weights_of
+from anytraverse.operations import taps_of
 from companion.pages import wording
 from companion.pages.given import OwnAnswers
 from companion.wire.call_report import CallReport, NearestScene, reason_names
@@ -70,17 +70,14 @@ def shown(
 
 
 def _named(own: OwnAnswers, record: CallReport | None) -> dict[str, Any] | None:
-    """Return what the newest answer to a call named as not drivable, a tapped thing first, and its motion.
+    """Return what the newest answer to a call named a thing that is not drivable, and its motion.
 
-    None where none did.
+    A thing is named by a tap: a word without one is said of all the ground. None where none was.
     """
     applied = [one.pending.answer for one in own.answers if one.pending.applied]
-    answers = [
-        ({tap.word: tap.weight for tap in taps_of(one.changes)} | weights_of(one.changes), one.motion.name)
-        for one in applied
-    ]
+    answers = [({tap.word: tap.weight for tap in taps_of(one.changes)}, one.motion.name) for one in applied]
     if not answers and record is not None:
-        answers = [(wording.words_of(one), one.motion) for one in record.answers if wording.applied(one)]
+        answers = [(wording.tapped(one), one.motion) for one in record.answers if wording.applied(one)]
     for words, motion in reversed(answers):
         for word, weight in words.items():
             if weight <= 0:

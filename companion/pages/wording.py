@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 from companion.wire.call_figures import place_in_words, thing_in_words
 from companion.wire.call_report import CallReport, GivenAnswer
@@ -152,6 +153,12 @@ def words_of(given: GivenAnswer) -> dict[str, float]:
     """Return the words that an answer in a record set or tapped, by weight."""
     found = (_NAMED.fullmatch(clean(one)) for one in given.operations)
     return {one[1]: float(one[2]) for one in found if one}
+
+
+def tapped(given: GivenAnswer) -> dict[str, float]:
+    """Return the words that an answer in a record tapped, by weight."""
+    taps = tuple(one for one in given.operations if _TAP.fullmatch(clean(one)))
+    return words_of(replace(given, operations=taps))
 
 
 def applied(given: GivenAnswer) -> bool:

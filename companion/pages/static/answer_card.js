@@ -88,13 +88,13 @@ export class AnswerCard extends CallView {
   }
 
   sayTheSame({ nearest, open, test, box }) {
-    return nearest.alike && open && !test && !box && fitting(nearest.words, box)
+    return nearest.alike && open && !test && !box && fitting(nearest.words)
       && element("button", { type: "button", className: "plain", onclick: () => this.takeOver(nearest.words) }, "Say the same");
   }
 
   // The answer that was given to this thing before, by one click.
   sayAgain() {
-    this.takeOver(this.known.words);
+    this.choose(this.known.word, this.known.weight);
     this.about.value = "tap";
     this.refresh();
     this.send(this.known.motion);
@@ -250,18 +250,15 @@ export function labels(changes) {
   return text ? { go: `${text}, and go`, stay: `${text}, and stay`, none: `${text}, nothing else` } : { go: "Go", stay: "Stay", none: "" };
 }
 
-function stillThe({ call, words: [[word, weight], ...others], motion }) {
-  return `Still the ${word} you named${call ? ` at C${call}` : ""}: ${[signed(weight), named(others)].filter(Boolean).join(", ")}${AND[motion]}`;
-}
+const stillThe = ({ call, word, weight, motion }) => `Still the ${word} you named at C${call}: ${signed(weight)}${AND[motion]}`;
 
-// What a thing like this one was named before: in the scene most like this one, else at the call before. null where nobody knows.
-// calls: the rover's, the newest first.
+// What a thing was named in the scene that is like this one. null where there is none, or nobody knows whether a thing was named there.
+// calls: the rover's.
 function namedBefore({ open, stage, kind, test, box, reasons, nearest }, calls) {
   if (!open || stage !== "open" || kind !== "call" || test || !box || !reasons.includes("unknown_object")) return null;
-  const there = calls.find((one) => one.id === nearest?.call), last = calls.find((one) => !one.open && one.kind === "call");
-  if (nearest?.alike && fitting(nearest.words, box)) return { call: nearest.call, words: nearest.words, motion: there?.named?.motion ?? "go" };
-  return last?.named ? { call: last.id, words: [[last.named.word, last.named.weight]], motion: last.named.motion } : null;
+  const there = nearest?.alike && nearest.call && calls.find((one) => one.id === nearest.call);
+  return there?.named ? { call: there.id, ...there.named } : null;
 }
 
-// Whether words said elsewhere may be said here with one click: a thing is not named as ground that is driven on.
-export const fitting = (words, box) => words.length > 0 && words.every(([, weight]) => (box ? weight <= 0 : weight > 0));
+// Whether words said of the ground elsewhere may be said here with one click: only as ground that is driven on.
+const fitting = (words) => words.length > 0 && words.every(([, weight]) => weight > 0);

@@ -168,6 +168,8 @@ def test_what_was_named_before_is_named_again_by_one_click(
     rover.call = replace(thing_call, id=8, frame_id=4800)
     served.until(tab.locator(CALL).is_visible)
     again = card.get_by_role("button", name="Still the drum you named at C7: −1, and go")
+    nearest = {"call": 7, "similarity": 0.97, "words": {"drum": -1}}
+    rover.files["/calls/8.json"] = json.dumps({"id": 8, "nearest": nearest}).encode()
     served.until(again.is_visible)
     tab.wait_for_timeout(2100)  # a call that is new takes no answer
     again.click()

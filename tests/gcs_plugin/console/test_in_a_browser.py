@@ -131,7 +131,9 @@ CARD = """async () => {
     answers: [], said: [],
   };
   const each = (part, what, name) => [...part.querySelectorAll(what)].map((one) => one.getAttribute(name));
-  card.show(call, { names: [], words: [], given: {} }, 1);
+  const rover = (named) => ({ names: [], words: [], given: {}, calls: [{ id: 3, named }] });
+  const drum = rover({ word: "drum", weight: -0.5, motion: "go" });
+  card.show(call, drum, 1);
   const shown = {
     sources: each(card.part, ".shots img:not([hidden])", "src"),
     marks: each(card.raw.part, "rect", "class"),
@@ -145,10 +147,15 @@ CARD = """async () => {
   card.again.click();
   shown.changes = posted.changes;
   delete call.pictures.raw;
-  card.show({ ...call }, { names: [], words: [] }, 2);
-  const ground = { ...call, nearest: { ...call.nearest, words: [["gravel", 1]] } };
-  card.show(ground, { names: [], words: [] }, 3);
-  shown.ground = card.again.hidden;
+  const hidden = (call, rover) => (card.show(call, rover, 2), card.again.hidden);
+  shown.hidden = [
+    hidden({ ...call }, rover(null)),
+    hidden({ ...call }, { ...drum, calls: [] }),
+    hidden({ ...call, nearest: { ...call.nearest, alike: false } }, drum),
+    hidden({ ...call, nearest: null }, drum),
+  ];
+  card.show({ ...call }, rover({ word: "drum", weight: -0.5, motion: "none" }), 3);
+  shown.words = card.again.textContent;
   return { ...shown, without: each(card.raw.part, "rect", "class") };
 }"""
 
@@ -161,11 +168,12 @@ def test_a_place_is_marked_in_the_plain_frame_and_what_was_said_in_a_similar_one
     assert told["marks"] == ["halo", "roi", "halo", "tile"]
     assert told["without"] == ["halo", "tile"], "the thumbnail has the region of interest in it"
     assert (told["near"], told["bold"]) == ("<b>Most</b> like call C3", 0)
-    assert told["again"] == "Still the drum you named at C3: −0.5, mud −1, and go"
+    assert told["again"] == "Still the drum you named at C3: −0.5, and go"
     assert told["opacity"] == "0.4"
     tap = {"tap": "drum", "weight": -0.5, "box": [0.4, 0.5, 0.6, 0.8], "frame": 9}
-    assert told["changes"] == [tap, {"word": "mud", "weight": -1}]
-    assert told["ground"] is True, "a thing is not named as ground by one click"
+    assert told["changes"] == [tap], "what was said of all the ground there is not said here"
+    assert told["hidden"] == [True] * 4, "ground was named, nothing is known, it is not alike, it is alone"
+    assert told["words"] == "Still the drum you named at C3: −0.5", "there was no motion"
 
 
 def test_by_keyboard_alone_a_frame_is_moved_named_and_sent(

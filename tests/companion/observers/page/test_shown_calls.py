@@ -62,6 +62,17 @@ def test_a_tap_is_told_by_its_word() -> None:
     assert shown["names"] == [("old drum", -1.0)], "it can be said again with one click"
 
 
+def test_a_thing_was_named_where_it_was_tapped_not_where_a_word_was_said_of_all_the_ground() -> None:
+    def named(motion: str, *operations: str) -> Any:
+        said = {"at": None, "motion": motion, "operations": [*operations], "result": "applied"}
+        return shown_calls({}, 0.0, [{**RECORD, "answers": [said]}], there, {})["calls"][0]["named"]
+
+    tap = "tap old drum: -1 0.1 0.2 0.3 0.4"
+    assert named("stay", "mud: -1", tap) == {"word": "old drum", "weight": -1.0, "motion": "stay"}
+    assert named("", tap) == {"word": "old drum", "weight": -1.0, "motion": "none"}, "none is made up"
+    assert named("go", "mud: -1") is None
+
+
 @given(
     st.dictionaries(st.sampled_from([*STATE, "x"]), JSON), st.dictionaries(st.sampled_from([*RECORD]), JSON)
 )

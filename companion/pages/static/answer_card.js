@@ -22,6 +22,8 @@ export class AnswerCard extends CallView {
     this.problem = element("p", { className: "problem" });
     this.turning = new Turning(say);
     this.typed = null; // the weight that somebody chose
+    this.sentAt = -Infinity; // when an answer went from this card
+    this.hindered = null; // the motion that was not sent
     this.again = element("button", { type: "button", className: "again", onclick: () => this.sayAgain() });
     this.becoming.before(this.todo, this.first, this.again, this.form(), this.turning.part, this.problem);
     this.incident = new Incident(send, say);
@@ -61,7 +63,7 @@ export class AnswerCard extends CallView {
     if (data.reasons.length || !before) {
       this.object = data.reasons.includes("unknown_object") || Boolean(data.box);
       changed(this.about, [data.reasons, this.object], () => {
-        if (before && this.word.value) this.mustBeRead("has changed");
+        if (before) this.mustBeRead("has changed");
         this.setDefaults();
       });
     }
@@ -73,6 +75,7 @@ export class AnswerCard extends CallView {
     this.again.hidden = !this.known;
     if (this.known) showText(this.again, stillThe(this.known));
     this.refresh();
+    if (this.hindered) this.tell(this.hindrance(this.hindered), this.hindered);
     const last = data.answers.at(-1);
     changed(this.ask, last, () => before && last?.settled && this.say(`${data.name}: ${last.text}`));
     this.undo.hidden = !data.undo;
@@ -129,7 +132,24 @@ export class AnswerCard extends CallView {
 
   // An answer may be meant for what was here before.
   mustBeRead(why) {
-    this.unread = { why, since: performance.now() / 1000 };
+    this.unread = { why: this.mustWait ? this.unread.why : why, since: performance.now() / 1000 };
+  }
+
+  get mustWait() {
+    return this.unread && performance.now() / 1000 - this.unread.since < READ;
+  }
+
+  // Why this motion is not sent now, "" where it is. A stay waits for no answer: it takes back a go that is on its way.
+  hindrance(motion) {
+    if (this.mustWait) return `${this.data.name} ${this.unread.why}, so nothing was sent: read it, then answer.`;
+    const waits = performance.now() / 1000 - this.sentAt < READ || this.data.answers.some((one) => !one.settled);
+    return waits && motion !== "stay" ? `What you answered to ${this.data.name} was sent: wait for its answer, or say stay.` : "";
+  }
+
+  // hindered: the motion of which the problem tells for as long as it is so.
+  tell(problem, hindered = null) {
+    this.hindered = problem && hindered;
+    showText(this.problem, problem);
   }
 
   // What the name is sent with.
@@ -181,7 +201,7 @@ export class AnswerCard extends CallView {
     this.staged.clear();
     this.setDefaults();
     this.refresh();
-    showText(this.problem, "");
+    this.tell("");
   }
 
   name() {
@@ -195,24 +215,26 @@ export class AnswerCard extends CallView {
   // agreed: the question about turned words that somebody agreed to.
   async send(motion, agreed = null) {
     if (!this.data.open || this.sending) return;
-    if (this.unread && performance.now() / 1000 - this.unread.since < READ) {
-      const problem = `${this.data.name} ${this.unread.why}, so nothing was sent: read it, then answer.`;
-      showText(this.problem, problem);
-      return this.say(problem);
+    const hindrance = this.hindrance(motion);
+    if (hindrance) {
+      this.tell(hindrance, motion);
+      return this.say(hindrance);
     }
     const changes = this.data.test ? [] : this.changes();
     const what = this.question(motion, changes), turns = turned(changes, this.weights);
     if (turns.length && what !== agreed) {
       this.motion = motion;
-      showText(this.problem, "");
+      this.tell("");
       return this.turning.ask(turns, { what, and: AND[motion], agreed: () => this.send(motion, what), refused: () => this.keep(turns) });
     }
     this.sending = true;
     const problem = await this.post("answer", { rover: this.system, call: this.data.id, motion, changes });
     this.sending = false;
-    showText(this.problem, problem);
-    if (!problem) this.clear();
-    if (!problem) this.leave();
+    this.tell(problem);
+    if (problem) return;
+    this.sentAt = performance.now() / 1000;
+    this.clear();
+    this.leave();
   }
 
   // A single key that is typed next is an answer, not the first letter of a name.
@@ -238,7 +260,7 @@ export class AnswerCard extends CallView {
       this.motion = "undo";
       return this.turning.ask(turns, { what, and: AND.undo, agreed: () => this.takeBack(what) });
     }
-    showText(this.problem, await this.post("undo", { rover: this.system, call: this.data.id }));
+    this.tell(await this.post("undo", { rover: this.system, call: this.data.id }));
   }
 }
 

@@ -114,9 +114,9 @@ def test_the_key_that_is_typed_after_a_name_was_sent_answers_and_is_no_letter(
     tab.keyboard.press("Enter")
     served.until(lambda: len(rover.applied) == 1)
     served.until(lambda: card.get_by_label("Its name").input_value() == "")
-    tab.keyboard.press("g")
+    tab.keyboard.press("s")  # a go would wait
     served.until(lambda: len(rover.applied) == 2)
-    assert rover.applied[1] == (7, ids.Motion.GO, ())
+    assert rover.applied[1] == (7, ids.Motion.STAY, ())
     assert card.get_by_label("Its name").input_value() == ""
 
 
@@ -168,11 +168,11 @@ def test_what_was_named_before_is_named_again_by_one_click(
     served.until(lambda: len(rover.applied) == 1)
     served.until(lambda: tab.locator(CALL).count() == 0)
     rover.files["/state.json"] = b'{"state": "calling", "words": {"drum": -1}, "given": {}}'
+    nearest = {"call": 7, "similarity": 0.97, "words": {"drum": -1}}
+    rover.files["/calls/8.json"] = json.dumps({"id": 8, "nearest": nearest}).encode()
     rover.call = replace(thing_call, id=8, frame_id=4800)
     served.until(tab.locator(CALL).is_visible)
     again = card.get_by_role("button", name="Still the drum you named at C7: −1, and go")
-    nearest = {"call": 7, "similarity": 0.97, "words": {"drum": -1}}
-    rover.files["/calls/8.json"] = json.dumps({"id": 8, "nearest": nearest}).encode()
     served.until(again.is_visible)
     tab.wait_for_timeout(2100)  # a call that is new takes no answer
     again.click()

@@ -328,6 +328,44 @@ def test_a_call_that_takes_anothers_place_is_not_answered_before_it_can_be_read(
         tab.locator(".past").get_by_label("in the report").check()
 
 
+def test_who_presses_go_twice_sends_one_answer_and_stay_waits_for_none(
+    served: Served, open_page: Callable[..., Any], rover: Any
+) -> None:
+    rover.stage_after, rover.result = ids.Stage.OPEN, ids.Result.NOT_COVERED
+    tab = open_page(390, "light", 844)
+    card, bar = tab.locator(CALL), tab.locator(".bar")
+    served.until(card.is_visible)
+    served.until(card.get_by_role("button", name="mud", exact=True).is_visible)  # its words are read
+    name = card.get_by_label("Its name")
+    name.fill("drum")
+    bar.locator(".go").click()
+    served.until(lambda: name.input_value() == "")
+    bar.locator(".go").click()
+    assert "was sent: wait for its answer" in bar.locator(".told").inner_text()
+    served.until(lambda: "does not cover what was seen" in bar.locator(".told").inner_text())
+    assert len(rover.applied) == 1
+    bar.locator(".go").click()
+    served.until(lambda: len(rover.applied) == 2)
+    bar.get_by_role("button", name="Stay").click()
+    served.until(lambda: len(rover.applied) == 3)
+    assert [motion for _, motion, _ in rover.applied] == [ids.Motion.GO, ids.Motion.GO, ids.Motion.STAY]
+
+
+def test_a_call_that_gains_a_reason_takes_no_go_before_that_can_be_read(
+    served: Served, open_page: Callable[..., Any], rover: Any, thing_call: CallReport
+) -> None:
+    rover.call = replace(thing_call, reasons=ids.Reasons.UNKNOWN_SCENE)
+    tab = open_page()
+    card = tab.locator(CALL)
+    served.until(lambda: card.is_visible() and "What is the ground here?" in card.inner_text())
+    rover.call = replace(thing_call, reasons=ids.Reasons.UNKNOWN_SCENE | ids.Reasons.UNKNOWN_OBJECT)
+    served.until(lambda: "What is in the yellow frame?" in card.inner_text())
+    tab.keyboard.press("g")
+    assert "C7 has changed, so nothing was sent" in card.inner_text()
+    served.until(lambda: card.locator(".problem").first.text_content() == "")
+    assert rover.applied == []
+
+
 @pytest.mark.usefixtures("rover")
 @pytest.mark.parametrize("width", [320, 1280, 2560])
 def test_it_fits_and_can_be_reached_at_any_width(

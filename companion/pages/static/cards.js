@@ -1,4 +1,4 @@
-// The cards of a rover's calls: which are there, and which of them stand in front.
+// The cards of a rover's calls: which are there, which of them stand in front, and which is the first.
 
 import { arrange } from "./elements.js";
 
@@ -39,4 +39,18 @@ export class Cards {
     arrange(past, [...before, ...behind, ...after]);
     return behind.length;
   }
+}
+
+// first: returns the card of the first open call, or nothing. Returns the same, for what acts on the first card, whichever that is:
+// one that takes another's place has to be read. To be asked whenever the calls are shown, too.
+export function watched(first) {
+  let before = null, seen = -Infinity;
+  return () => {
+    const card = first(), now = performance.now() / 1000;
+    if (!card) return card;
+    if (before && card !== before && now - seen < LEFT) card.mustBeRead?.("has come first");
+    before = card;
+    seen = now;
+    return card;
+  };
 }

@@ -5,6 +5,7 @@ import { Stream, whyNot } from "./stream.js";
 import { Alarm } from "./alarm.js";
 import { AnswerBar } from "./bar.js";
 import { Untold, aloud } from "./calls.js";
+import { watched } from "./cards.js";
 import { leaveEmptyField, listenToKeys } from "./keys.js";
 import * as model from "./model.js";
 import { joined } from "./plots.js";
@@ -22,7 +23,7 @@ let news = null;
 let connection = "";
 let offset = 0; // this clock less the console's
 
-const firstCard = () => news?.rovers.map((one) => view(one.system).cards.firstOpen).find(Boolean);
+const firstCard = watched(() => news?.rovers.map((one) => view(one.system).cards.firstOpen).find(Boolean));
 const bar = new AnswerBar(firstCard, (card) => (news.rovers.length > 1 ? `Rover ${card.system}, ` : ""));
 
 const send = poster("the console does not answer. Is it still running?");

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -326,6 +327,34 @@ def test_a_call_that_takes_anothers_place_is_not_answered_before_it_can_be_read(
             folders = {name.split("/")[0] for name in archive.namelist()} - {"report.html"}
         assert folders == {f"call-{number}" for number in calls}
         tab.locator(".past").get_by_label("in the report").check()
+
+
+def test_where_another_rovers_call_comes_first_a_key_does_not_reach_it_before_it_can_be_read(
+    served: Served,
+    open_page: Callable[..., Any],
+    rover: Any,
+    tiny_rover: Callable[..., Any],
+    thing_call: CallReport,
+) -> None:
+    other = tiny_rover(2, replace(thing_call, id=9))
+    served.rovers.append(other)
+    tab = open_page(390, "light", 844)
+    why, told = tab.locator(".bar .why"), tab.locator(".bar .told")
+    served.until(lambda: tab.locator(CALL).count() == 2)
+    over = time.monotonic() + 2.5
+    served.until(lambda: time.monotonic() > over)  # the one that came second may be the first
+    first, second = (rover, other) if "Rover 1" in why.inner_text() else (other, rover)
+    first.call = replace(first.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.PASSED)
+    served.until(lambda: tab.locator(CALL).count() == 1)
+    tab.keyboard.press("g")
+    tab.locator(".bar .go").click()
+    assert f"C{second.call.id} has come first, so nothing was sent" in told.inner_text()
+    served.until(lambda: told.text_content() == "")
+    assert tab.locator(CALL).locator(".problem").first.text_content() == ""
+    assert (first.applied, second.applied) == ([], [])
+    tab.locator(".bar .go").click()
+    served.until(lambda: [motion for _, motion, _ in second.applied] == [ids.Motion.GO])
+    assert first.applied == []
 
 
 def test_who_presses_go_twice_sends_one_answer_and_stay_waits_for_none(

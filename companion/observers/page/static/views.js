@@ -3,7 +3,7 @@
 import { AnswerCard } from "./answer_card.js";
 import { AnswerBar } from "./bar.js";
 import { CallView, legend } from "./call_view.js";
-import { Cards } from "./cards.js";
+import { Cards, watched } from "./cards.js";
 import { changed, element, showText } from "./elements.js";
 import { Incident } from "./incident.js";
 import { Metres } from "./metres.js";
@@ -65,7 +65,7 @@ export function begin(send) {
   if (send) document.getElementById("log").before(lastMinute.part);
 }
 
-export const firstCard = () => cards?.firstOpen;
+export const firstCard = watched(() => cards?.firstOpen);
 
 // points, time: of the rover's clock.
 export function showAhead({ ahead, state }, points, time) {

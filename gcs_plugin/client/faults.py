@@ -7,13 +7,15 @@ from dataclasses import dataclass, field
 
 MOST_NAMES = 6
 MOST_SUBJECTS = 16
+_FIGURE = re.compile(r"\d+(?:\.\d+)?", re.ASCII)
 _FAULT = re.compile(r"([CH][0-9]{1,5}|Companion) FAULT:? (\S.*)", re.ASCII)
 
 
 @dataclass
 class _Told:
     since: float
-    names: list[str] = field(default_factory=list)
+    names: dict[str, str] = field(default_factory=dict)
+    """By the name without its figures: "frame 1.4 s old" and "frame 1.5 s old" are one fault."""
     newest: str = ""
     times: int = 0
 
@@ -29,7 +31,8 @@ class FaultTally:
 
         Else returns whose fault it is ("H9"), the line ("H9 FAULT camera silent, vision hangs: 8 times in
         70 s", the text itself for one that came once), and whether it names a fault for the first time. A
-        repeat of the text before is not counted: a fault that stays is told again and again.
+        repeat of the text before is not counted: a fault that stays is told again and again, with other
+        figures. Of more than `MOST_NAMES` faults the oldest is left out.
         """
         found = _FAULT.fullmatch(text)
         if found is None:
@@ -38,16 +41,19 @@ class FaultTally:
         told = self._by_subject.setdefault(subject, _Told(now))
         while len(self._by_subject) > MOST_SUBJECTS:
             del self._by_subject[next(iter(self._by_subject))]
-        fresh = name not in told.names and len(told.names) < MOST_NAMES
-        if fresh:
-            told.names.append(name)
-        if name != told.newest:
-            told.newest, told.times = name, told.times + 1
+        kind = _FIGURE.sub("%", name)
+        fresh = kind not in told.names
+        told.names[kind] = name
+        if len(told.names) > MOST_NAMES:
+            del told.names[next(iter(told.names))]
+        if kind != told.newest:
+            told.newest, told.times = kind, told.times + 1
         if told.times == 1:
             return subject, text, fresh
-        line = f"{subject} FAULT {', '.join(told.names)}: {told.times} times in {now - told.since:.0f} s"
+        names = ", ".join(told.names.values())
+        line = f"{subject} FAULT {names}: {told.times} times in {now - told.since:.0f} s"
         return subject, line, fresh
 
     def forget(self, subject: str) -> None:
-        """Begin anew with this call or hold: it is closed, or its id is used again."""
+        """Begin anew with this call, hold or "Companion": it is over, or its id is used again."""
         self._by_subject.pop(subject, None)

@@ -228,6 +228,8 @@ class TextOutput:
                 told = not call  # the call's own lines say more
                 if event.state is State.FAULT and event.current_id:
                     return self._fault_state(event, now), FAINT
+                if event.state is not State.FAULT and event.system in self._faults:
+                    self._faults[event.system].forget("Companion")
                 return [wording.state(event.state, event.current_id)] * told, FAINT
             case ev.VehicleChanged():
                 return [f"vehicle {event.mode}, {'armed' if event.armed else 'disarmed'}"], FAINT

@@ -22,6 +22,21 @@ def test_a_fault_that_stays_came_once_however_often_its_text_is_repeated() -> No
     assert told == [("H9", "H9 FAULT camera silent", second == 0) for second in range(5)]
 
 
+def test_a_name_with_other_figures_is_the_same_fault() -> None:
+    tally = FaultTally()
+    tally.take("H9 FAULT the frame is 1.4 s old", 0.0)
+    text = "H9 FAULT the frame is 1.5 s old"
+    assert tally.take(text, 1.0) == ("H9", text, False)
+
+
+def test_of_too_many_faults_the_newest_is_told_and_the_oldest_left_out() -> None:
+    tally, names = FaultTally(), [f"fault {letter}" for letter in "abcdefgh"[: MOST_NAMES + 1]]
+    for name in names:
+        told = tally.take(f"H9 FAULT {name}", 0.0)
+    line = f"H9 FAULT {', '.join(names[1:])}: {len(names)} times in 0 s"
+    assert told == ("H9", line, True)
+
+
 def test_another_hold_counts_anew_and_other_texts_are_none() -> None:
     tally = FaultTally()
     tally.take("H9 FAULT camera silent", 0.0)

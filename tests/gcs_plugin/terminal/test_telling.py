@@ -332,3 +332,9 @@ def test_a_state_that_goes_to_fault_and_back_in_one_call_is_told_once_a_minute_w
         "companion FAULT: it cannot judge (1)",
         "companion FAULT: it cannot judge (1): 7 times in 60 s",
     ]
+
+
+def test_faults_without_a_call_are_counted_anew_after_the_state_has_left_fault() -> None:
+    said = [ev.TextReceived(1, 3, f"Companion FAULT: {name}") for name in ("camera silent", "vision hangs")]
+    told = read(*said, ev.StateChanged(1, ids.State.OK, 0), said[0], at=(0.0, 1.0, 100.0, 200.0))
+    assert told.splitlines()[-1].endswith('says "Companion FAULT: camera silent"')

@@ -123,7 +123,8 @@ class DemoTally:
             "returned_without_call": self.returned_without_call,
             "holds": modes.count(("HOLD", "companion")),
             "resumes": sum(
-                before == ("HOLD", "companion") and after[0] == "AUTO" for before, after in pairwise(modes)
+                before == ("HOLD", "companion") and after == ("AUTO", "companion")
+                for before, after in pairwise(modes)
             ),
             "taken_over": self.taken_over,
             "driven_round": self.driven_round,

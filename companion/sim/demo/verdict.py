@@ -54,7 +54,9 @@ def missing(figures: dict[str, Any]) -> list[str]:
         "an answer by a tapped box": figures["answers_by_tap"] >= 1,
         "an answer by words": figures["answers_by_words"] >= 1,
         "at least two holds": figures["holds"] >= 2,
-        "as many resumes as holds": figures["resumes"] == figures["holds"],
+        "as many resumes by the companion as holds that no human ended": 0
+        < figures["resumes"]
+        == figures["holds"] - figures["taken_over"],
         "a blocked state that kept off the named thing": figures["kept_off_named_things"] >= 1,
         "a return to a known place that nobody was asked about": figures["returned_without_call"],
         "a match in the history": figures["history_matches"] >= 1,

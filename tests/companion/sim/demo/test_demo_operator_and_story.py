@@ -236,7 +236,7 @@ def test_the_tally_counts_what_was_heard() -> None:
     }
 
 
-def test_a_hold_that_a_human_ended_by_driving_on_counts_as_resumed_and_is_named() -> None:
+def test_a_hold_that_a_human_ended_by_driving_on_is_no_resume_and_is_named() -> None:
     modes = [
         ("AUTO", "hand"),
         ("HOLD", "companion"),
@@ -248,15 +248,23 @@ def test_a_hold_that_a_human_ended_by_driving_on_counts_as_resumed_and_is_named(
     tally = full_tally()
     tally.taken_over = 1
     figures = tally.figures(field, DAEMON, seconds=10.0)
-    assert (figures["holds"], figures["resumes"], figures["taken_over"]) == (2, 2, 1)
+    assert (figures["holds"], figures["resumes"], figures["taken_over"]) == (2, 1, 1)
+
+
+@pytest.mark.parametrize(("resumes", "taken_over", "shown"), [(2, 0, True), (1, 1, True), (0, 2, False)])
+def test_a_demo_is_shown_where_the_companion_resumed_after_all_holds_that_no_human_ended(
+    resumes: int, taken_over: int, shown: bool
+) -> None:
+    left = missing({**GOOD, "resumes": resumes, "taken_over": taken_over})
+    assert (left == []) is shown
 
 
 def test_a_tally_of_nothing_has_figures_and_lacks_nearly_all() -> None:
     empty = {"mode_log": [], "contacts": [], "bytes": {"gcs": {"from_companion": 0}}}
     figures = DemoTally().figures(empty, {}, seconds=0.0)
     assert figures["latency_ms_p50"] is None
-    shown = {"as many resumes as holds", "no contact with anything", "at most 300 bytes per second"}
-    assert len(missing({**figures, "hold_refused": ""})) == 11
+    shown = {"no contact with anything", "at most 300 bytes per second"}
+    assert len(missing({**figures, "hold_refused": ""})) == 12
     assert not shown & set(missing({**figures, "hold_refused": ""}))
 
 
@@ -269,6 +277,7 @@ GOOD: dict[str, Any] = {
     "answers_by_words": 1,
     "holds": 2,
     "resumes": 2,
+    "taken_over": 0,
     "kept_off_named_things": 1,
     "returned_without_call": True,
     "history_matches": 1,

@@ -9,7 +9,7 @@ from typing import Any
 from anytraverse.regular_file import read_regular
 from companion.config import editing, load_config
 from companion.desk.drives.drive import DriveError
-from companion.desk.tuning.proposal import differing
+from companion.desk.tuning.proposal import Candidate, differing, in_time
 from companion.desk.tuning.trial import Combination
 from companion.vision.warm_up import load_engine
 
@@ -23,10 +23,6 @@ def take(number: int, *, source: str, file: str, write: bool) -> int:
     Raises DriveError for a setting that cannot be taken, ConfigError, AnyTraverseError, OSError.
     """
     told, row = _read(source, number)
-    if row.get("too_late"):
-        raise DriveError(
-            f"by setting {number} a thing is seen too late to stop: take another, see docs/stopping.md"
-        )
     config = load_config(file)
     engine, _ = load_engine(config, None)
     if told.get("model") != engine.perceiver.model_id:
@@ -35,6 +31,12 @@ def take(number: int, *, source: str, file: str, write: bool) -> int:
             "are others, so run the command anew"
         )
     chosen, now = Combination.read(row), Combination.of(engine.settings)
+    # A calls.json judges no stopping, and mount or speed may be others by now.
+    judged = in_time([Candidate(chosen, 0.0, 0, (0, 0), 0)], now, engine.settings, config)
+    if row.get("too_late") or not judged:
+        raise DriveError(
+            f"by setting {number} a thing is seen too late to stop: take another, see docs/stopping.md"
+        )
     changes = differing(chosen, now)
     for line in row.get("warnings", ()):
         print(line)

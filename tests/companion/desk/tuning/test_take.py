@@ -17,6 +17,8 @@ from tests.companion.desk.drives.filmed import CONFIG
 Out = pytest.CaptureFixture[str]
 OTHER = {"scene": 0.91, "roi": 0.25, "tile": None, "region": [0.3, 0.5, 0.7, 0.95]}
 
+STOPS = ("mount.height=0.6", "mount.tilt=10", "stopping.speed=1.2")
+
 
 @pytest.fixture
 def rover(tmp_path: Path) -> Path:
@@ -107,6 +109,21 @@ def test_what_cannot_be_taken_is_refused_and_the_file_stays(
     error = capsys.readouterr().err
     assert why in error
     assert "Traceback" not in error
+    assert rover.read_text() == before
+
+
+@pytest.mark.parametrize("name", ["tuning.json", "calls.json"])
+def test_what_is_seen_too_late_by_the_configuration_of_now_is_refused(
+    rover: Path, capsys: Out, name: str
+) -> None:
+    assert companion(["config", "set", str(rover), "--yes", *STOPS]) == 0
+    row = {**OTHER, "region": [0.35, 0.9, 0.65, 0.95]}
+    changed(rover, each=[row])
+    source = rover.with_name(name)
+    rover.with_name("tuning.json").rename(source)
+    before = rover.read_text()
+    assert companion(["tune", "--take", "0", "--from", str(source), "--write", str(rover)]) == 2
+    assert "too late to stop" in capsys.readouterr().err
     assert rover.read_text() == before
 
 

@@ -60,7 +60,10 @@ class Show:
 
 THING, GROUND = "THING", "GROUND"
 """Stand in what is proposed for the name of a thing or of ground: nobody but the operator knows it."""
-_OPEN_NAME = re.compile(rf"(?<!\S)({THING}|{GROUND})(?=[\s:]|$)")
+_OPEN_NAME = re.compile(
+    rf"(?<!\S)({THING}|{GROUND})(?=[\s:]|$)|(?:^|;\s*|\b(?i:tap)\s+)((?i:{THING}))(?=\s*:|\s+[-+.\d])"
+)
+"""In small letters "thing" is no name either, alone; "ground" is one, and "moving thing"."""
 SHOWS = ("status", "calls", "words", "help", "quit")
 Command = Answer | Select | SetPolicy | FetchPicture | Show
 """An answer is as it was typed: its target is 0 where none was named. One that is about an incident file asks
@@ -101,7 +104,9 @@ def _command(rest: str) -> Command:
     if not rest:
         raise CommandError(f"what about call {call_id}? Write it as `{call_id} go` or `{call_id} stay`")
     if found := _OPEN_NAME.search(rest):
-        raise CommandError(f"{found[1]} stands for its name: write what it is, as in `drum: -1, go`")
+        raise CommandError(
+            f"{(found[1] or found[2]).upper()} stands for its name: write what it is, as in `drum: -1, go`"
+        )
     return read_typed(rest, call_id or 0)
 
 

@@ -248,7 +248,10 @@ def test_no_call_has_the_number_70000() -> None:
         parse("other place 70000")
 
 
-@pytest.mark.parametrize("line", ["tap THING -1 go", "THING: -1, go", "7 GROUND: 1, go"])
+@pytest.mark.parametrize(
+    "line",
+    ["tap THING -1 go", "THING: -1, go", "7 GROUND: 1, go", "thing: -1", "7 bush: -1; Tap Thing -1 go"],
+)
 def test_a_name_that_was_left_open_is_not_taken_for_a_word(line: str) -> None:
     with pytest.raises(CommandError, match="stands for its name: write what it is"):
         parse(line)
@@ -256,3 +259,4 @@ def test_a_name_that_was_left_open_is_not_taken_for_a_word(line: str) -> None:
 
 def test_a_word_that_is_spelled_like_it_in_small_letters_is_one() -> None:
     assert parse("ground: 1") is not None
+    assert parse("moving thing: -1; tap thing of wood -1 go") is not None

@@ -15,8 +15,8 @@ _THING = re.compile(
 )
 _COSINE = r"-?[01]?\.[0-9]{2}"
 _PLACE = re.compile(
-    rf"new place{_LIGHT}, (?P<value>{_COSINE})(?: like (?P<like>a known one|C[0-9]{{1,5}}))?, "
-    rf"(?P<least>{_COSINE}) needed"
+    rf"new place{_LIGHT}(?:, (?P<value>{_COSINE})(?: like (?P<like>a known one|C[0-9]{{1,5}}))?, "
+    rf"(?P<least>{_COSINE}) needed)?"
 )
 
 
@@ -80,10 +80,15 @@ def thing_in_words(why: str) -> str:
 
 
 def place_in_words(why: str) -> str:
-    """Word what `place_figures` told for a page: "0.91 like C3, known from 0.94 on"; "" where it did not."""
+    """Word what `place_figures` told for a page: "0.91 like C3, known from 0.94 on"; "" where it did not.
+
+    The light alone, "dark", where it told no figure.
+    """
     found = _PLACE.search(why)
     if found is None:
         return ""
+    if found["value"] is None:
+        return found["light"] or ""
     like = f"like {found['like'] or 'a known one'}"
     return f"{float(found['value']):.2f} {like}, known from {float(found['least']):.2f} on{_in_light(found)}"
 

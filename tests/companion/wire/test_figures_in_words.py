@@ -48,3 +48,8 @@ def test_both_are_found_in_what_tells_of_both() -> None:
     assert thing_in_words(why) == "71 % of the yellow frame is unknown, over 25 % calls"
     assert place_in_words(why) == "0.91 like C3, known from 0.94 on"
     assert (thing_in_words("no room"), place_in_words("new place")) == ("", "")
+
+
+def test_a_place_without_a_figure_keeps_its_light() -> None:
+    assert place_in_words(place_figures(None, None, None, "dark")) == "dark"
+    assert place_in_words("new place, low sun or haze; unknown 71%, over 25% calls") == "low sun or haze"

@@ -156,12 +156,14 @@ class AlertSender:
         url = self._url
         assert url is not None
         host = url.hostname or ""
+        # Named always: without a port HTTPConnection takes the end of an IPv6 address for one.
+        port = url.port or (443 if url.scheme == "https" else 80)
         connection = (
             http.client.HTTPSConnection(
-                host, url.port, timeout=self._patience, context=ssl.create_default_context()
+                host, port, timeout=self._patience, context=ssl.create_default_context()
             )
             if url.scheme == "https"
-            else http.client.HTTPConnection(host, url.port, timeout=self._patience)
+            else http.client.HTTPConnection(host, port, timeout=self._patience)
         )
         headers = {"Content-Type": "text/plain; charset=utf-8", "Title": _header(alert.title)}
         if alert.link:

@@ -203,3 +203,28 @@ def test_what_is_no_address_is_refused_without_repeating_it(url: str) -> None:
     with pytest.raises(ValueError, match=r"https://|auth=") as refused:
         read_alert_url(url)
     assert url not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("url", "to"),
+    [
+        ("http://[2001:db8::5]/t", ("2001:db8::5", 80)),
+        ("https://[2001:db8::5]/t", ("2001:db8::5", 443)),
+        ("http://[::1]:8080/t", ("::1", 8080)),
+    ],
+)
+def test_an_ipv6_address_is_connected_to_as_it_was_written(
+    monkeypatch: pytest.MonkeyPatch, url: str, to: tuple[str, int]
+) -> None:
+    asked: list[tuple[str, int]] = []
+
+    def refuse(address: tuple[str, int], *_: Any, **__: Any) -> socket.socket:
+        asked.append(address)
+        raise ConnectionRefusedError
+
+    monkeypatch.setattr(socket, "create_connection", refuse)
+    sender = AlertSender(url, "http://host", again=())
+    sender.send(ALERT)
+    wait_for(lambda: sender.figures()["failed"] == 1)
+    sender.close()
+    assert asked == [to]

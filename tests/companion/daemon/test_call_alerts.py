@@ -54,3 +54,10 @@ def test_one_that_was_open_before_a_restart_is_not_alerted_again() -> None:
     play = Play(open_id=7)
     play.see(0.0, 7, "C7 unknown")
     assert play.sent == []
+
+
+def test_a_hold_that_is_shown_again_after_calls_is_alerted_once() -> None:
+    play = Play()
+    for now, number in enumerate((4, 5, 4, 6, 4)):
+        play.see(float(now), number, f"C{number} unknown")
+    assert [one.title for one in play.sent] == [f"A rover calls: C{number}" for number in (4, 5, 6)]

@@ -42,7 +42,7 @@ class RingWriter:
         self._file: McapFile | None = None
         self._empty = 0
         """Bytes with which that recording began."""
-        self._number = 0
+        self._number = self._given = 0
         self._event = False
         self._began = self._flushed = self._synced = 0.0
         self._newest = 0
@@ -137,6 +137,7 @@ class RingWriter:
         if self._lacking() > 0:
             raise OSError(f"less than {LEAST_FREE >> 20} MiB are free on its disk")
         self._number, self._event = free_number(self._folder, self._number + 1), False
+        self._given = self._number
         path = self._folder / name_of(self._number, event=False)
         self._file = file = McapFile(path, self._longest)
         self._began = self._flushed = self._synced = now
@@ -155,7 +156,8 @@ class RingWriter:
     def _look(self) -> None:
         found = recordings(self._folder)
         self._files, self._size = len(found), sum(one.size for one in found)
-        self._number = max((one.number for one in found), default=self._number)
+        # The number of one that was deleted is not given again: an old list would delete the new one by it.
+        self._number = max([self._given, *(one.number for one in found)])
 
     def _lacking(self) -> int:
         """Return how many bytes fewer are free on the disk than must be; 0 or less: enough are."""

@@ -384,3 +384,15 @@ def test_a_ring_that_was_made_smaller_is_smaller_at_the_next_start(tmp_path: Pat
     ring.finish(1.0)
     assert on_disk(tmp_path) <= RING // 4
     assert (ring.report.trouble, ring.report.lost) == ("", 0)
+
+
+def test_the_number_of_a_deleted_recording_is_not_given_again(tmp_path: Path) -> None:
+    ring = RingWriter(tmp_path, RING)
+    ring.begin(0.0)
+    for at in (0.0, 2.0):
+        ring.write(status(1), at)
+        ring.finish(at + 1.0)
+    (tmp_path / "000002.mcap").unlink()
+    ring.write(status(2), 4.0)
+    ring.finish(5.0)
+    assert sorted(one.name for one in tmp_path.glob("*.mcap")) == ["000001.mcap", "000003.mcap"]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import AsyncIterator, Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from concurrent.futures import Future, ThreadPoolExecutor
 from threading import BoundedSemaphore
 from typing import BinaryIO, TypeVar
 
@@ -29,11 +28,15 @@ def no_file() -> Response:
 
 
 class Disk:
-    """Reads in threads of its own. No more than `most` requests wait for them."""
+    """Reads in threads of its own. No more than `most` requests wait for them.
+
+    Downloads have others: a download must not break where many ask for something else.
+    """
 
     def __init__(self, threads: int, most: int = MOST_READING) -> None:
         self._threads = ThreadPoolExecutor(threads, "disk")
         self._reading = BoundedSemaphore(most)
+        self._fetching = ThreadPoolExecutor(MOST_DOWNLOADS, "download")
         self._downloads = 0
 
     async def answer(self, read: Callable[[], _T], shown: Callable[[_T], Response]) -> Response:
@@ -73,12 +76,15 @@ class Disk:
         """Yield the first bytes of a file, which may grow meanwhile."""
         self._downloads += 1
         try:
-            while left and (piece := await self._from_disk(partial(file.read, min(left, _PIECE)))):
+            while left and (piece := await self._piece(file, min(left, _PIECE))):
                 left -= len(piece)
                 yield piece
         finally:
             self._downloads -= 1
             file.close()
+
+    async def _piece(self, file: BinaryIO, most: int) -> bytes:
+        return await _in_time(self._fetching.submit(file.read, most))
 
     async def _from_disk(self, read: Callable[[], _T]) -> _T:
         """Read in a thread. Raises TimeoutError of a disk that is slow, and what `read` raises."""
@@ -86,4 +92,8 @@ class Disk:
             raise TimeoutError("too much waits for it: ask again later")
         running = self._threads.submit(read)
         running.add_done_callback(lambda _: self._reading.release())
-        return await asyncio.wait_for(asyncio.wrap_future(running), PATIENCE)
+        return await _in_time(running)
+
+
+async def _in_time(running: Future[_T]) -> _T:
+    return await asyncio.wait_for(asyncio.wrap_future(running), PATIENCE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -41,3 +42,25 @@ def test_only_so_many_wait_for_a_disk_that_hangs(monkeypatch: pytest.MonkeyPatch
         assert again.body == b"read"
 
     asyncio.run(asked())
+
+
+def test_a_download_goes_on_while_others_keep_the_disk_busy(tmp_path: Path) -> None:
+    path = tmp_path / "000001.mcap"
+    path.write_bytes(b"x" * (1 << 20))
+    over = threading.Event()
+
+    async def fetched() -> int:
+        site, got = Disk(1, 2), 0
+        file = path.open("rb")
+        busy = [
+            asyncio.create_task(site.answer(lambda: str(over.wait(10.0)), PlainTextResponse))
+            for _ in range(4)
+        ]
+        await asyncio.sleep(0)
+        async for piece in site._pieces(file, 1 << 20):
+            got += len(piece)
+        over.set()
+        await asyncio.gather(*busy)
+        return got
+
+    assert asyncio.run(fetched()) == 1 << 20

@@ -169,6 +169,8 @@ def _costmap(options: argparse.Namespace) -> int:
 
 def _begin(options: argparse.Namespace) -> None:
     """Say what begins: importing what a command needs takes a second, on a small computer several."""
+    if options.drive is None:  # `tune --take` judges none
+        return
     print(f"companion {options.command}: {options.drive}", file=sys.stderr, flush=True)
 
 

@@ -60,8 +60,9 @@ def parser() -> argparse.ArgumentParser:
     root = argparse.ArgumentParser(
         prog="companion",
         description=__doc__,
-        epilog=f"Every command about a configuration takes --config FILE; by default it is ./companion.toml, "
-        f"or {SERVICE} where there is none here. A command about nothing else takes it as FILE, too.",
+        epilog="Each command of `companion` about a configuration takes --config FILE; by default it is "
+        f"./companion.toml, or {SERVICE} where there is none here. A command about nothing else takes it "
+        "as FILE, too.",
     )
     root.add_argument("--version", action=_Version, nargs=0, help="show the program's version and exit")
     commands = root.add_subparsers(dest="command", required=True, metavar="command")

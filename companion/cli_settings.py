@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from companion.cli_config import add_config
 from companion.cli_errors import UserError, error_text
@@ -31,6 +32,26 @@ _SHIPPED = (
 )
 
 
+class _Settings(argparse.Action):
+    """Takes FILE and what follows it. argparse ends the list at `--yes`, which then takes the rest."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: Any = None
+    ) -> None:
+        found = [*namespace.settings, *values]
+        if found and namespace.file is None and not namespace.settings and _names_file(found[0]):
+            namespace.file = found.pop(0)
+            if namespace.config is not None:
+                parser.error("give FILE or --config FILE, not both")
+            namespace.config = namespace.file
+        namespace.settings = found
+        namespace.yes = namespace.yes or option is not None
+
+
+def _names_file(text: str) -> bool:
+    return os.path.isfile(text) or ("=" not in text and ("/" in text or text.endswith(".toml")))
+
+
 def add_settings(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the commands to the parser of `companion`."""
     init = commands.add_parser("init", help="write a configuration to edit")
@@ -44,10 +65,14 @@ def add_settings(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_config(check, alone=True)
     check.set_defaults(run=_check)
     change = actions.add_parser("set", help="change settings, and keep the file's comments")
-    change.add_argument("config", metavar="FILE", help="the configuration")
-    change.add_argument("settings", nargs="+", metavar="KEY=VALUE", help="as camera.rate=5; KEY= removes it")
-    change.add_argument("--yes", action="store_true", help="do not ask")
-    change.set_defaults(run=_set)
+    change.usage = "%(prog)s [FILE | --config FILE] KEY=VALUE ... [--yes]"
+    told = "as camera.rate=5; KEY= removes it. FILE may stand before them"
+    change.add_argument("settings", nargs="*", action=_Settings, default=[], metavar="KEY=VALUE", help=told)
+    change.add_argument(
+        "--yes", nargs="*", action=_Settings, dest="settings", metavar="KEY=VALUE", help="do not ask"
+    )
+    add_config(change)
+    change.set_defaults(run=_set, file=None, yes=False)
     schema = actions.add_parser("schema", help="print its JSON schema, by which editors complete and check")
     schema.set_defaults(run=_schema)
 
@@ -132,6 +157,10 @@ def _set(options: argparse.Namespace) -> int:
     from companion.config.editing import propose, write
 
     file = Path(options.config)
+    if options.file not in (None, options.config):
+        raise UserError("give FILE or --config FILE, not both")
+    if not options.settings:
+        raise UserError("say what to change: KEY=VALUE, as in camera.rate=5")
     try:
         proposal = propose(file, dict(_setting(one) for one in options.settings))
         if proposal.problems:

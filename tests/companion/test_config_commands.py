@@ -40,6 +40,50 @@ def test_set_changes_settings_and_keeps_the_version_before(file: Path, capsys: T
     assert load_config(file).camera.source == "v4l2:/dev/video0"
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["FILE", "SET", "--yes"],
+        ["FILE", "--yes", "SET"],
+        ["--yes", "FILE", "SET"],
+        ["SET", "--yes"],
+        ["--yes", "SET"],
+        ["--config", "FILE", "SET", "--yes"],
+        ["--config", "FILE", "--yes", "SET"],
+        ["--yes", "--config", "FILE", "SET"],
+        ["SET", "--config", "FILE", "--yes"],
+        ["SET", "--yes", "--config", "FILE"],
+    ],
+)
+def test_set_takes_the_file_alone_by_its_option_or_that_of_the_folder(
+    file: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    if "FILE" not in words:
+        monkeypatch.chdir(file.parent)
+    named = {"FILE": [str(file)], "SET": ["camera.rate=5", "words.dry grass=0.5"]}
+    assert main(["config", "set", *(one for word in words for one in named.get(word, [word]))]) == 0
+    assert load_config(file).camera.rate == 5.0
+    assert '"dry grass" = 0.5' in file.read_text()
+
+
+def test_a_setting_that_names_a_file_is_not_taken_for_the_configuration(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Told
+) -> None:
+    monkeypatch.chdir(file.parent)
+    assert main(["config", "set", "--yes", f"vehicle.file={file}/no.toml"]) == 2
+    assert "companion config: by companion.toml\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["FILE", "camera.rate=5", "--config"], ["--config"]])
+def test_set_refuses_two_files_and_nothing_to_change(file: Path, capsys: Told, words: list[str]) -> None:
+    before, other = file.read_text(), file.with_name("other.toml")
+    other.write_text(before)
+    typed = [str(file) if word == "FILE" else word for word in words]
+    assert main(["config", "set", *typed, str(other), "--yes"]) == 2
+    assert ("not both" if "FILE" in words else "say what to change") in capsys.readouterr().err
+    assert file.read_text() == other.read_text() == before
+
+
 @pytest.mark.parametrize(("typed", "written"), [("y\n", True), ("n\n", False), ("\n", False), ("", False)])
 def test_set_asks_and_writes_only_after_a_yes(
     file: Path, monkeypatch: pytest.MonkeyPatch, typed: str, written: bool

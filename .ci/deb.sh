@@ -78,7 +78,7 @@ set -e
 [ "\$1" = configure ] || exit 0
 sh /$script --configure
 [ ! -d /run/systemd/system ] || systemctl try-restart companion || true
-[ -n "\$2" ] || echo "anytraverse-companion: edit /etc/anytraverse/companion.toml, then type: sudo systemctl enable --now companion"
+[ -n "\$2" ] || echo "anytraverse-companion: type: sudo companion setup (or: sudoedit /etc/anytraverse/companion.toml), then: sudo systemctl enable --now companion"
 X
 cat >"$stage/DEBIAN/prerm" <<'X'
 #!/bin/sh

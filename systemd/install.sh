@@ -231,7 +231,7 @@ if booted && systemctl --quiet is-active companion; then
     say "  sudo companion status"
 else
     say "done: $release is installed and does not run yet. Name your camera and your autopilot, then start it. Type:"
-    say "  sudoedit $config/companion.toml"
+    say "  sudo companion setup    (or: sudoedit $config/companion.toml)"
     say "  sudo systemctl enable --now companion"
     say "  sudo companion status"
 fi

@@ -343,3 +343,16 @@ def installed(
     done = checkout.run("sh", "systemd/install.sh", PYTHON="python3", DESTDIR=os.fspath(stage))
     assert done.returncode == 0, done.stderr
     return done, stage
+
+
+@pytest.mark.parametrize("file", ["systemd/install.sh", ".ci/deb.sh"])
+def test_the_next_step_after_an_installation_is_the_set_up_and_then_the_start(file: str) -> None:
+    text = (ROOT / file).read_text()
+    told = re.search(
+        r"sudo companion setup +\(or: sudoedit (?:\$config|/etc/anytraverse)/companion\.toml\)"
+        r".*?sudo systemctl enable --now companion",
+        text,
+        re.DOTALL,
+    )
+    assert told is not None
+    assert told[0].count("\n") <= 1

@@ -193,7 +193,7 @@ class Interview:
         """
         if self.autopilot is None or name not in self.types:
             return
-        self._requests[name] = _Request(asked_at=now)
+        self.expect(name, now)
         written = mavlink.MAVLink_param_set_message(
             self.autopilot.system_id,
             AUTOPILOT_COMPONENT_ID,
@@ -202,6 +202,10 @@ class Interview:
             self.types[name],
         )
         self._send(written, now)
+
+    def expect(self, name: str, now: float) -> None:
+        """Take the next value of a parameter, and ask for it while none comes."""
+        self._requests[name] = _Request(asked_at=now)
 
     def _is_refused(self, message: Any, now: float) -> bool:
         return self.signing is not None and self.refuse_unsigned and self.signing.refusal(message, now) != ""

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pymavlink.dialects.v20 import development as mavlink
+
 from companion.config import Config
 from companion.config.link_settings import LinkSettingError
 from companion.desk.check.autopilot import (
@@ -28,6 +30,8 @@ READ_WITHIN = LIMIT + 10.0
 """Seconds in which it is asked."""
 SET_WITHIN = 15.0
 """Seconds until a value that was set must have been read back."""
+_ARMED_KNOWN_FOR = 3.0
+"""Seconds for which it is known whether the vehicle is armed: it says so each second."""
 _SAME = 1e-4
 _SET, _SUBTRACT = re.compile(r"\bset (\d+(?:\.\d+)?)"), re.compile(r"\bsubtract (\d+)\b")
 
@@ -112,36 +116,79 @@ def _named(text: str, value: float) -> Iterator[float]:
     yield from (float(int(value) & ~int(found)) for found in _SUBTRACT.findall(text))
 
 
-def set_one(config: Config, url: str, name: str, before: float, after: float) -> float:
+def set_one(config: Config, seen: AskedAutopilot, name: str, before: float, after: float) -> float:
     """Set a parameter if it still has the value that a person saw. Returns what is read back.
 
-    before, after: seen, and wanted. Raises RequestError; it then says whether anything was written.
+    seen: the autopilot whose value that was: no other one is written to, and none that is armed or does not
+    say. before, after: seen, and wanted. Raises RequestError; it then says whether anything was written.
     """
+    sent, reads, told = False, math.nan, _Armed()
     try:
-        with talking(config, url, lambda _kind: (name,)) as (interview, turn):
-            until, sent = time.monotonic() + SET_WITHIN, False
+        with talking(config, seen.url, lambda _kind: (name,)) as (interview, turn):
+            interview.listen = told.hear
+            until = time.monotonic() + SET_WITHIN
             while time.monotonic() < until:
                 turn()
-                now = interview.values.get(name)
-                if not sent and now is not None:
-                    if not _same(now, before):
+                now = interview.values.pop(name, None)
+                if not sent:
+                    _refuse_unseen(interview.autopilot, seen.autopilot, told)
+                    if now is not None and not _same(now, before):
                         raise RequestError(
                             f"nothing was written: {name} is {now:g} by now, not {before:g}: read again"
                         )
-                    interview.values.pop(name)
-                    interview.set(name, after, time.monotonic())
-                    sent = True
-                elif sent and now is not None:
-                    if not _same(now, after):
+                    reads = reads if now is None else now
+                    if not math.isnan(reads) and told.stands(time.monotonic()):
+                        interview.set(name, after, time.monotonic())
+                        sent, reads = True, math.nan
+                elif now is not None:
+                    if _same(now, after):
+                        return now
+                    if not _same(now, before):
                         raise RequestError(
                             f"the autopilot keeps {name} at {now:g}: set it at the ground station"
                         )
-                    return now
+                    reads = now  # on a slow link perhaps the answer to what was asked before
+                    interview.expect(name, time.monotonic())
     except LinkSettingError as error:
         raise RequestError(str(error)) from error
-    if sent:
+    if not sent:
+        raise RequestError(
+            f"nothing was written: the autopilot did not tell {name} and that it is disarmed"
+            f" within {SET_WITHIN:.0f} s"
+        )
+    if math.isnan(reads):
         raise RequestError(f"{name} = {after:g} was sent, and is not confirmed: read again")
-    raise RequestError(f"nothing was written: the autopilot did not tell {name} within {SET_WITHIN:.0f} s")
+    raise RequestError(
+        f"{name} = {after:g} was sent, and reads {reads:g}: read again, or set it at the ground station"
+    )
+
+
+class _Armed:
+    """Hears whether the autopilot is armed. armed: what it said at last. heard_at: monotonic seconds."""
+
+    def __init__(self) -> None:
+        self.armed, self.heard_at = False, -math.inf
+
+    def hear(self, message: Any, now: float) -> None:
+        """Take a message of the autopilot."""
+        if message.get_type() == "HEARTBEAT":
+            self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            self.heard_at = now
+
+    def stands(self, now: float) -> bool:
+        """Whether it has said a moment ago that it is not armed."""
+        return not self.armed and now - self.heard_at <= _ARMED_KNOWN_FOR
+
+
+def _refuse_unseen(found: Heartbeat | None, seen: Heartbeat, told: _Armed) -> None:
+    """Raise RequestError for another autopilot than the one that was seen, and for an armed one."""
+    if found is not None and found != seen:
+        raise RequestError(
+            f"nothing was written: system {found.system_id} answers on the link, and what you see is of"
+            f" system {seen.system_id}: read again"
+        )
+    if told.armed:
+        raise RequestError("nothing was written: the vehicle is armed: disarm it first")
 
 
 def _same(one: float, other: float) -> bool:

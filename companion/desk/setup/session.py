@@ -151,7 +151,7 @@ class SetupSession:
         before, after = number(told, "before", -1e9, 1e9), number(told, "after", -1e9, 1e9)
         if row is None or row["proposed"] != after:
             raise RequestError(f"nothing was written: that is no proposal for {name[:16]}: read again")
-        now = parameters.set_one(config, self._read.url, name, before, after)
+        now = parameters.set_one(config, self._read, name, before, after)
         self._read.interview.values[name] = now
         return parameters.document(config, self._read)
 

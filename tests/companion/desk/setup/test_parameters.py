@@ -8,15 +8,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
+from typing import cast
 
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config import Config
-from companion.desk.check.interview import ARDUPILOT, PX4, table_of, value_of, wire_value
+from companion.desk.check.interview import (
+    ARDUPILOT,
+    PX4,
+    Heartbeat,
+    Interview,
+    table_of,
+    value_of,
+    wire_value,
+)
 from companion.desk.check.rules import Facts, ParameterRule
 from companion.desk.setup import parameters
-from companion.desk.setup.parameters import proposed, read, rows, set_one
+from companion.desk.setup.parameters import AskedAutopilot, proposed, read, rows, set_one
 from companion.pages.requests import RequestError
 from companion.sim.field.router import DatagramParser
 
@@ -25,27 +34,36 @@ LOCAL = ("127.0.0.1", 0)
 
 
 class Autopilot:
-    """Answers on a port. written: what was set. deaf_to_sets: it keeps its own values."""
+    """Answers on a port. written: what was set. deaf_to_sets: it keeps its own values.
 
-    def __init__(self, values: dict[str, float], *, deaf_to_sets: bool = False) -> None:
+    system, armed: as its heartbeat says. stale: answers that were on their way when a value was set.
+    """
+
+    def __init__(self, values: dict[str, float], *, deaf_to_sets: bool = False, stale: int = 0) -> None:
         self.values = values
+        self.system, self.armed, self._stale = 1, False, stale
         self.written: list[tuple[str, float]] = []
         self._deaf = deaf_to_sets
-        self._mav = mavlink.MAVLink(None, 1, 1)
 
     def answers(self, message: object) -> list[bytes]:
         kind = message.get_type()  # type: ignore[attr-defined]
+        mav = mavlink.MAVLink(None, self.system, 1)
         if kind == "HEARTBEAT":
-            beat = mavlink.MAVLink_heartbeat_message(ROVER, ARDUPILOT, 1, 0, 4, 3)
-            return [bytes(beat.pack(self._mav))]
+            beat = mavlink.MAVLink_heartbeat_message(ROVER, ARDUPILOT, 1 | self.armed << 7, 0, 4, 3)
+            return [bytes(beat.pack(mav))]
         name = str(getattr(message, "param_id", ""))
         if kind == "PARAM_SET":
             self.written.append((name, message.param_value))  # type: ignore[attr-defined]
+            if self._stale:
+                self._stale -= 1
+                told = mavlink.MAVLink_param_value_message(name.encode(), self.values[name], 9, 1, 0)
+                self.values[name] = message.param_value  # type: ignore[attr-defined]
+                return [bytes(told.pack(mav))]
             if not self._deaf:
                 self.values[name] = message.param_value  # type: ignore[attr-defined]
         if kind in ("PARAM_REQUEST_READ", "PARAM_SET") and name in self.values:
             told = mavlink.MAVLink_param_value_message(name.encode(), self.values[name], 9, 1, 0)
-            return [bytes(told.pack(self._mav))]
+            return [bytes(told.pack(mav))]
         return []
 
 
@@ -75,6 +93,11 @@ def serving(autopilot: Autopilot) -> Iterator[Config]:
         finally:
             over.set()
             thread.join()
+
+
+def seen(config: Config) -> AskedAutopilot:
+    """What was read of system 1."""
+    return AskedAutopilot(config.link.url, cast("Interview", None), Heartbeat(1, ARDUPILOT, ROVER), "")
 
 
 RULES = [(kind, rule) for kind in (ARDUPILOT, PX4) for rule in table_of(kind).rules]
@@ -142,28 +165,49 @@ def test_reading_writes_nothing_and_tells_each_value(monkeypatch: pytest.MonkeyP
 def test_a_value_is_set_and_read_back() -> None:
     there = Autopilot({"MIS_RESTART": 1.0})
     with serving(there) as config:
-        assert set_one(config, config.link.url, "MIS_RESTART", 1.0, 0.0) == 0.0
+        assert set_one(config, seen(config), "MIS_RESTART", 1.0, 0.0) == 0.0
     assert there.written == [("MIS_RESTART", 0.0)]
 
 
 def test_a_value_that_was_changed_meanwhile_is_not_written_over() -> None:
     there = Autopilot({"MIS_RESTART": 2.0})
     with serving(there) as config, pytest.raises(RequestError, match="nothing was written"):
-        set_one(config, config.link.url, "MIS_RESTART", 1.0, 0.0)
+        set_one(config, seen(config), "MIS_RESTART", 1.0, 0.0)
     assert there.written == []
 
 
-def test_an_autopilot_that_keeps_its_value_is_said_to() -> None:
+def test_an_autopilot_that_keeps_its_value_is_said_to_after_the_value_was_sent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(parameters, "SET_WITHIN", 0.5)
     there = Autopilot({"MIS_RESTART": 1.0}, deaf_to_sets=True)
-    with serving(there) as config, pytest.raises(RequestError, match="keeps MIS_RESTART at 1"):
-        set_one(config, config.link.url, "MIS_RESTART", 1.0, 0.0)
+    with serving(there) as config, pytest.raises(RequestError, match="was sent, and reads 1"):
+        set_one(config, seen(config), "MIS_RESTART", 1.0, 0.0)
+
+
+def test_an_answer_that_was_under_way_is_not_taken_for_the_one_to_the_set(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("companion.desk.check.interview.PATIENCE", 0.05)
+    there = Autopilot({"FS_ACTION": 0.0}, stale=1)
+    with serving(there) as config:
+        assert set_one(config, seen(config), "FS_ACTION", 0.0, 2.0) == 2.0
+
+
+@pytest.mark.parametrize(("system", "armed", "why"), [(2, False, "system 2 answers"), (1, True, "armed")])
+def test_another_or_an_armed_vehicle_is_not_written_to(system: int, armed: bool, why: str) -> None:
+    there = Autopilot({"MIS_RESTART": 1.0})
+    there.system, there.armed = system, armed
+    with serving(there) as config, pytest.raises(RequestError, match=f"nothing was written: .*{why}"):
+        set_one(config, seen(config), "MIS_RESTART", 1.0, 0.0)
+    assert there.written == []
 
 
 def test_an_autopilot_that_does_not_know_the_name_is_not_written_to(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parameters, "SET_WITHIN", 0.5)
     there = Autopilot({})
     with serving(there) as config, pytest.raises(RequestError, match="nothing was written"):
-        set_one(config, config.link.url, "MIS_RESTART", 1.0, 0.0)
+        set_one(config, seen(config), "MIS_RESTART", 1.0, 0.0)
     assert there.written == []
 
 

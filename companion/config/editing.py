@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from anytraverse.preferences import clean_word
-from companion.config.guards import Guard, guard_of, guards_old, split_key
+from companion.config.guards import Guard, guard_of, guards_old, guards_words, split_key
 from companion.config.reading import owner, read_layer
 from companion.config.schema import SECTIONS, WORD_KEYS
 from companion.config.shown_diff import shown_diff
@@ -79,11 +79,10 @@ def _is_guarded(layer: Layer, key: str, value: object, problems: list[Problem]) 
     except ValueError as error:
         problems.append(Problem(layer.path, None, key, None, str(error)))
         return True
+    if keys[0] in WORD_KEYS:
+        return guards_words(layer.value(("perceiver", "name")))
     holder = owner(layer, keys)
-    if holder is not None:
-        old = holder.value(keys)
-    else:
-        old = None if keys[0] in WORD_KEYS else getattr(SECTIONS[keys[0]](), keys[1], None)
+    old = holder.value(keys) if holder is not None else getattr(SECTIONS[keys[0]](), keys[1], None)
     return guard_of(key, value) is Guard.LOOPBACK or guards_old(key, old)
 
 

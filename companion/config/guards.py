@@ -19,7 +19,7 @@ class Guard(Enum):
 
     OPEN: whoever may use a page. LOOPBACK: only who is on this computer: in the shell, or on a page over
     loopback. Whoever has a page's token must not be able to run a program, to read a file, to let somebody
-    else in or to have the vehicle commanded.
+    else in, to have the vehicle commanded, to delete recordings or to keep the companion from starting.
     """
 
     OPEN = "open"
@@ -34,14 +34,15 @@ _COMMANDS = frozenset(
         "call.off_side",
         "call.px4_hold",
         "call.px4_deadman",
-        "stopping.hold_by",
-        "stopping.unchecked",
         "guide.corridor",
         "guide.radius",
     }
 )
 """What decides whether and how the vehicle is commanded, and who may stop that."""
-_WHO_MAY = frozenset({"link.allowed_senders", "link.unsigned_autopilot"})
+_WHOLE = frozenset({"stopping", "mount", "perceiver"})
+"""Sections that decide whether the vehicle stops in time, or with which a perceiver may not start."""
+_WHO_MAY = frozenset({"link.allowed_senders", "link.unsigned_autopilot", "link.system_id"})
+_DELETES = frozenset({"recording.size"})
 _DEVICE = re.compile(r"/dev/(?!.*\.\.)(video|v4l/|tty|serial|anytraverse-)[\w.:/@+-]*", re.ASCII)
 """Of cameras and serial ports."""
 
@@ -64,7 +65,6 @@ def _harmless_url(url: str) -> bool:
 
 _OPEN_VALUES: Mapping[str, Callable[[str], bool]] = {
     "camera.source": _harmless_source,
-    "perceiver.name": lambda name: name in {"builtin", "builtin:lexicon"},
     "link.url": _harmless_url,
     "call.policy": lambda policy: policy in {"report", "shadow"},
 }
@@ -110,7 +110,16 @@ def guard_of(key: str, value: object) -> Guard:
         return Guard.OPEN if _is_open(key, value) else Guard.LOOPBACK
     check: ValueCheck = checks_of(SECTIONS[keys[0]])[keys[1]]
     free_text = check.schema.get("type") == "string"
-    return Guard.LOOPBACK if free_text or key in _COMMANDS or key in _WHO_MAY else Guard.OPEN
+    guarded = keys[0] in _WHOLE or key in _COMMANDS | _WHO_MAY | _DELETES
+    return Guard.LOOPBACK if free_text or guarded else Guard.OPEN
+
+
+def guards_words(perceiver: object) -> bool:
+    """Whether words are guarded with a perceiver ("kind:argument"), None: the default.
+
+    Which words a bundle knows is not checked before it is loaded: with a wrong one no start would succeed.
+    """
+    return perceiver is not None and str(perceiver).partition(":")[0] != "builtin"
 
 
 def guards_old(key: str, value: object) -> bool:

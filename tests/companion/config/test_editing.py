@@ -280,7 +280,7 @@ def test_every_setting_has_a_guard_and_free_texts_are_guarded() -> None:
         ("link.url", "serial:/dev/anytraverse-autopilot:57600"),
         ("link.url", "serial:/dev/serial/by-id/usb-Hex_CubeOrange-if00:115200"),
         ("link.url", None),
-        ("mount.height", None),
+        ("roi.far", None),
         ("call.votes", 3),
     ):
         assert guard_of(key, value) is Guard.OPEN, key
@@ -330,10 +330,24 @@ def test_every_setting_has_a_guard_and_free_texts_are_guarded() -> None:
         ("call.px4_deadman", "manual_control"),
         ("call.fault_ends_hold", True),
         ("stopping.unchecked", True),
+        ("stopping.speed", 1.2),
+        ("mount.height", 1.0),
+        ("perceiver.name", "builtin"),
+        ("perceiver.precision", "int8"),
+        ("perceiver.providers", ["CUDA"]),
+        ("link.system_id", 77),
+        ("recording.size", 20),
     ],
 )
 def test_what_runs_reads_lets_in_or_commands_is_guarded(key: str, value: object) -> None:
     assert guard_of(key, value) is Guard.LOOPBACK
+
+
+def test_words_are_guarded_where_only_the_perceiver_s_bundle_knows_them(file: Path) -> None:
+    for key, value in (("words.zebra", -1.0), ("aliases.zebra", "rock"), ("vocabulary", ["zebra"])):
+        for name, guarded in (("builtin", ()), ("builtin:lexicon", ()), ("classes:bundle", (key,))):
+            file.write_text(f'[perceiver]\nname = "{name}"\n[words]\ngrass = 1.0\n')
+            assert propose(file, {key: value}).guarded == guarded, (key, name)
 
 
 def test_a_proposal_shows_no_secret_in_its_representation(file: Path) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 from anytraverse.regions import Box
 from companion.cameras import CameraOptions
 from companion.desk.check.watching import CameraDelivery
-from companion.desk.setup.preview_process import LARGEST, begin
+from companion.desk.setup.preview_process import LARGEST, begin, without_current_folder
 
 FORGOTTEN = 8.0
 """Seconds without a question after which the camera is closed."""
@@ -25,6 +25,8 @@ SILENT = 12.0
 AGAIN = 3.0
 """Seconds until a camera that failed is opened again."""
 _TICK = 0.25
+_CLOSED_WITHIN = 1.5
+"""Seconds in which its process closes the camera, before it is killed."""
 _STARTS = CameraDelivery("it is being opened")
 _FIELDS = {one.name: one for one in fields(CameraDelivery)}
 
@@ -115,12 +117,15 @@ class Preview:
         ours, theirs = context.Pipe(duplex=False)
         what = os.getpid(), wanted.source, wanted.options, wanted.roi, theirs
         process = context.Process(target=begin, args=what, daemon=True)
-        process.start()
+        with without_current_folder():
+            process.start()
         theirs.close()
         try:
             self._take(wanted, ours, process)
         finally:
             ours.close()
+            process.terminate()  # it closes the camera first: a program of it would stay
+            process.join(_CLOSED_WITHIN)
             process.kill()
             process.join(1.0)  # a driver in the kernel may delay its end: it is left to the kernel
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from multiprocessing.connection import Connection
 
@@ -25,13 +28,38 @@ _EVERY = 0.2
 _ENOUGH, _COUNTED = 3, 60
 """Pictures by which rate and age are measured, at least and at most."""
 _QUALITY = 92
+_SAFE, _OURS = "PYTHONSAFEPATH", "companion"
+
+
+@contextmanager
+def without_current_folder() -> Iterator[None]:
+    """Start Python meanwhile without the current folder on its path: root may stand in anybody's.
+
+    Python 3.10 does not know of this.
+    """
+    if _SAFE in os.environ:
+        yield
+        return
+    os.environ[_SAFE] = _OURS
+    try:
+        yield
+    finally:
+        del os.environ[_SAFE]
 
 
 def begin(parent: int, source: str, options: CameraOptions, roi: Box, out: Connection) -> None:
     """Run as a process. parent: its process id; this one ends with it, whatever a driver does."""
     end_with(parent)
+    if os.environ.get(_SAFE) == _OURS:  # programs of the camera are started as the companion starts them
+        del os.environ[_SAFE]
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command says when to end
+    signal.signal(signal.SIGTERM, _end)
     show(source, options, roi, out)
+
+
+def _end(_number: int, _frame: object) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise SystemExit
 
 
 def show(source: str, options: CameraOptions, roi: Box, out: Connection) -> None:

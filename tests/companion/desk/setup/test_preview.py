@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -97,6 +98,42 @@ def test_a_process_that_dies_or_hangs_is_said_to_and_started_again(
     monkeypatch.setattr(preview, "SILENT", 30.0)
     monkeypatch.setattr(preview, "begin", begin)
     shown(live, source, lambda one: one.jpeg)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 knows no safe path")
+def test_nothing_of_the_current_folder_is_imported(
+    source: str, live: Preview, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "of somebody else"
+    folder.mkdir()
+    (folder / "multiprocessing.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
+    monkeypatch.chdir(folder)
+    shown(live, source, lambda one: one.jpeg)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.slow
+def test_a_program_that_is_the_camera_ends_with_the_picture(tmp_path: Path) -> None:
+    told = tmp_path / "pid"
+    made = Preview()
+    pipe = CameraOptions(width=64, height=48, pixel_format="rgb24")
+    command = f"pipe:sh -c 'sleep 60 & echo $! > {told}; wait'"
+
+    def started() -> str:
+        made.ask(command, pipe, ROI)
+        return told.read_text().strip() if told.exists() else ""
+
+    number = wait_for(started, 60.0)
+    made.close()
+    wait_for(lambda: not _runs(number), 5.0)
+
+
+def _runs(number: str) -> bool:
+    try:
+        return Path(f"/proc/{number}/stat").read_text().split(")")[1].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def _dies(*_: object) -> None:

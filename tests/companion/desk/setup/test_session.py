@@ -241,6 +241,17 @@ def test_a_test_call_wants_a_companion_that_runs(session: SetupSession, tmp_path
     assert "start the companion first" in str(told["said"])
 
 
+@pytest.mark.slow
+def test_a_test_call_imports_nothing_of_the_current_folder(
+    session: SetupSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "companion").mkdir()
+    (tmp_path / "companion" / "__main__.py").write_text("print('of somebody else')\n")
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    assert "start the companion first" in str(trial.test_call(session.draft.file)["said"])
+
+
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),

@@ -18,7 +18,7 @@ root = sys.argv.pop(1)
 root in sys.path or sys.path.insert(0, root)
 runpy.run_module("companion", run_name="__main__", alter_sys=True)
 """
-"""Runs this companion without the current folder on Python's path (-I): root may stand in anybody's folder."""
+"""Runs this companion without the current folder on Python's path (-I): root may stand in anybody's."""
 LIMIT = ANSWERED_WITHIN + 3 * TAKEN_WITHIN + 10.0
 """Seconds. The command ends by itself before."""
 

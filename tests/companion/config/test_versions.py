@@ -6,6 +6,7 @@ import errno
 import fcntl
 import os
 import stat
+import struct
 import sys
 from pathlib import Path
 from types import FrameType
@@ -158,5 +159,40 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(file: Path) -> None:
         finally:
             os._exit(code)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert file.read_bytes() == OLD
+    assert list(file.parent.iterdir()) == [file]
+
+
+def _list(*, named: int) -> bytes:
+    """An access control list that lets one user more read, with a mask: as `setfacl` writes it."""
+    none = 0xFFFFFFFF
+    entries = ((1, 6, none), (2, 4, named), (4, 0, none), (0x10, 4, none), (0x20, 0, none))
+    return struct.pack("<I", 2) + b"".join(struct.pack("<HHI", *one) for one in entries)
+
+
+def test_access_control_lists_and_other_attributes_stay(file: Path) -> None:
+    kept = {"user.mark": b"1", "system.posix_acl_access": _list(named=65534)}
+    try:
+        for name, value in kept.items():
+            os.setxattr(file, name, value)
+    except OSError:
+        pytest.skip("this file system has no such attributes")
+    mode = file.stat().st_mode
+    older = write_version(file, OLD, NEW)
+    for path in (file, older):
+        assert {name: os.getxattr(path, name) for name in kept} == kept
+        assert path.stat().st_mode == mode
+
+
+def test_a_file_whose_attributes_cannot_be_kept_is_not_written(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(versions, "_attributes", lambda _: {"user.mark": os.urandom(8)})
+    monkeypatch.setattr(os, "setxattr", refuse)
+    with pytest.raises(OSError, match=r"attribute user\.mark cannot be kept"):
+        write_version(file, OLD, NEW)
     assert file.read_bytes() == OLD
     assert list(file.parent.iterdir()) == [file]

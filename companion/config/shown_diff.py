@@ -32,15 +32,21 @@ def shown_diff(before: str, after: str, name: str) -> str:
     comment, addresses and what looks like a setting are treated the same.
     """
     hidden = {**_hidden(before), **_hidden(after)}
-    found = unified_diff(before.splitlines(), after.splitlines(), name, f"{name}, changed", lineterm="")
+    lines = _lines(before), _lines(after)
+    found = unified_diff(*lines, name, f"{name}, changed", lineterm="")
     out = (line if n < 2 else line[:1] + hidden.get(line[1:], line[1:]) for n, line in enumerate(found))
     return "\n".join(line[:_MOST] for line in out)
 
 
+def _lines(text: str) -> list[str]:
+    """Return the lines as TOML has them: `splitlines` would end one within a comment, at U+2028."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    return lines if lines[-1] else lines[:-1]
+
+
 def _hidden(text: str) -> dict[str, str]:
     """Map each line that may not be shown as it is to what is shown of it."""
-    text = text.replace("\r\n", "\n")
-    lines = text.split("\n")
+    text, lines = text.replace("\r\n", "\n"), _lines(text)
     hidden = {line: told for line in lines if (told := _told_of_comment(line)) != line}
     data = tomllib.loads(text)
     for one in statements(text):

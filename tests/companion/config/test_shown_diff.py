@@ -21,6 +21,8 @@ _LETTERS = st.text("abcdefghijkmnopqrstuvwxyz0123456789", min_size=16, max_size=
         f"[web]\ntoken = '''\n{SECRET}abcdefghijklm'''",
         f'web.token = "{SECRET}abcdefghijklm"',
         f'web = {{ token = "{SECRET}abcdefghijklm" }}',
+        f'[web]\ntoken = "{SECRET}abcdefghijklm" # mine\u2028x',
+        f'[alert]\nurl = "https://ntfy.sh/{SECRET}" # mine\x85x',
         f'# token = "{SECRET}"',
         f'[web]\ntoken = ""  # was {SECRET}? token = "{SECRET}"',
         f'[camera]\nsource = "rtsp://user:{SECRET}@10.0.0.7/s"',

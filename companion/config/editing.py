@@ -46,7 +46,7 @@ def propose(path: Path, changes: Mapping[str, object | None]) -> Proposal:
     changes: "section.key" -> a value of a TOML type, None: the key is removed. "words.WORD" and
     "aliases.WORD" are entries of these tables, "words" and "aliases" the whole tables, "vocabulary" the whole
     list. Where the vehicle's file has the words, its words are copied first, since the tables of one file
-    count. Raises ConfigError for a file that cannot be read.
+    count; without its last word it has an empty table. Raises ConfigError for a file that cannot be read.
     """
     layer = read_layer(path)
     before = layer.text
@@ -109,7 +109,11 @@ def _keyed(layer: Layer, changes: Mapping[str, object | None]) -> dict[KeyPath, 
             new = {word: None for one, word in as_written.items() if one not in cleaned} | dict(value)
         else:
             raise ValueError(f"{key}: give a table")
-        found |= {(keys[0], as_written.get(clean_word(word), word)): v for word, v in new.items()}
+        found |= {
+            (keys[0], as_written.get(clean_word(word), word)): v
+            for word, v in new.items()
+            if v is not None or clean_word(word) in as_written
+        }
     return found
 
 

@@ -35,6 +35,7 @@ class EditError(ValueError):
 def edited(text: str, changes: Mapping[KeyPath, object]) -> str:
     """Return `text`, valid TOML with "\\n", with each value set, or removed where it is None.
 
+    Where the last word or alias is removed, an empty table stays.
     Raises EditError for a value that is none of TOML, or where the result would say anything else than asked.
     """
     wanted = tomllib.loads(text)
@@ -48,6 +49,10 @@ def edited(text: str, changes: Mapping[KeyPath, object]) -> str:
         text = _replaced(text, there)
         for keys, value in given.items():
             text = text if keys in there else _inserted(text, keys, value)
+        for name in {keys[0] for keys, value in changes.items() if value is None and len(keys) > 1} & _FREE:
+            if not wanted.get(name):  # without it, those of another file would come into force
+                wanted[name] = {}
+                text = text if name in tomllib.loads(text) else _on_top(text, f"{name} = {{}}")
         right = _filled(tomllib.loads(text)) == _filled(wanted)
     except (TOMLKitError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
         raise EditError(f"{_names(changes)}: edit the file by hand: {error}") from error
@@ -72,9 +77,9 @@ def _plain(value: object) -> object:
 
 
 def _filled(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Leave out empty tables: a removed setting may leave its headline, or not."""
+    """Leave out empty tables: a removed setting may leave its headline, or not. Without words is a choice."""
     inner = {key: _filled(one) if isinstance(one, Mapping) else one for key, one in data.items()}
-    return {key: one for key, one in inner.items() if one != {}}
+    return {key: one for key, one in inner.items() if one != {} or key in _FREE}
 
 
 def _has(data: object, keys: KeyPath) -> bool:

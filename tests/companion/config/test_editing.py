@@ -151,6 +151,35 @@ def test_a_word_is_added_to_those_of_the_vehicle_s_file(file: Path) -> None:
     assert load_config(file).words == {**before, "rock": -1.0}
 
 
+@pytest.mark.parametrize(
+    ("words", "changes"),
+    [
+        ("", {"words.grass": None}),
+        ("", {"words": {}}),
+        ("words.mud = -1.0\n", {"words.mud": None}),
+        ("[words]\nmud = -1.0\n", {"words.mud": None}),
+        ("words = {mud = -1.0}\n", {"words": {}}),
+    ],
+)
+def test_without_the_last_word_those_of_the_vehicle_s_file_do_not_come_into_force(
+    file: Path, words: str, changes: dict[str, Any]
+) -> None:
+    (file.parent / "vehicles/rover.toml").write_text("[words]\ngrass = 1.0\n")
+    file.write_text(f'{words}[vehicle]\nfile = "vehicles/rover.toml"\n')
+    assert load_config(file).words
+    proposal = propose(file, changes)
+    assert proposal.diff
+    write(file, proposal)
+    assert load_config(file).words == {}
+    write(file, propose(file, {"words.rock": -1.0}))
+    assert load_config(file).words == {"rock": -1.0}
+
+
+def test_a_word_that_is_not_there_is_removed_without_a_change(file: Path) -> None:
+    file.write_text('[vehicle]\nfile = ""\n')
+    assert propose(file, {"words.mud": None}).diff == ""
+
+
 def test_a_whole_table_of_words_replaces_the_words_and_keeps_the_comments(file: Path) -> None:
     file.write_text('[words]\n# mine\ngrass = 1.0  # the meadow\n"dirt Path" = 1\nbush = -1\n')
     proposal = propose(file, {"words": {"grass": 0.5, "dirt path": 0.8, "rock": -1.0}})

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import stat
+import time
 from pathlib import Path
 
 import msgspec
@@ -22,7 +23,15 @@ ANSWERS = Path("/run/anytraverse-config")
 _LARGEST = 1 << 16
 _MOST_CHANGES = 64
 
+LONGEST = 20.0
+"""Seconds for which a request may be good."""
+
 Value = bool | int | float | str | list[bool | int | float | str] | dict[str, float | str] | None
+
+
+def clock() -> float:
+    """Return seconds of the clock that all processes share, which nobody sets, and which goes on in sleep."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class ConfigRequestError(ValueError):
@@ -33,13 +42,15 @@ class ConfigRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Asks for changes of the configuration file.
 
     id: of the request, hex digits. sha256: of the file that the changes were made for. asked_from: the
-    address of who asked, as the supervisor says, for the log alone. changes: as of `propose`.
+    address of who asked, as the supervisor says, for the log alone. changes: as of `propose`. until: s of
+    `clock`, after which nothing is to be done: the supervisor will have said that nothing was written.
     """
 
     id: str
     sha256: str
     asked_from: str
     changes: dict[str, Value]
+    until: float
 
 
 class ConfigAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

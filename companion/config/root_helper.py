@@ -19,7 +19,16 @@ from pathlib import Path
 import msgspec
 
 from companion.config.editing import Guard, guard_of, propose, write
-from companion.config.request import ANSWER, ANSWERS, ConfigAnswer, ConfigRequestError, read_request
+from companion.config.request import (
+    ANSWER,
+    ANSWERS,
+    LONGEST,
+    ConfigAnswer,
+    ConfigRequest,
+    ConfigRequestError,
+    clock,
+    read_request,
+)
 from companion.config.toml_file import ConfigError
 from companion.system.atomic_write import write_durably
 from companion.wire.packing import clean
@@ -59,6 +68,8 @@ def answered(file: Path, requests: Path, user: int) -> ConfigAnswer:
         request = read_request(requests, user)
     except (ConfigRequestError, OSError) as error:
         return _refused("", str(error))
+    if late := _late(request):
+        return _refused(request.id, late)
     keys = ", ".join(map(clean, request.changes))
     print(f"{request.id}: asked from {clean(request.asked_from[:64])}: {keys}")
     try:
@@ -69,6 +80,8 @@ def answered(file: Path, requests: Path, user: int) -> ConfigAnswer:
             return _refused(request.id, "the file was changed meanwhile: look at it, and try again")
         if guarded := [*guarded, *proposal.guarded]:
             return _refused(request.id, f"only in the shell, by `companion config set`: {', '.join(guarded)}")
+        if late := _late(request):
+            return _refused(request.id, late)
         kept = write(file, proposal)
     except (ConfigError, ValueError) as error:
         return _refused(request.id, str(error))
@@ -80,6 +93,13 @@ def _is_guarded(key: str, value: object) -> bool:
         return guard_of(key, value) is Guard.LOOPBACK
     except ValueError as error:
         raise ValueError(f"{key}: {error}") from error
+
+
+def _late(request: ConfigRequest) -> str:
+    """Say why a request is too late; "" where it is not. The vehicle may be armed by now."""
+    if 0.0 < request.until - clock() <= LONGEST:
+        return ""
+    return "it took too long: is the computer busy, or the disk slow? Try again"
 
 
 def _refused(request_id: str, why: str) -> ConfigAnswer:

@@ -9,12 +9,22 @@ from pathlib import Path
 
 import msgspec
 
-from companion.config.request import ANSWERS, REQUEST, ConfigAnswer, ConfigRequest, Value, read_answer
+from companion.config.request import (
+    ANSWERS,
+    REQUEST,
+    ConfigAnswer,
+    ConfigRequest,
+    Value,
+    clock,
+    read_answer,
+)
 from companion.system.atomic_write import write_atomically
 from companion.vehicle.state import Vehicle
 
 WITHIN = 20.0
 """Seconds that the helper has to answer."""
+WRITES_WITHIN = 15.0
+"""Seconds in which it may begin to write: it answers before it is said that nothing was written."""
 HEARD_WITHIN = 3.0
 """Seconds for which it is known whether the vehicle is armed: it says so each second."""
 _UNIT = "systemctl status anytraverse-config.path"
@@ -59,7 +69,8 @@ class FileChange:
             return "it is not known whether the vehicle is armed: connect the autopilot, or edit the file"
         if vehicle.armed:
             return "the vehicle is armed: disarm it first"
-        request = ConfigRequest(secrets.token_hex(8), sha256, asked_from, dict(changes))
+        until = clock() + WRITES_WITHIN
+        request = ConfigRequest(secrets.token_hex(8), sha256, asked_from, dict(changes), until)
         try:
             write_atomically(self._request, msgspec.json.encode(request), sync=False)
         except OSError as error:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from companion.config import root_helper
+from companion.config.editing import Proposal, propose
 from companion.config.request import (
     ANSWER,
     REQUEST,
     ConfigAnswer,
     ConfigRequest,
     ConfigRequestError,
+    clock,
     read_answer,
     read_request,
 )
@@ -46,7 +49,14 @@ def folder(tmp_path: Path) -> Path:
 
 def _lay(folder: Path, changes: dict[str, Any], before: str = TEXT, **others: Any) -> None:
     digest = hashlib.sha256(before.encode()).hexdigest()
-    asked = {"id": "a1", "sha256": digest, "asked_from": "127.0.0.1", "changes": changes} | others
+    asked = {
+        "id": "a1",
+        "sha256": digest,
+        "asked_from": "127.0.0.1",
+        "changes": changes,
+        "until": clock() + 5.0,
+    }
+    asked |= others
     (folder / REQUEST).write_text(json.dumps(asked))
 
 
@@ -122,6 +132,30 @@ def test_a_file_that_was_changed_meanwhile_stays(file: Path, folder: Path) -> No
     assert file.read_text() == TEXT
 
 
+@pytest.mark.parametrize("left", [-0.1, 3600.0])
+def test_a_request_of_which_nobody_waits_for_the_end_is_not_done(
+    file: Path, folder: Path, left: float
+) -> None:
+    _lay(folder, {"camera.rate": 5.0}, until=clock() + left)
+    assert "too long" in answered(file, folder, USER).text
+    assert file.read_text() == TEXT
+
+
+def test_a_check_that_takes_until_nobody_waits_leaves_the_file(
+    file: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _lay(folder, {"camera.rate": 5.0})
+    late = clock() + 5.1
+
+    def slow(path: Path, changes: Mapping[str, object | None]) -> Proposal:
+        monkeypatch.setattr(root_helper, "clock", lambda: late)
+        return propose(path, changes)
+
+    monkeypatch.setattr(root_helper, "propose", slow)
+    assert "too long" in answered(file, folder, USER).text
+    assert file.read_text() == TEXT
+
+
 def test_a_request_of_another_user_is_not_done(file: Path, folder: Path) -> None:
     _lay(folder, {"camera.rate": 5.0})
     assert "not the supervisor's" in answered(file, folder, USER + 1).text
@@ -166,6 +200,7 @@ _FORMS = st.fixed_dictionaries(
         "sha256": _JSON | st.just(hashlib.sha256(TEXT.encode()).hexdigest()),
         "asked_from": _JSON | st.just("x"),
         "changes": _JSON | st.dictionaries(st.sampled_from(["camera.rate", "words", "words.x", ""]), _JSON),
+        "until": _JSON | st.just(clock() + 5.0),
         "more": _JSON,
     },
 )

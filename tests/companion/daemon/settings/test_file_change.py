@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.config.request import REQUEST, ConfigAnswer
+from companion.config.request import REQUEST, ConfigAnswer, clock, read_request
 from companion.config.root_helper import answered, leave
 from companion.daemon.settings.file_change import HEARD_WITHIN, WITHIN, FileChange
 from companion.vehicle.state import Vehicle
@@ -72,6 +72,17 @@ def test_without_an_answer_the_request_is_taken_back_and_that_is_said(
     assert not found.written
     assert "systemctl status anytraverse-config.path" in found.text
     assert not (tmp_path / "run" / REQUEST).exists()
+
+
+def test_a_request_is_good_for_less_time_than_its_answer_is_waited_for(
+    change: FileChange, tmp_path: Path
+) -> None:
+    change.ask({"camera.rate": 5.0}, SHA256, "x", STANDS, NOW)
+    left = read_request(tmp_path / "run", os.getuid()).until - clock()
+    assert 0.0 < left < WITHIN
+    unit = (Path(__file__).parents[4] / "systemd/anytraverse-config.service").read_text()
+    assert "\nTimeoutStartSec=18\n" in unit
+    assert WITHIN > 18.0
 
 
 def test_a_request_that_cannot_be_laid_down_is_said(tmp_path: Path) -> None:

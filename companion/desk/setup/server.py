@@ -18,6 +18,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from companion.desk.setup.session import SetupSession
+from companion.desk.setup.threads import DaemonThreads
 from companion.pages.access import Gate
 from companion.pages.listen import Listen, hashed
 from companion.pages.requests import MOST_POSTED, RequestError, read_object
@@ -28,6 +29,8 @@ IDLE = 3600.0
 WITHIN = 30.0
 """Seconds in which a request is carried out: the first judgement loads a network."""
 _POSTED_WITHIN = 5.0
+_MOST_TOLD, _MOST_DONE = 16, 8
+"""Calls at once: of what only tells, and of what changes or judges, which may take seconds."""
 _STATIC = Path(__file__).parent / "static"
 _WHERE = "the address that `companion setup` printed"
 
@@ -45,6 +48,7 @@ class SetupServer:
         self._port = port
         self._clock = clock
         self._used_at = clock()
+        self._telling, self._doing = DaemonThreads(_MOST_TOLD), DaemonThreads(_MOST_DONE)
         self._token = secrets.token_hex(16)
         gate = Gate(
             self._app(),
@@ -109,7 +113,7 @@ class SetupServer:
         async def answer(_: Request) -> Response:
             if used:
                 self._used_at = self._clock()
-            return await _within(tell)
+            return await _within(self._telling, tell)
 
         return answer
 
@@ -139,16 +143,18 @@ class SetupServer:
                 return as_json({"problem": str(error)}, 409)
             except (TimeoutError, asyncio.TimeoutError, ClientDisconnect):
                 return as_json({"problem": "the request did not come whole"}, 408)
-            return await _within(lambda: act(told))
+            return await _within(self._doing, lambda: act(told))
 
         return answer
 
 
-async def _within(act: Callable[[], Any]) -> Response:
+async def _within(threads: DaemonThreads, act: Callable[[], Any]) -> Response:
     """Carry out in a thread, and answer with the result, or with what is wrong."""
     try:
-        return as_json(await asyncio.wait_for(asyncio.to_thread(act), WITHIN))
+        return as_json(await threads.call(act, WITHIN))
     except RequestError as error:
         return as_json({"problem": str(error)}, 409)
+    except asyncio.CancelledError:  # the server ends
+        return as_json({"problem": "the set-up ends"}, 503)
     except (TimeoutError, asyncio.TimeoutError):
         return as_json({"problem": f"that did not end within {WITHIN:.0f} s: try again"}, 503)

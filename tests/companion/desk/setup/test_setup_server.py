@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 from importlib.util import find_spec
@@ -14,6 +15,7 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 from companion.cli import main
+from companion.desk.setup.threads import DaemonThreads
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.skipif(
@@ -135,6 +137,34 @@ def test_without_a_picture_there_is_none_to_judge(page: Page) -> None:
     status, told = page.post("/judge", {})
     assert status == 409
     assert "camera" in told["problem"]
+
+
+def test_calls_that_hang_delay_neither_what_is_told_nor_the_end(
+    server: Any, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = set(threading.enumerate())
+    begun, over = threading.Semaphore(0), threading.Event()
+
+    def hang() -> dict[str, Any]:
+        begun.release()
+        over.wait(60.0)
+        return {}
+
+    server._doing = DaemonThreads(2)
+    monkeypatch.setattr(server._session.draft, "change", lambda _changes: hang())
+    try:
+        for _ in range(2):
+            threading.Thread(
+                target=lambda: page.post("/draft", {"changes": {"camera.rate": 5.0}}), daemon=True
+            ).start()
+            assert begun.acquire(timeout=10.0)
+        status, told = page.post("/draft", {"changes": {"camera.rate": 5.0}})
+        assert status == 409
+        assert "still runs" in told["problem"]
+        assert page.ask("/state.json")[0] == 200
+        assert all(one.daemon for one in set(threading.enumerate()) - others)
+    finally:
+        over.set()
 
 
 def test_every_page_s_files_are_there(page: Page) -> None:

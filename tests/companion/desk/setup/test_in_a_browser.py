@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import pytest
 
 from anytraverse.ground import GroundCamera
 from companion.config import load_config
-from companion.desk.setup.parameters import set_one
+from companion.desk.setup.parameters import read, set_one
 from companion.sim.field.lens import FIELD_OF_VIEW, HEIGHT, PITCH
 from tests.waiting import wait_for
 
@@ -199,7 +200,9 @@ def test_from_an_empty_folder_to_a_rover_that_may_hold(
     tab: Any, field: dict[str, Any], tmp_path: Path
 ) -> None:
     file, began = tmp_path / "companion.toml", time.monotonic()
-    set_one(load_config(file), field["companion"], "MIS_RESTART", 0.0, 1.0)
+    config = load_config(file)
+    config = replace(config, link=replace(config.link, url=field["companion"]))
+    set_one(config, read(config), "MIS_RESTART", 0.0, 1.0)
     set_the_picture(tab, field)
     set_the_vehicle_and_words(tab)
     set_link_and_policy(tab, field)

@@ -122,7 +122,7 @@ def test_the_limit_is_made_of_the_script_s_own_figure_and_the_rover_s_own_brakes
 def test_what_the_bench_drives_at_is_what_check_passes(tmp_path: Path) -> None:
     for top in ("top = 0.46", "top = 0.44"):
         path = write_config(
-            tmp_path, camera="field:h:1", link="udpout:127.0.0.1:9", policy="hold", speed=FAST
+            tmp_path, camera="field:127.0.0.1:1", link="udpout:127.0.0.1:9", policy="hold", speed=FAST
         )
         path.write_text(path.read_text().replace("top = 0.46", top))
         for tile in (0.65, None) if top == "top = 0.44" else (0.65,):

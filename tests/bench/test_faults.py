@@ -78,7 +78,7 @@ def test_every_row_has_a_name_of_its_own_and_is_found_by_a_part_of_it() -> None:
 
 
 def test_the_limits_are_of_what_the_stages_and_the_script_have(tmp_path: Path) -> None:
-    path = write_config(tmp_path, camera="field:h:1", link="udpout:127.0.0.1:9", policy="hold")
+    path = write_config(tmp_path, camera="field:127.0.0.1:1", link="udpout:127.0.0.1:9", policy="hold")
     assert load_config(str(path)).freshness + 1.0 == HOLD_WITHIN
     assert script_timeout() + 0.5 == SCRIPT_WITHIN
 

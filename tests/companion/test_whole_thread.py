@@ -185,7 +185,7 @@ def test_a_human_who_takes_over_during_a_hold_wins_and_the_call_is_closed(play: 
 def test_a_frozen_camera_holds_the_rover(play: Play) -> None:
     play.wait_for("an OK daemon", lambda event: event["event"] == "state" and event["state"] == "ok")
     play.stage.control.start()
-    play.wait_until("driving", lambda status: status["speed"] > 1.0)
+    play.wait_until("driving", lambda status: status["speed"] > 0.8 * PACE.speed)
     play.stage.control.ask("freeze_camera", on=True)
     play.wait_until("the hold", lambda status: status["mode"] == "HOLD" and status["speed"] < 0.05)
     fault = play.wait_for("a fault", lambda event: event["event"] == "state" and event["state"] == "fault")

@@ -38,6 +38,16 @@ class Listen(NamedTuple):
         return f"{scheme}://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}/"
 
 
+def listen_here(port: int, token: str) -> tuple[socket.socket, str]:
+    """Listen on this computer alone; port 0: any free one.
+
+    Returns the listening socket, and the page's address with the token. Raises OSError.
+    """
+    listener = Listen("127.0.0.1", port).bind()
+    listener.listen(64)  # before the address is told: who comes early waits
+    return listener, f"{Listen(*listener.getsockname()[:2]).url()}?token={token}"
+
+
 def read_listen(text: str) -> Listen | None:
     """Parse "host:port", None for "". Names are not looked up, but localhost. Raises ValueError."""
     if not text:

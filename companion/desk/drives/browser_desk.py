@@ -25,7 +25,7 @@ from companion.pages import wording
 from companion.pages.access import Gate
 from companion.pages.calls import nearest, shown
 from companion.pages.given import OwnAnswers
-from companion.pages.listen import Listen, hashed
+from companion.pages.listen import hashed, listen_here
 from companion.pages.requests import MOST_POSTED, RequestError, check_answer, read_answer, read_object
 from companion.pages.site import EventStreams, Server, event, posted, static_routes
 from companion.wire.call_report import NearestScene
@@ -77,9 +77,7 @@ class BrowserDesk:
 
     def __enter__(self) -> BrowserDesk:
         """Begin to serve, at `url`. Raises OSError."""
-        listener = Listen("127.0.0.1", self._port).bind()
-        listener.listen(64)  # before the address is told: who comes early waits
-        self.url = f"{Listen(*listener.getsockname()[:2]).url()}?token={self._token}"
+        listener, self.url = listen_here(self._port, self._token)
         self._thread = threading.Thread(target=self._serve, args=[listener], name="page", daemon=True)
         self._thread.start()
         return self

@@ -20,7 +20,7 @@ from starlette.routing import Route
 from companion.desk.setup.session import SetupSession
 from companion.desk.setup.threads import DaemonThreads
 from companion.pages.access import Gate
-from companion.pages.listen import Listen, hashed
+from companion.pages.listen import hashed, listen_here
 from companion.pages.requests import MOST_POSTED, RequestError, read_object
 from companion.pages.site import Server, as_json, static_routes
 
@@ -63,10 +63,8 @@ class SetupServer:
 
     def __enter__(self) -> SetupServer:
         """Begin to serve. Raises OSError."""
-        listener = Listen("127.0.0.1", self._port).bind()
-        listener.listen(64)  # before the address is told: who comes early waits
+        listener, self.url = listen_here(self._port, self._token)
         self.port = int(listener.getsockname()[1])
-        self.url = f"{Listen('127.0.0.1', self.port).url()}?token={self._token}"
         self._thread = threading.Thread(target=self._serve, args=[listener], name="page", daemon=True)
         self._thread.start()
         return self

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import Config, ConfigError
-from companion.config.editing import Guard, Proposal, guard_of, propose, write
+from companion.config.editing import Proposal, propose, write
 from companion.config.reading import load_layer, read_layer
 from companion.pages.requests import RequestError
 
@@ -87,11 +87,6 @@ class Draft:
         if proposal.problems:
             raise ConfigError(proposal.problems)
         return proposal, load_layer(read_layer(self.file, proposal.after.encode()))
-
-
-def is_guarded(key: str, value: object) -> bool:
-    """Return whether only somebody on this computer may set a setting so."""
-    return guard_of(key, value) is Guard.LOOPBACK
 
 
 def _reasons(error: Exception) -> str:

@@ -1,6 +1,6 @@
 // Page 4: the region of interest, in metres from the mount, or drawn in the picture.
 
-import { dragBox } from "./boxes.js";
+import { dragged, regionOf } from "./boxes.js";
 import { element, showText } from "./elements.js";
 import { fieldset } from "./fields.js";
 import { groundMarks } from "./live.js";
@@ -28,7 +28,6 @@ export class RegionPage {
       element("section", {}, element("h2", {}, "What is judged"),
         element("p", {}, "Only what is in the region can call or stop the rover. A faster or bigger vehicle needs a bigger one."),
         this.how, this.metres.part, this.drawn.part, this.instead));
-    this.listen();
   }
 
   get inMetres() {
@@ -37,33 +36,18 @@ export class RegionPage {
 
   enter() {
     this.live.show(this.view, { draw: (width, height) => groundMarks({ lines: this.inMetres ? this.store.state.lines : [], region: this.store.state.region }, width, height) });
-    this.live.pane.addEventListener("pointerdown", this.press);
+    const whole = () => ({ left: 0, top: 0, width: 1, height: this.live.image.clientHeight / this.live.pane.clientHeight });
+    this.drag = dragged(this.live.pane, whole, (box) => this.set(box), () => !this.inMetres);
   }
 
   leave() {
-    this.live.pane.removeEventListener("pointerdown", this.press);
+    this.drag.end();
     this.live.pane.classList.remove("drawing");
   }
 
-  listen() {
-    const at = (event) => {
-      const box = this.live.image.getBoundingClientRect();
-      return { x: (event.clientX - box.left) / box.width, y: (event.clientY - box.top) / box.height };
-    };
-    this.press = (event) => {
-      if (this.inMetres || event.button !== 0) return;
-      const from = at(event);
-      this.live.pane.setPointerCapture(event.pointerId);
-      this.live.pane.addEventListener("pointerup", (end) => {
-        const to = at(end);
-        if (Math.hypot(to.x - from.x, to.y - from.y) > 0.05) this.set(dragBox(from, to));
-      }, { once: true });
-    };
-  }
-
   async set(box) {
-    const [left, top, right, bottom] = box.map((side) => Math.round(1000 * Math.min(1, Math.max(0, side))) / 1000);
-    showText(this.problem, await this.store.change({ "roi.left": left, "roi.top": top, "roi.right": right, "roi.bottom": bottom }));
+    showText(this.problem, await this.store.change(regionOf(box)));
+    this.drag.show(null);
   }
 
   async draw() {

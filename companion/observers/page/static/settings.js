@@ -1,5 +1,6 @@
 // Settings of the file: what is in force, what would change, and a second click that has it written.
 
+import { DrawRegion } from "./draw_region.js";
 import { element, showText } from "./elements.js";
 import { SettingsList, differences } from "./settings_list.js";
 import { capital } from "./wording.js";
@@ -8,7 +9,8 @@ const PATIENCE = 45_000; // ms; the companion needs less, and says why it failed
 const SHELL = "Some values only in the shell.";
 
 export class Settings {
-  constructor(home, say) {
+  // picture: the live one, over which the region is drawn.
+  constructor(home, say, picture) {
     Object.assign(this, { home, say, file: "", cannot: "", staged: new Map(), proposal: "", became: "", restarts: false, lost: false, busy: false });
     this.mark = SHELL;
     this.rows = new Map(); // by key
@@ -24,7 +26,8 @@ export class Settings {
     this.undo = button("Take all back", () => this.forget(), { hidden: true });
     this.review = element("div", { className: "review" }, this.text, this.problem, this.problems, this.diff, element("div", { className: "row" }, this.look, this.write, this.undo));
     this.place = element("div", { hidden: true });
-    home.append(this.toggle, this.why, this.ground, this.place, this.review);
+    this.region = new DrawRegion(picture, this);
+    home.append(this.toggle, this.why, this.ground, this.region.part, this.place, this.review);
   }
 
   // may: whether this page may change anything.
@@ -54,6 +57,7 @@ export class Settings {
     this.toggle.setAttribute("aria-expanded", String(shown));
     showText(this.toggle, shown ? "Hide settings" : "Show settings");
     if (shown) await this.load();
+    else this.region.show(false);
   }
 
   async load() {
@@ -104,6 +108,7 @@ export class Settings {
     this.wrong("");
     this.shown();
     this.list.show();
+    this.region.show(!this.place.hidden && !this.cannot);
   }
 
   summary() {

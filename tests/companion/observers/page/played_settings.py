@@ -29,14 +29,17 @@ votes = 2
 
 
 class SettingsStage(Stage):
-    """A `Stage` whose page has settings. helper: there is one. armed: of the vehicle, None: unheard."""
+    """A `Stage` whose page has settings. helper: there is one. text: of the file.
 
-    def __init__(self, folder: Path, *, helper: bool = True, **options: Any) -> None:
+    armed: of the vehicle, None: unheard.
+    """
+
+    def __init__(self, folder: Path, *, helper: bool = True, text: str = FILE, **options: Any) -> None:
         super().__init__(folder, **options)
         self.file, self.run, self.answers = folder / "companion.toml", folder / "run", folder / "answers"
         self.run.mkdir()
         self.answers.mkdir()
-        self.file.write_text(FILE)
+        self.file.write_text(text)
         self.file.chmod(0o600)
         self.armed: bool | None = False
         change = FileChange(self.run, self.answers) if helper else None

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import cache
 from html import escape
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -207,12 +208,18 @@ def section(plot: Plot, name: str = "") -> str:
 
 def drawing() -> Iterable[str]:
     """Return what draws the sections before it. Nothing without the library."""
-    if not installed():
-        return
+    if installed():
+        yield f"<script>{_library()}</script>"
+        yield f"<script>{_DRAW}</script>"
+
+
+@cache
+def _library() -> str:
+    """Bundle the library, which takes a second."""
     import vl_convert
 
-    yield f"<script>{vl_convert.javascript_bundle('window.vegaEmbed = vegaEmbed;', _VERSION)}</script>"
-    yield f"<script>{_DRAW}</script>"
+    bundle: str = vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", _VERSION)
+    return bundle
 
 
 def svg(plot: Plot, width: int, height: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import time
 from typing import Any
 
@@ -21,6 +22,8 @@ DRIVES_FOR, JUDGES_FOR = 170.0, 60.0
 STEP = 0.1
 BESIDE = 3.0
 """m before a thing at which a rover in GUIDED drives round it."""
+CLOSE = 5.0
+"""m within which a thing is in the way of a go: farther from it, the rover goes on and stops for it again."""
 BEHIND = 8.0
 """m behind it at which that demo ends."""
 BEYOND_RETURN = 12.0
@@ -209,8 +212,11 @@ class Director:
             if self._auto is not None:  # a person is to look at the picture
                 self._story.log(self._clock(time.monotonic()), asked)
 
-    def _stands_ahead(self, thing: str | None) -> bool:
-        return any(one["id"] == thing and one["surprise"] for one in self.status["things_ahead"])
+    def _stands_ahead(self, thing: str | None, within: float = math.inf) -> bool:
+        return any(
+            one["id"] == thing and one["surprise"] and one["distance"] < within
+            for one in self.status["things_ahead"]
+        )
 
     def _answer(self, operator: AutoOperator, call: dict[str, Any], now: float) -> None:
         shown = self._shown.get(call["id"])
@@ -219,7 +225,7 @@ class Director:
             return
         # What leaves room a rover that guides may be let go on before: it drives round it.
         in_the_way = not self._guide or shown.thing == LOG_ACROSS
-        stands = in_the_way and self._stands_ahead(shown.thing)
+        stands = in_the_way and self._stands_ahead(shown.thing, within=CLOSE)
         line = operator.answer(call, shown, now, stands_there=stands)
         if line is not None:
             self._story.log(self._clock(now), f"operator types: {call['id']} {line}")

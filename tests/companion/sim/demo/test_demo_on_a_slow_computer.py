@@ -16,6 +16,7 @@ from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.sim.demo.child import ChildError
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import Director, allowed
+from companion.sim.demo.onlooker import Shown
 from companion.sim.demo.pace import PACES, SPEED, DemoPace, Judging, JudgingMeter, pace_for, slower
 from companion.sim.demo.readiness import Readiness
 from companion.sim.demo.stage import Scene, Stage
@@ -300,3 +301,22 @@ def test_a_hold_of_the_script_of_which_nobody_is_asked_is_ended_by_hand(tmp_path
     for second in range(120, 126):
         director._end_script_hold(float(second))
     assert modes == ["AUTO"]
+
+
+@pytest.mark.parametrize(("distance", "goes"), [(5.6, True), (4.4, False)])
+def test_a_go_is_given_for_a_clear_way_whatever_stands_farther_ahead(
+    tmp_path: Path, distance: float, *, goes: bool
+) -> None:
+    stage, typed = SlowStage(Clock(), lambda _: 14.0, tmp_path), list[str]()
+    stage.scene = type("Wide", (), {"guide": True})()
+    stage.operator = type("Terminal", (), {"type": lambda _, line: typed.append(line)})()
+    stage.control = None
+    director = Director(cast(Stage, stage), Story(io.StringIO()), auto=True)
+    log = {"id": "log-across", "kind": "log", "surprise": True, "distance": distance}
+    director.status = {"things_ahead": [log], "distance": 25.0}
+    director._shown[2] = Shown("log", "meadow", thing="log-across", surprise=True)
+    hold = {"id": 2, "kind": "hold", "stage": "clear", "reasons": [], "worst_tile_box": None}
+    for tick in range(20):
+        assert director._auto is not None
+        director._answer(director._auto, hold, tick / 10)
+    assert typed == (["2 go"] if goes else [])

@@ -56,7 +56,8 @@ SLOW = (
     "gcs_plugin/console/test_served.py",
 )
 """Folders and files of the tests that `make test` leaves to `make test-slow`: they wait for real processes
-within limits that a busy computer breaks, train and compare networks, or take long."""
+within limits that a busy computer breaks, train and compare networks, or take long. A single test of more
+than some 2 s of a quiet core is marked where it stands."""
 LONGEST = (
     "test_bench_stopping.py",
     "test_network_cameras.py",

@@ -275,6 +275,7 @@ def ok(perceiver: Perceiver, seen: Observation, words: Mapping[str, float]) -> b
     return engine.judge(seen, 0.0).ok
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the development frames ../shared/data are absent")
 def test_naming_a_danger_never_makes_a_real_frame_ok() -> None:
     perceiver, frames = seen_by_builtin()

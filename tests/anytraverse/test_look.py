@@ -106,6 +106,7 @@ def test_it_runs_as_a_command_of_its_own(photo: Path) -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_real_frames_of_other_robots_are_judged(capsys: Out) -> None:
     folder = Path(__file__).parents[2].parent / "shared" / "data" / "frames"
     if not folder.is_dir():

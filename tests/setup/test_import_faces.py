@@ -85,6 +85,7 @@ def test_the_operators_side_knows_of_the_rest_only_the_wire_the_words_and_what_i
     assert [name for name in sorted(more) if name.startswith(("companion.", "anytraverse."))] == []
 
 
+@pytest.mark.slow
 def test_the_algorithm_knows_nothing_of_the_daemon() -> None:
     loaded = imported(["anytraverse.*"], ["pymavlink"])["modules"]
     assert [name for name in loaded if name.startswith(("companion", "gcs_plugin"))] == []

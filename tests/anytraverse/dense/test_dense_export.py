@@ -96,6 +96,7 @@ def test_clipseg_has_no_templates(tmp_path: Path, capsys: Out) -> None:
     assert "not for CLIPSeg" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.needs_export
 @pytest.mark.parametrize(
     ("changes", "reason"),

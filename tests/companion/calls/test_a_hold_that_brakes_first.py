@@ -221,6 +221,7 @@ STEPS = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(STEPS)
 def test_whoever_sets_what_and_whatever_is_lost_a_human_is_not_asked_over_for_long(

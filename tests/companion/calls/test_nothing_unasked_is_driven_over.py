@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -66,6 +67,7 @@ POSTS = st.lists(
 )
 
 
+@pytest.mark.slow
 @given(POSTS, st.sampled_from([0.25, 0.65]), st.sampled_from([0.5, 1.0, 2.0]), st.integers(3, 25))
 @settings(max_examples=25)
 @example([(0.58, 0.0, 0.64, 1.68), (-0.23, 1.5, 0.64, 1.48)], 0.65, 1.0, 4)

@@ -197,6 +197,7 @@ def test_what_no_calibration_ever_wrote_is_refused(tmp_path: Path, content: str 
     assert refusal(tmp_path, content).startswith("is no calibration by OpenCV (YAML, XML, JSON) or ROS's")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "content",
     [

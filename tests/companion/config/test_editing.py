@@ -95,6 +95,7 @@ def _comments(text: str) -> list[str]:
     return [line for line in text.splitlines() if line.startswith("#")]
 
 
+@pytest.mark.slow
 @given(_one_change(), st.booleans())
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_change_keeps_all_else_and_reads_back_as_asked(

@@ -53,6 +53,7 @@ def _killed_at(file: Path, step: int) -> bool:
         os._exit(code)
 
 
+@pytest.mark.slow
 def test_a_write_that_is_killed_anywhere_leaves_the_old_or_the_new_file_whole(file: Path) -> None:
     seen = set()
     for step in range(1000):

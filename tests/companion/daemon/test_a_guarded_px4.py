@@ -87,6 +87,7 @@ def test_killed_in_a_mission_it_is_stopped_by_the_autopilot(rig: GuardedRig) -> 
     assert rig.px4.mode.name == "MISSION"
 
 
+@pytest.mark.slow
 def test_it_is_held_and_goes_on_after_a_go_with_no_gap_in_the_stream(rig: GuardedRig) -> None:
     rig.see(10.0, "drum")
     assert rig.rover.speed == 0.0
@@ -109,6 +110,7 @@ def test_killed_in_its_own_hold_it_stays_standing(rig: GuardedRig) -> None:
     rig.see(1.0, "drum")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [False, True])
 def test_a_human_s_mode_ends_the_stream(rig: GuardedRig, held: bool) -> None:
     if held:
@@ -145,6 +147,7 @@ def test_ended_in_good_order_in_a_mission_it_is_stopped_too(rig: GuardedRig) -> 
     rig.see(1.0)
 
 
+@pytest.mark.slow
 def test_somebody_else_s_sticks_end_it_for_good_and_that_is_repeated(rig: GuardedRig) -> None:
     rig.stage.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0), (255, 190))
     rig.see(1.0)

@@ -71,6 +71,7 @@ def test_hold_is_a_fault_by_name_with_a_perceiver_that_is_not_trained_for_it(
     assert rig.texts.count("HOLD refused: NoIR camera: change it") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("shows")
 def test_what_to_do_is_repeated_while_nothing_is_held(make_rig: MakeRig) -> None:
     rig = set_up(make_rig)

@@ -126,6 +126,7 @@ def make(tmp_path: Path, clock: Clock) -> Iterator[MakePx4]:
 ways = pytest.mark.parametrize(("px4_hold", "mode"), [("loiter", "LOITER"), ("offboard", "OFFBOARD")])
 
 
+@pytest.mark.slow
 @ways
 def test_it_is_held_before_a_thing_and_its_mission_goes_on_after_a_go(
     make: MakePx4, px4_hold: str, mode: str
@@ -173,6 +174,7 @@ def test_a_human_takes_over_and_the_setpoints_stop(make: MakePx4, px4_hold: str,
     assert any("taken over by hand: MANUAL" in text for text in rig.texts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("px4_hold", ["loiter", "offboard"])
 def test_a_daemon_that_ends_in_good_order_leaves_it_standing_and_its_successor_resumes(
     make: MakePx4, px4_hold: str

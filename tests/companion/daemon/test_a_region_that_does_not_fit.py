@@ -36,6 +36,7 @@ def test_one_in_the_file_holds_a_rover_that_drives_and_the_remedy_is_told(
     assert "set AT_ROI_L and AT_ROI_R, or correct [roi] or [corridor] in the file" in caplog.text
 
 
+@pytest.mark.slow
 def test_it_is_a_fault_in_every_policy_and_its_remedy_is_repeated(make_rig: MakeRig) -> None:
     rig = narrow(make_rig(Policy.REPORT))
     rig.see(130.0)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from tests.companion.daemon.rig import MakeRig
 
 COOL: dict[str, Any] = {"temperature": 50.0, "throttled": False}
 
 
+@pytest.mark.slow
 def test_each_step_is_told_once_and_in_the_status(make_rig: MakeRig) -> None:
     rig = make_rig()
     rig.see(1.0)

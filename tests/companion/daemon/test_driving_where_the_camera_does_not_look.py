@@ -115,6 +115,7 @@ def test_in_report_it_is_told_and_ends_a_second_after_the_rover_drives_forward(m
     assert rig.stage.mode == AUTO
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", [False, True])
 def test_it_never_resumes_without_a_go(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, ends: bool

@@ -56,6 +56,7 @@ def call_told(master: Any) -> CallReport:
     raise AssertionError("no call with a picture")
 
 
+@pytest.mark.slow
 def test_a_call_is_listed_and_fetched_by_pymavlinks_client(ground: Any, tmp_path: Path) -> None:
     call = call_told(ground)
     client = mavftp.MAVFTP(ground, 1, COMPONENT_ID)

@@ -108,6 +108,7 @@ def test_noise_on_a_still_picture_is_the_same_picture(drive: Callable[[float], P
         assert frozen.seconds(luma(with_noise(still, number)), 0.1) == pytest.approx(0.1 * number)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("contrast", "haze"), [(1.0, 0.0), (0.15, 0.0), (0.2, 160.0)], ids=str)
 def test_a_rover_that_creeps_sees_another_picture_within_a_second_in_little_light_and_fog(
     drive: Callable[[float], Picture], contrast: float, haze: float

@@ -65,6 +65,7 @@ class Noted:
         return json.loads(json.dumps([shown, alone]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pictures", [0, 3], ids=["without pictures", "with pictures"])
 def test_what_is_told_of_a_drive(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, pictures: int) -> None:
     rig = make_rig(pictures=pictures)

@@ -68,6 +68,7 @@ def test_one_slow_frame_in_the_ten_seconds_does_not_prolong_it(rig: Rig) -> None
     assert rig.state[0] != "FAULT"
 
 
+@pytest.mark.slow
 def test_in_manual_it_is_told_once_a_minute_until_the_ground_sets_another_policy(make_rig: MakeRig) -> None:
     rig = make_rig()
     rig.stage.mode = MANUAL

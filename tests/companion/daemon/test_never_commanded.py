@@ -78,6 +78,7 @@ def assert_never_commanded(rig: Rig) -> None:
             assert kind in MAY_BE_SENT, frame.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW])
 @settings(
     max_examples=12,

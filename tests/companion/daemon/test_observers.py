@@ -40,6 +40,7 @@ def told(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[Turn]:
     return turns
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["status", "status_file", "records", "call_texts", "shadow", "pointing", "video_pictures"]
 )

@@ -22,6 +22,7 @@ def broken(rig: Rig) -> None:
     rig.stage.vehicle = None
 
 
+@pytest.mark.slow
 def test_it_is_told_in_heartbeat_status_and_a_text_that_repeats_and_becomes_an_alert(rig: Rig) -> None:
     broken(rig)
     rig.see(2.8)

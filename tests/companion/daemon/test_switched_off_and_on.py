@@ -113,6 +113,7 @@ def test_off_by_both_stays_off_until_both_say_on(switched: Rig) -> None:
     assert switched.state == ("OK", 0)
 
 
+@pytest.mark.slow
 def test_a_switch_that_falls_silent_changes_nothing_and_is_said_again_and_again(switched: Rig) -> None:
     switched.switch = NO_PULSE
     switched.see(70.0)

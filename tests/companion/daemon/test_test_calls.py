@@ -106,6 +106,7 @@ def test_words_without_a_call_are_taken_as_ever_while_a_test_is_open(rig: Rig) -
     assert status(rig)["state"] == "open"
 
 
+@pytest.mark.slow
 def test_nobody_who_answers_ends_it_after_a_minute(rig: Rig) -> None:
     ask(rig)
     rig.see(ANSWERED_WITHIN + 3.0)

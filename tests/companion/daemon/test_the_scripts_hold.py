@@ -29,6 +29,7 @@ def held_by_script(rig: Rig) -> Rig:
     return rig
 
 
+@pytest.mark.slow
 def test_it_does_not_say_ok_and_tells_who_holds_and_what_to_set(rig: Rig) -> None:
     held_by_script(rig)
     assert rig.state == ("HOLDING", 0)

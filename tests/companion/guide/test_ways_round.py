@@ -15,6 +15,7 @@ DRUM = 9.0
 RADIUS = 0.29
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aside", [-0.5, 0.0, 0.25])
 @pytest.mark.parametrize(("half", "hertz"), [(2.4, 10), (1.5, 5)])
 def test_a_drum_that_leaves_room_is_passed_and_the_way_taken_up_again(

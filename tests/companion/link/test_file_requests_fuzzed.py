@@ -63,6 +63,7 @@ def descriptors() -> int:
     return len(os.listdir("/proc/self/fd"))
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(STEPS)
 def test_nothing_that_is_asked_for_does_harm(tree: Tree, steps: list[tuple[Any, bytes, float]]) -> None:

@@ -43,6 +43,7 @@ def test_frames_of_the_field_fit_a_radio_as_wide_as_can_be() -> None:
         assert np.abs(small.astype(float) - picture).mean() < 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seen", "shown"), [((640, 480), (480, 360)), ((320, 240), (320, 240))])
 def test_the_unmarked_picture_is_the_frame_and_no_wider(
     seen: tuple[int, int], shown: tuple[int, int]

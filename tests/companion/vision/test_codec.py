@@ -659,6 +659,7 @@ def hostile(kind: str) -> bytes:
     return with_pack(looked(), lambda told: told[1]["observation"].update(features=given_values[kind]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", ["removed", "weak", "lists", "maps", "nested lists", "maps of lists", "extensions"]
 )

@@ -151,6 +151,7 @@ def _frames(folder: str) -> list[Image]:
     return [np.asarray(cv2.imread(str(path)), np.uint8)[..., ::-1] for path in paths]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["trail", "abroad", "frames", "sequence"])
 def test_no_real_frame_is_taken_for_infrared(folder: str) -> None:
     for number, frame in enumerate(_frames(folder)):
@@ -158,6 +159,7 @@ def test_no_real_frame_is_taken_for_infrared(folder: str) -> None:
         assert (magenta_share(degraded(frame, "warm", number)) or 0.0) < SHARE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [lambda frame: infrared(frame, 1.0), lambda frame: magenta(frame, 0.75)])
 def test_real_frames_with_infrared_are_recognised(change: Callable[[Image], Image]) -> None:
     found = [

@@ -182,6 +182,7 @@ LOADS = st.tuples(
 )
 
 
+@pytest.mark.slow
 @given(
     rate=st.floats(0.5, 60.0),
     freshness=st.one_of(st.none(), st.floats(0.2, 10.0)),

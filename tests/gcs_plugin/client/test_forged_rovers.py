@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -44,6 +45,7 @@ def test_a_full_table_forgets_the_rover_that_is_silent_longest(sky: Sky) -> None
     assert sky.of(ev.CallAnnounced) == [ev.CallAnnounced(REAL, sky.client.rovers[REAL].calls[7].data)]
 
 
+@pytest.mark.slow
 def test_forged_rovers_with_open_calls_keep_nobody_out_and_are_forgotten(sky: Sky) -> None:
     sky.hear(*claims(FORGED))
     sky.run(1.0)
@@ -53,6 +55,7 @@ def test_forged_rovers_with_open_calls_keep_nobody_out_and_are_forgotten(sky: Sk
     assert sky.client.rovers[REAL].open_calls()
 
 
+@pytest.mark.slow
 def test_a_flood_forgets_no_rover_that_calls_within_ten_minutes_of_silence(sky: Sky) -> None:
     sky.run(1.0)
     sky.rover_speaks = False

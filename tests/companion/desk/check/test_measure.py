@@ -265,6 +265,7 @@ def children(tmp_path: Path) -> Iterator[Callable[[str, list[str]], LoggedProces
         child.stop()
 
 
+@pytest.mark.slow
 def test_where_speeds_come_too_seldom_it_says_what_to_set_before_anybody_drives(
     children: Callable[[str, list[str]], LoggedProcess], tmp_path: Path
 ) -> None:
@@ -289,6 +290,7 @@ def test_where_speeds_come_too_seldom_it_says_what_to_set_before_anybody_drives(
     assert not any("drive steadily" in line for line in told)
 
 
+@pytest.mark.slow
 def test_a_person_s_holds_on_the_field_become_lines_for_the_configuration(
     children: Callable[[str, list[str]], LoggedProcess], tmp_path: Path
 ) -> None:

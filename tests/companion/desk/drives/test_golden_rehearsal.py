@@ -26,6 +26,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 def test_what_a_page_is_told(drive: Path) -> None:
     from companion.desk.drives.browser_desk import BrowserDesk
 

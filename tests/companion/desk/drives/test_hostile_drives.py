@@ -193,6 +193,7 @@ def read_of(path: Path) -> str:
         return str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("topic", "said"),
     [

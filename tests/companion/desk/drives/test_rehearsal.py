@@ -52,6 +52,7 @@ def first(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     return out, rehearsed(drive, out)
 
 
+@pytest.mark.slow
 def test_no_frame_is_left_out_and_the_same_drive_raises_the_same_calls(
     drive: Path, first: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:

@@ -40,6 +40,7 @@ def past_one_thing() -> list[RegionTally]:
     return drive(ATV, settings, truth, 0, 16.0)
 
 
+@pytest.mark.slow
 def test_with_the_quadrupeds_region_the_call_is_too_late_for_the_atv(
     past_one_thing: list[RegionTally],
 ) -> None:
@@ -159,6 +160,7 @@ def test_the_truth_knows_a_border_of_two_grounds_and_not_a_drum() -> None:
         truth.meaning("drum")
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_table_and_writes_it_with_a_plot_and_four_views(
     tmp_path: Path, capsys: Out
 ) -> None:

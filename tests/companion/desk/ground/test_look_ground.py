@@ -105,6 +105,7 @@ def test_a_folder_of_pictures_shows_its_first(picture: Path) -> None:
     assert out.is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"no picture"])
 def test_what_is_no_picture_ends_with_2(
     picture: Path, capsys: pytest.CaptureFixture[str], content: bytes

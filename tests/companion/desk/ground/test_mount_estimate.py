@@ -41,6 +41,7 @@ def estimate(drive: Path, config: Path, *more: str) -> int:
     return main(["look-ground", "--estimate", str(drive), "--config", str(config), *more])
 
 
+@pytest.mark.slow
 def test_the_simulated_mount_is_found(driven: Sequence[FramePair]) -> None:
     fit = fit_mount(driven, CAMERA)
     assert fit.tilt[1] == pytest.approx(7.0, abs=0.15)
@@ -65,6 +66,7 @@ def test_a_speed_that_is_a_tenth_too_high_makes_the_height_a_tenth_too_great(
     assert fit.tilt[1] == pytest.approx(7.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_pairs_of_other_places_tell_nothing(driven: Sequence[FramePair]) -> None:
     mixed = [replace(one, second=other.second) for one, other in zip(driven, driven[::-1], strict=True)]
     with pytest.raises(CannotTellError, match="no mount explains the pairs better than any other"):

@@ -264,6 +264,7 @@ NAMED = (
 KEYS = st.sampled_from(NAMED.split()) | st.text(max_size=12)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.dictionaries(KEYS, VALUES, min_size=1, max_size=3))
 def test_whatever_is_posted_is_refused_or_leaves_a_valid_draft(

@@ -33,6 +33,7 @@ def figures(capsys: Out) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_each_combination_has_its_calls_by_reason_and_half(drive: Path, tmp_path: Path, capsys: Out) -> None:
     grid = ["--scene", "0.7,0.97", "--roi", "0.02,0.5", "--tile", "off"]
     assert anytraverse(asked(drive, tmp_path, "--operator", "go", *grid)) == 0
@@ -64,6 +65,7 @@ def test_the_calls_of_a_region_that_the_vehicle_does_not_fit_in_are_counted_and_
     assert row["not_ok"] == 16
 
 
+@pytest.mark.slow
 def test_the_labels_answer_where_there_are_some(drive: Path, tmp_path: Path, capsys: Out) -> None:
     grid = ["--scene", "0.97", "--roi", "0.02", "--tile", "0.3"]
     labelled = asked(drive, tmp_path, "--drivable", "gravel", *grid, episode=f"folder:{drive}")
@@ -128,6 +130,7 @@ def test_a_drive_without_a_frame_that_can_be_read_is_told(drive: Path, tmp_path:
     assert "no frame that can be read" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_name_of_several_lines_cannot_change_the_proposal(drive: Path, tmp_path: Path) -> None:
     odd = tmp_path / "a\n[words]\nb\x07"
     odd.symlink_to(drive)
@@ -140,6 +143,7 @@ def test_a_name_of_several_lines_cannot_change_the_proposal(drive: Path, tmp_pat
     assert part.startswith("# companion tune: a\\x0a[words]\\x0ab\\x07, 16 frames")
 
 
+@pytest.mark.slow
 def test_tuning_writes_what_to_put_into_the_configuration(drive: Path, tmp_path: Path, capsys: Out) -> None:
     answers = tmp_path / "answers.txt"
     answers.write_text("002.jpg = tap rock -1, go\n010.jpg = go\n")

@@ -54,6 +54,7 @@ def alone(engine: AnyTraverse, config: Config, episode: Episode, combination: Co
     return trial.outcome
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("who", "count"), [("answers", 20), ("go", 5), ("labels", 5)])
 def test_random_combinations_are_those_of_a_full_run(
     drive: Path, tmp_path: Path, who: str, count: int
@@ -83,6 +84,7 @@ def test_what_was_perceived_is_all_that_judging_asks_for(drive: Path, tmp_path: 
     assert sorted(tmp_path.rglob("*.npy")) == stored
 
 
+@pytest.mark.slow
 def test_processes_and_a_second_run_give_the_same(drive: Path, tmp_path: Path) -> None:
     config = load_config(drive.parent / "companion.toml")
     episode, combinations = Episode(str(drive), 10.0, ANSWERS), of_random(5, seed=1)

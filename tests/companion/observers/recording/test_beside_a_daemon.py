@@ -51,6 +51,7 @@ def counted(path: Path) -> Counter[str]:
         return found
 
 
+@pytest.mark.slow
 def test_what_is_recorded_fits_what_happened_and_a_killed_recorder_harms_nothing(
     companion: Companion, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -85,6 +86,7 @@ def test_what_is_recorded_fits_what_happened_and_a_killed_recorder_harms_nothing
     assert "recordings" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_with_its_companion_killed_a_recorder_is_gone_and_its_torn_file_is_read(
     companion: Companion, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -117,6 +117,7 @@ def test_an_answer_appears_letter_by_letter(tmp_path: Path) -> None:
     assert widths == sorted(set(widths))
 
 
+@pytest.mark.slow
 def test_a_large_one_is_made_smaller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     record(tmp_path / "recordings")
     file = tmp_path / "demo.webp"

@@ -134,6 +134,7 @@ def test_the_ground_is_seen_where_a_rotation_of_the_whole_camera_puts_it() -> No
         assert view.project(Pose(0, 0, 0), ahead, -right)[:2] == pytest.approx(tuple(pixel), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k1", [0.0, -0.12])
 def test_the_labels_show_the_path_at_the_metres_of_its_pixels(k1: float) -> None:
     world = World(1, surprises=())

@@ -437,6 +437,7 @@ STEPS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.lists(STEPS, max_size=25))
 def test_whatever_happens_guided_is_a_human_s_or_over_in_time_and_a_human_s_mode_stays(

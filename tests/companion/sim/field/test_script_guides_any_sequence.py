@@ -123,6 +123,7 @@ class Witness:
             self.theirs = False
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.lists(STEPS, max_size=30), st.booleans())
 @example(steps=[("command", 0, 0), ("back", 0, 0)], guided=True)
@@ -138,6 +139,7 @@ def test_no_mode_of_a_human_s_is_changed_and_no_auto_set_out_of_a_guided_that_is
     assert not [text for text in witness.board.texts() if "anytraverse.lua" in text]
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.lists(STEPS, max_size=20), st.sampled_from([0, 1, 4]))
 def test_a_rover_that_is_guided_is_in_hold_soon_after_its_last_target_unless_somebody_took_over(

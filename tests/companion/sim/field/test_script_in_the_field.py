@@ -96,6 +96,7 @@ def scene() -> Scene:
     return Scene()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 2.5, 4.0])
 @pytest.mark.parametrize("timeout", [1.5, 3.0])
 def test_a_companion_that_dies_in_auto_is_stopped_in_time_and_metres(speed: float, timeout: float) -> None:

@@ -29,7 +29,7 @@ _SIZES = {
 }
 _MARKED = ("small", "raw")
 """Pictures in which the page marks the place meant. The large one has bars, and its own marks."""
-_ONLY_HERE = frozenset({"pictures", "size", "since", "key", "large", "small_problem", "undo", "todo"})
+_ONLY_HERE = frozenset({"pictures", "size", "since", "key", "large", "small_note", "undo", "todo"})
 _STYLE = """
 body { font: 1rem/1.45 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
   color: #1b1f24; background: #fff; }

@@ -246,9 +246,11 @@ class Fetched:
     def pictures_of(self, number: int) -> dict[str, Any]:
         """Return how the pictures of a call come: why not, progress, or how long the large one would take."""
         path = picture_path(number, "large")
-        small = self.files.problems.get(picture_path(number, "small"), "")
+        small = picture_path(number, "small")
+        problem = self.files.problems.get(small, "")
+        coming = "Its picture is on its way." if self.files.waits(small) else ""
         return {
-            "small_problem": small and f"Its picture did not come: {small}.",
+            "small_note": f"Its picture did not come: {problem}." if problem else coming,
             "large": {
                 "waits": self.files.waits(path),
                 "progress": self.files.progress(path),

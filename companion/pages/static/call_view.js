@@ -50,10 +50,10 @@ export class CallView {
     });
   }
 
-  showPictures({ name, roi, box, open, test, size, pictures, large, small_problem: problem }) {
+  showPictures({ name, roi, box, open, test, size, pictures, large, small_note: coming }) {
     const marks = { roi, box, own: this.own, open: open && !test, size };
     const progress = large.progress ? `${Math.round(large.progress[0] / 1000)}${large.progress[1] ? ` of ${Math.round(large.progress[1] / 1000)}` : ""} kB` : "";
-    this.raw.show({ ...marks, url: pictures.raw ?? pictures.small ?? "", plain: Boolean(pictures.raw), note: problem || (open ? "Its picture is on its way." : "No picture is here."), alt: `What the rover saw at ${name}${box ? ", with the place meant in yellow" : ""}` });
+    this.raw.show({ ...marks, url: pictures.raw ?? pictures.small ?? "", plain: Boolean(pictures.raw), note: coming || "No picture of it is here.", alt: `What the rover saw at ${name}${box ? ", with the place meant in yellow" : ""}` });
     this.judged.show({ ...marks, url: pictures.large ?? "", under: pictures.large && pictures.raw, alt: `The same with the judgement: drivable, not drivable and unknown ground`,
       note: large.waits ? `On its way${progress ? `: ${progress}` : "."}` : large.problem ? `It did not come: ${large.problem}.` : "" });
     this.judged.part.hidden = !pictures.large && !large.waits;

@@ -178,6 +178,21 @@ def test_a_call_comes_with_its_picture_its_reason_and_what_to_do(desk: Desk) -> 
     desk.until(lambda: desk.console.picture(1, 7, "large") == desk.files["7-large.jpg"])
 
 
+def test_a_picture_is_said_to_be_on_its_way_only_while_it_is(desk: Desk) -> None:
+    desk.announce()
+    desk.run(0.2)
+    assert desk.shown()["small_note"] == "Its picture is on its way."
+    desk.until(lambda: "small" in desk.shown()["pictures"])
+    assert desk.shown()["small_note"] == ""
+
+
+def test_a_call_without_a_picture_is_not_said_to_have_one_on_its_way(desk: Desk) -> None:
+    desk.call = replace(desk.call, picture="")
+    desk.announce()
+    desk.run(3.0)
+    assert (desk.shown()["pictures"], desk.shown()["small_note"]) == ({}, "")
+
+
 def test_a_picture_that_is_announced_before_it_is_written_comes_soon(desk: Desk) -> None:
     desk.until(lambda: bool(desk.rover()["words_known"]))
     picture = desk.files.pop("7.jpg")

@@ -10,12 +10,13 @@ from companion.pages import wording
 from companion.pages.given import OwnAnswers
 from companion.wire.call_report import CallReport, NearestScene, reason_names
 from companion.wire.delivery import Pending
-from companion.wire.ids import Stage
+from companion.wire.ids import Kind, Reasons, Stage
 from companion.wire.incidents import SHORT, Incidents
 from companion.wire.packing import clean
 from companion.wire.texts import name
 
 _POSTED_MOTIONS = {"go": "go", "stay": "stay", "look_again": "look"}
+_AND = {"go": ", and go", "stay": ", and stay", "look": ", and look again", "none": ""}
 _KINDS = {SHORT: "the short file", "": "the whole file"}
 
 
@@ -28,13 +29,12 @@ def shown(
     said: Sequence[Mapping[str, Any]],
     nearest: Mapping[str, Any] | None,
     since: float | None = None,
-    record: CallReport | None = None,
 ) -> dict[str, Any]:
     """Return what every page shows of a call.
 
     own: what was answered from the page. key: tells calls of one id apart. pictures: their addresses by size.
     said: what else became of it, time and text. nearest: of `nearest`. since: when it opened, by the page's
-    clock, None for one of which only its record tells. record: of this call, where there is one.
+    clock, None for one of which only its record tells.
     """
     told: dict[str, Any]
     if since is None:
@@ -63,13 +63,30 @@ def shown(
         "pictures": pictures,
         "said": said,
         "nearest": nearest,
-        "named": _named(own, record),
+        "known": known_thing(call, nearest),
         **told,
         **own.document(),
     }
 
 
-def _named(own: OwnAnswers, record: CallReport | None) -> dict[str, Any] | None:
+def known_thing(call: CallReport, nearest: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Return what a thing was named in the scene most like a call's, to be answered at once.
+
+    nearest: of `nearest`. word, weight, motion: of a tap in the call's box. None where the call asks about no
+    thing, or where nobody knows whether one was named there.
+    """
+    asks = call.stage is Stage.OPEN and call.kind is Kind.CALL and not call.test and wording.points(call)
+    if not asks or not call.reasons & Reasons.UNKNOWN_OBJECT or nearest is None or not nearest["alike"]:
+        return None
+    thing: dict[str, Any] | None = nearest["named"]
+    if thing is None:
+        return None
+    weight = ("\N{MINUS SIGN}" if thing["weight"] else "") + f"{abs(thing['weight']):g}"
+    there = f"you named at C{nearest['call']}: {weight}{_AND[thing['motion']]}"
+    return {**thing, "text": clean(f"Still the {thing['word']} {there}")}
+
+
+def named_thing(own: OwnAnswers, record: CallReport | None) -> dict[str, Any] | None:
     """Return what the newest answer to a call named a thing that is not drivable, and its motion.
 
     A thing is named by a tap: a word without one is said of all the ground. None where none was.
@@ -86,11 +103,18 @@ def _named(own: OwnAnswers, record: CallReport | None) -> dict[str, Any] | None:
     return None
 
 
-def nearest(found: NearestScene, said: str, motion: str, alike: float | None, picture: str) -> dict[str, Any]:
+def nearest(
+    found: NearestScene,
+    said: str,
+    motion: str,
+    alike: float | None,
+    picture: str,
+    named: Mapping[str, Any] | None,
+) -> dict[str, Any]:
     """Tell which answered scene a call's is most like, and what the answer was.
 
     said: who answered, for a person. motion: of that answer, "" where it is not known. alike: the similarity
-    from which two scenes count as one. picture: its address, "" for none.
+    from which two scenes count as one. picture: its address, "" for none. named: `named_thing` there.
     """
     words = ", ".join(f"{word} {weight:g}" for word, weight in found.words.items())
     answer = ", ".join(filter(None, (words, motion))) or "go"
@@ -102,6 +126,7 @@ def nearest(found: NearestScene, said: str, motion: str, alike: float | None, pi
         "similarity": round(found.similarity, 2),
         "words": [[word, weight] for word, weight in found.words.items()],
         "alike": not far,
+        "named": named,
         "text": clean(f"{most} {there} ({found.similarity:.2f}): {said} {answer}."),
         "picture": picture,
     }

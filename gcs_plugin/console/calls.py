@@ -10,7 +10,7 @@ from typing import Any
 from anytraverse.operations import Operation
 from anytraverse.picture_size import jpeg_size
 from companion.pages import wording as browser_wording
-from companion.pages.calls import nearest, shown
+from companion.pages.calls import named_thing, nearest, shown
 from companion.pages.given import Answered, OwnAnswers
 from companion.wire.call_figures import asked
 from companion.wire.call_report import CallReport
@@ -166,16 +166,17 @@ class Stories:
         if found is None:
             return None
         there = self.by_id.get(found.call_id or 0)
-        said, motion = "the answer was", ""
+        said, motion, named = "the answer was", "", None
         if there is not None:
             own = [plain(one.pending.answer.motion) for one in there.own.answers if one.pending.applied]
             given = [one.motion for one in there.record.answers] if there.record is not None else []
             said = "you said" if own else said
             motion = browser_wording.newest_motion(own or given)
+            named = named_thing(there.own, there.record)
         picture = self._url(story, "nearest")
         if not picture and there is not None:
             picture = self._url(there, "small")
-        return nearest(found, said, motion, alike, picture)
+        return nearest(found, said, motion, alike, picture, named)
 
     def _url(self, story: CallStory, size: str) -> str:
         if size not in story.pictures:
@@ -204,7 +205,6 @@ class Stories:
             said=[{"at": round(at, 2), "text": text} for at, text in story.said],
             nearest=self._nearest(story, alike),
             since=now - call.age(now) if call is not None else None,
-            record=record,
         ) | {
             "opened": round(story.opened, 2),
             "closed": story.closed_at and round(story.closed_at, 2),

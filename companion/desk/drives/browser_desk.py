@@ -18,19 +18,19 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from companion.desk.drives.answered_before import nearest_to
 from companion.desk.drives.drive import Drive
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.drives.rehearsal import AskedCall, Rehearsal
 from companion.pages import wording
 from companion.pages.access import Gate
-from companion.pages.calls import nearest, shown
+from companion.pages.calls import shown
 from companion.pages.given import OwnAnswers
 from companion.pages.listen import hashed, listen_here
 from companion.pages.requests import MOST_POSTED, RequestError, check_answer, read_answer, read_object
 from companion.pages.site import EventStreams, Server, event, posted, static_routes
-from companion.wire.call_report import NearestScene
 from companion.wire.ids import Stage
-from companion.wire.typed_answers import CommandError, read_typed, typed
+from companion.wire.typed_answers import CommandError, typed
 
 SHOWN = 24
 """Calls that are shown, the newest ones."""
@@ -100,7 +100,7 @@ class BrowserDesk:
         if call is not self._current:
             self._current = call
             self._asked[call.id] = time.monotonic(), time.time()
-            self._nearest[call.id] = self._nearest_to(call)
+            self._nearest[call.id] = nearest_to(call, self._found.calls, self._judge.engine)
         with self._answered:
             self._line, self._skipped = None, False
         self._tell(self._found.frames, "asking")
@@ -230,7 +230,7 @@ class BrowserDesk:
             }
             for one in call.said
         ]
-        return shown(
+        told = shown(
             call.data,
             OwnAnswers(),
             key=str(call.id),
@@ -238,9 +238,11 @@ class BrowserDesk:
             said=[],
             nearest=self._nearest[call.id],
             since=since,
-        ) | {
+        )
+        return told | {
             "stage": Stage.OPEN.name.lower() if waits else "closed",
             "open": waits,
+            "known": told["known"] if waits else None,
             "outcome": "answered" if call.by_person else "not remembered",
             "stands": f"At {call.at:.1f} s of the drive, {call.frame}.",
             "holding": False,
@@ -249,22 +251,6 @@ class BrowserDesk:
             "answers": said,
             "first": "",
         }
-
-    def _nearest_to(self, call: AskedCall) -> dict[str, Any] | None:
-        """Return which answered scene a call's is most like, and what the answer was."""
-        memory, calls = self._judge.engine.memory, {one.id: one for one in self._found.calls}
-        unanswered = {number for number, one in calls.items() if not one.by_person}
-        match = memory.nearest_answered(call.embedding, unanswered)
-        if match is None:
-            return None
-        there = calls.get(match.entry.call_id)
-        lines = [one.line for one in there.said if one.taken] if there is not None else []
-        motion = wording.newest_motion([read_typed(line).motion.name.lower() for line in lines])
-        scene = NearestScene(match.entry.call_id or None, match.similarity, memory.taught(match.entry), "")
-        picture = f"/calls/{there.id}-raw.jpg" if there is not None else ""
-        alike = self._judge.engine.settings.thresholds.scene
-        said = "you said" if there is not None else "the answer was"
-        return nearest(scene, said, motion, alike, picture)
 
 
 _GATE: dict[str, Any] = {
@@ -278,11 +264,7 @@ def _names(calls: list[AskedCall]) -> dict[str, float]:
     """Return the words that answers set, with their weights, the newest first."""
     found: dict[str, float] = {}
     for call in calls:
-        for said in call.said:
-            if said.taken:
-                for one in read_typed(said.line).operations:
-                    word, weight = getattr(one, "word", ""), getattr(one, "weight", None)
-                    if word and weight is not None:
-                        found.pop(word, None)
-                        found[word] = weight
+        for word, weight in wording.named(call.record).items():
+            found.pop(word, None)
+            found[word] = weight
     return dict(reversed(found.items()))

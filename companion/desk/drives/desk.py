@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections import defaultdict, deque
-from collections.abc import Callable
 from pathlib import Path
 
-from anytraverse.memory import Memory
+from anytraverse.engine import AnyTraverse
 from anytraverse.regular_file import read_regular
+from companion.desk.drives.answered_before import nearest_to
 from companion.desk.drives.drive import DriveError
-from companion.desk.drives.rehearsal import AskedCall
+from companion.desk.drives.rehearsal import AskedCall, Rehearsal
 from companion.pages import wording
+from companion.pages.calls import known_thing
 from companion.wire.typed_answers import CommandError, read_typed
 from companion.wire.words_text import turned
 
@@ -22,6 +23,7 @@ _HELP = """\
   tap drum -1, go                 what it points at is a drum, and never drivable
   gravel: 1; dry grass: 0.3, go   words for the ground here
   go                              all is well here: do not ask about this place again
+  same                            where it is offered: what you said of such a thing before
   (an empty line)                 skip: it is asked on the rover
   quit                            end here, and keep what was answered"""
 
@@ -68,11 +70,13 @@ class AnswerFile:
 class Terminal:
     """Prints a call, and reads answers from the keyboard. One that turns a sign must be typed twice."""
 
-    def __init__(self, out: Path, memory: Callable[[], Memory]) -> None:
-        """out: where the pictures of calls are. memory: returns what the rover remembers now."""
+    def __init__(self, out: Path, engine: AnyTraverse, found: Rehearsal) -> None:
+        """out: where the pictures of calls are. engine: of the drive. found: what it led to so far."""
         self._out = out
-        self._memory = memory
+        self._engine = engine
+        self._found = found
         self._asked = 0
+        self._same = ""
 
     def ask(self, call: AskedCall, problem: str) -> str | None:
         """Ask. An empty line, or the end of input, is None. Raises KeyboardInterrupt for `quit`."""
@@ -81,6 +85,7 @@ class Terminal:
             print(f"\nC{call.id} at {call.at:.1f} s, {call.frame}: {wording.reason(call.data)}")
             print(f"  {wording.figures(call.data)}")
             print(f"  {self._out / 'calls' / f'{call.id}-large.jpg'}")
+            self._offer(call)
         if problem:
             print(f"  {problem}")
         turning = ""
@@ -93,23 +98,36 @@ class Terminal:
                 print(_HELP)
             elif line.lower() == "quit":
                 raise KeyboardInterrupt
+            elif line.lower() == "same" and self._same:
+                return self._same
             elif line != turning and (question := self._question(line)):
                 turning = line
                 print(f"  {question}")
             else:
                 return line or None
 
+    def _offer(self, call: AskedCall) -> None:
+        """Tell what was said in the scene most like a call's, and offer to say it again."""
+        nearest, self._same = nearest_to(call, self._found.calls, self._engine), ""
+        if nearest is None:
+            return
+        print(f"  {nearest['text']}")
+        if (known := known_thing(call.data, nearest)) is not None:
+            motion = "" if known["motion"] == "none" else f", {known['motion']}"
+            self._same = f"tap {known['word']}: {known['weight']:g}{motion}"
+            print(f"  same: {known['text']}")
+
     def _question(self, line: str) -> str:
-        memory = self._memory()
+        memory = self._engine.memory
         try:
             return turned(read_typed(line).operations, memory.preferences, memory.given, memory.matched)
         except CommandError:
             return ""  # whoever applies it says what is wrong
 
 
-def terminal(out: Path, memory: Callable[[], Memory]) -> Terminal | None:
-    """Return the terminal, None where nobody sits at it. memory: as of `Terminal`."""
-    return Terminal(out, memory) if sys.stdin.isatty() and sys.stdout.isatty() else None
+def terminal(out: Path, engine: AnyTraverse, found: Rehearsal) -> Terminal | None:
+    """Return the terminal, None where nobody sits at it. Arguments: of `Terminal`."""
+    return Terminal(out, engine, found) if sys.stdin.isatty() and sys.stdout.isatty() else None
 
 
 def answer_lines(calls: list[AskedCall]) -> str:

@@ -16,9 +16,11 @@ from companion.calls.decisions import Call
 from companion.desk.drives.drive import Drive, DriveFrame
 from companion.desk.drives.judge import DriveJudge, Judgement, row
 from companion.vision.pictures import panel, unmarked
-from companion.wire.call_report import CallReport
+from companion.wire.answers import Answer
+from companion.wire.call_report import CallReport, GivenAnswer
 from companion.wire.ids import State
 from companion.wire.typed_answers import CommandError, placed, read_typed
+from companion.wire.words_text import operation_text
 
 MOST_TRIES = 8
 """Answers to one call, until it counts as not answered."""
@@ -50,6 +52,12 @@ class AskedCall:
     said: list[Said] = field(default_factory=list)
     by_person: bool = False
     group: int = 0
+
+    @property
+    def record(self) -> CallReport:
+        """What a rover's record of the call would hold: `data`, and the answers that were taken."""
+        taken = ((placed(read_typed(one.line), self.data), one.text) for one in self.said if one.taken)
+        return replace(self.data, answers=tuple(_given(answer, text) for answer, text in taken))
 
 
 Operator = Callable[[AskedCall, str], str | None]
@@ -189,6 +197,11 @@ def _answer(judge: DriveJudge, call: AskedCall, operator: Operator, now: float) 
         if not judge.needs_answer(call.id):
             return
     judge.go_where_uncovered(call.id, now)
+
+
+def _given(answer: Answer, text: str) -> GivenAnswer:
+    operations = tuple(map(operation_text, answer.operations))
+    return GivenAnswer(None, None, 0, answer.motion.name.lower(), operations, "applied", text)
 
 
 def _write_pictures(out: Path, call: AskedCall) -> None:

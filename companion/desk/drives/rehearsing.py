@@ -74,7 +74,7 @@ def run(
     folder = _made(Path(out))
     clock, found = judge.engine.memory.clock, Rehearsal()
     person: Terminal | BrowserDesk | None = (
-        terminal(folder, lambda: judge.engine.memory) if ask and port is None else None
+        terminal(folder, judge.engine, found) if ask and port is None else None
     )
     page = None
     if ask and port is not None:

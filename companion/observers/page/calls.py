@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from companion.pages import wording
-from companion.pages.calls import nearest, shown
+from companion.pages.calls import named_thing, nearest, shown
 from companion.pages.given import OwnAnswers
-from companion.wire.call_report import PICTURES, RECORD_MEMBERS, CallReport, picture_path
+from companion.wire.call_report import PICTURES, RECORD_MEMBERS, CallReport, NearestScene, picture_path
 from companion.wire.documents import StateFile, state_from
 from companion.wire.ids import PAGE_SENDER
 from companion.wire.json_values import DocumentError
@@ -46,7 +46,9 @@ def shown_calls(
 
     def show(call: CallReport, record: CallReport | None, since: float | None = None) -> None:
         here = own.get(call.id) or OwnAnswers()
-        found.append(_shown(call, record, since, now, kept, address, here) | {"incident": incident(call.id)})
+        there = record.nearest if record is not None else None
+        alike = None if there is None else _nearest(there, now, kept, address, own)
+        found.append(_shown(call, record, since, alike, address, here) | {"incident": incident(call.id)})
 
     if current is not None:
         show(current, kept.get(current.id), told_at - current.age_s)
@@ -67,12 +69,27 @@ def shown_calls(
     }
 
 
+def _nearest(
+    found: NearestScene,
+    state: StateFile,
+    known: Mapping[int, CallReport],
+    address: Callable[[str], str],
+    own: Mapping[int, OwnAnswers],
+) -> dict[str, Any]:
+    """Return what was answered in the scene most like a call's."""
+    call = found.call_id or 0
+    there = known.get(call)
+    motion = wording.newest_motion([one.motion for one in there.answers]) if there is not None else ""
+    picture = address(found.picture) if found.picture else ""
+    named = named_thing(own.get(call) or OwnAnswers(), there) if call else None
+    return nearest(found, "the answer was", motion, state.settings.get(THR_SCENE), picture, named)
+
+
 def _shown(
     call: CallReport,
     record: CallReport | None,
     since: float | None,
-    state: StateFile,
-    known: Mapping[int, CallReport],
+    alike: Mapping[str, Any] | None,
     address: Callable[[str], str],
     own: OwnAnswers,
 ) -> dict[str, Any]:
@@ -81,13 +98,6 @@ def _shown(
     ours = {(PAGE_SENDER, one.pending.answer.transaction) for one in own.answers}
     recorded = record.answers if record is not None else ()
     given = [one for one in recorded if (one.sender, one.transaction) not in ours]
-    found = record.nearest if record is not None else None
-    alike = None
-    if found is not None:
-        there = known.get(found.call_id or 0)
-        motion = wording.newest_motion([one.motion for one in there.answers]) if there is not None else ""
-        picture = address(found.picture) if found.picture else ""
-        alike = nearest(found, "the answer was", motion, state.settings.get(THR_SCENE), picture)
     return shown(
         call,
         own,
@@ -96,7 +106,6 @@ def _shown(
         said=[{"at": one.at, "text": wording.answered(one)} for one in given if one.at is not None],
         nearest=alike,
         since=since,
-        record=record,
     ) | {
         "large": {},
         "given": [wording.answered(one) for one in given if one.at is None],

@@ -71,9 +71,9 @@ export class AnswerCard extends CallView {
     this.entry.hidden = !data.open;
     this.naming.hidden = Boolean(data.test) || data.kind === "hold" && !data.box;
     this.showNames(rover);
-    this.known = namedBefore(data, rover.calls ?? []);
+    this.known = data.known;
     this.again.hidden = !this.known;
-    if (this.known) showText(this.again, stillThe(this.known));
+    if (this.known) showText(this.again, this.known.text);
     this.refresh();
     if (this.hindered) this.tell(this.hindrance(this.hindered), this.hindered);
     const last = data.answers.at(-1);
@@ -270,16 +270,6 @@ const named = (words) => words.map(([word, weight]) => `${word} ${signed(weight)
 export function labels(changes) {
   const text = capital(named(changes.map(({ word, weight }) => [word, weight])));
   return text ? { go: `${text}, and go`, stay: `${text}, and stay`, none: `${text}, nothing else` } : { go: "Go", stay: "Stay", none: "" };
-}
-
-const stillThe = ({ call, word, weight, motion }) => `Still the ${word} you named at C${call}: ${signed(weight)}${AND[motion]}`;
-
-// What a thing was named in the scene that is like this one. null where there is none, or nobody knows whether a thing was named there.
-// calls: the rover's.
-function namedBefore({ open, stage, kind, test, box, reasons, nearest }, calls) {
-  if (!open || stage !== "open" || kind !== "call" || test || !box || !reasons.includes("unknown_object")) return null;
-  const there = nearest?.alike && nearest.call && calls.find((one) => one.id === nearest.call);
-  return there?.named ? { call: there.id, ...there.named } : null;
 }
 
 // Whether words said of the ground elsewhere may be said here with one click: only as ground that is driven on.

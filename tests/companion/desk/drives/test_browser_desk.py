@@ -21,13 +21,18 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
+from anytraverse.engine import AnyTraverse
+from companion.config import load_config
 from companion.desk.drives import rehearsing
 from companion.desk.drives.drive import DriveError
+from companion.desk.drives.frames import open_drive
+from companion.desk.drives.judge import DriveJudge
+from companion.desk.drives.rehearsal import Rehearsal
 from tests.companion.desk.drives.filmed import CONFIG
-from tests.companion.desk.drives.test_rehearsal import drive, rehearsed
+from tests.companion.desk.drives.test_rehearsal import answered, drive, like, rehearsed
 from tests.waiting import wait_for
 
-__all__ = ["drive"]
+__all__ = ["answered", "drive"]
 pytestmark = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("starlette", "uvicorn")), reason="starlette is not installed"
 )
@@ -161,6 +166,27 @@ def test_answers_on_the_page_lead_to_what_the_same_answers_in_a_file_do(
         assert (running.out / name).read_bytes() == (tmp_path / "file" / name).read_bytes(), name
     assert "tap drum: -1 0.4012 0.5000 0.6000 0.8000, go" in (running.out / "answers.txt").read_text()
     assert (running.out / "index.html").exists()
+
+
+def test_what_a_thing_was_named_in_a_like_scene_is_offered(
+    answered: tuple[AnyTraverse, Rehearsal], drive: Path
+) -> None:
+    from companion.desk.drives.browser_desk import BrowserDesk
+
+    engine, found = answered
+    call = like(answered)
+    judge = DriveJudge(load_config(drive.parent / "companion.toml"), engine)
+    shown = Rehearsal(calls=[*found.calls, call])
+    with BrowserDesk(judge, (), shown, open_drive(str(drive), 10.0)) as desk:
+        asking = threading.Thread(target=desk.ask, args=[call, ""], daemon=True)
+        asking.start()
+        person = Person(desk.url)
+        known = person.call()["known"]
+        assert (known["word"], known["weight"], known["motion"]) == ("drum", -1.0, "go")
+        assert known["text"] == "Still the drum you named at C1: −1, and go"
+        assert person.post("/skip")[0] == 200
+        asking.join(PATIENCE)
+        assert not asking.is_alive()
 
 
 def test_rubbish_strangers_and_what_comes_too_late_change_nothing(running: Running) -> None:

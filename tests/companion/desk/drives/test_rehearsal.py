@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from anytraverse.memory import Memory
-from anytraverse.preferences import Preferences
+from anytraverse.engine import AnyTraverse
 from companion.cli import main
 from companion.config import load_config
 from companion.desk.drives.desk import AnswerFile, Terminal
@@ -22,6 +22,7 @@ from companion.desk.drives.frames import open_drive
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.drives.rehearsal import AskedCall, Rehearsal, learnt, rehearse
 from companion.vision.warm_up import load_engine
+from companion.wire.ids import Reasons
 from tests.companion.desk.drives.filmed import film
 from tests.companion.link.payloads import CALL
 
@@ -162,7 +163,16 @@ def test_a_line_that_is_no_answer_is_named(tmp_path: Path, line: str, why: str) 
         AnswerFile(path)
 
 
-MEMORY = Memory("m", Preferences.of({"water": -1.0}))
+@pytest.fixture(scope="module")
+def answered(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[AnyTraverse, Rehearsal]:
+    """The drive, at whose first call somebody tapped a drum."""
+    found, lines = Rehearsal(), iter(["tap drum: -1 0.4 0.5 0.6 0.8; water: -1, go"])
+    config = load_config(drive.parent / "companion.toml")
+    judge = DriveJudge(config, load_engine(config, None)[0])
+    out, frames = tmp_path_factory.mktemp("answered"), open_drive(str(drive), 10.0)
+    rehearse(frames, judge, lambda _call, _told: next(lines, None), out, found, lambda _number: None)
+    assert found.calls[0].by_person
+    return judge.engine, found
 
 
 def call(number: int = 1) -> AskedCall:
@@ -170,11 +180,14 @@ def call(number: int = 1) -> AskedCall:
 
 
 def test_somebody_at_the_terminal_sees_why_and_answers_skips_or_quits(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    answered: tuple[AnyTraverse, Rehearsal],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     lines = iter(["?", "help", "tap drum -1, go", "", "quit"])
     monkeypatch.setattr("builtins.input", lambda _prompt: next(lines))
-    desk = Terminal(tmp_path, lambda: MEMORY)
+    desk = Terminal(tmp_path, *answered)
     assert desk.ask(call(), "") == "tap drum -1, go"
     said = capsys.readouterr().out
     assert "C1 at 1.7 s, 017.png: " in said
@@ -187,14 +200,41 @@ def test_somebody_at_the_terminal_sees_why_and_answers_skips_or_quits(
 
 
 def test_an_answer_at_the_terminal_that_turns_a_sign_must_be_typed_twice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    answered: tuple[AnyTraverse, Rehearsal],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     lines = iter(["water: 1, go", "water: -1, go", "water: 1, go", "tap water 1, go", "tap water 1, go"])
     monkeypatch.setattr("builtins.input", lambda _prompt: next(lines))
-    desk = Terminal(tmp_path, lambda: MEMORY)
+    desk = Terminal(tmp_path, *answered)
     assert desk.ask(call(), "") == "water: -1, go"
     assert "water was -1: repeat it to turn it" in capsys.readouterr().out
     assert desk.ask(call(), "") == "tap water 1, go"
+
+
+def like(answered: tuple[AnyTraverse, Rehearsal]) -> AskedCall:
+    """A call for a thing in the scene of the first one."""
+    there = answered[1].calls[0]
+    return AskedCall(99, "040.png", 4.0, replace(CALL, id=99), there.embedding, b"", b"")
+
+
+def test_what_a_thing_was_named_in_a_like_scene_is_said_again_by_one_word(
+    answered: tuple[AnyTraverse, Rehearsal],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lines = iter(["same", "same", ""])
+    monkeypatch.setattr("builtins.input", lambda _prompt: next(lines))
+    desk = Terminal(tmp_path, *answered)
+    assert desk.ask(like(answered), "") == "tap drum: -1, go"
+    said = capsys.readouterr().out
+    assert "  Most like call C1 (1.00): you said " in said
+    assert "  same: Still the drum you named at C1: −1, and go" in said
+    ground = replace(like(answered), id=100, data=replace(CALL, reasons=Reasons.UNKNOWN_SCENE))
+    assert desk.ask(ground, "") == "same", "no thing is asked about: it is no answer, as what takes it says"
+    assert "Still the" not in capsys.readouterr().out
 
 
 def test_a_picture_is_decoded_once_and_only_when_it_is_looked_at(drive: Path, tmp_path: Path) -> None:

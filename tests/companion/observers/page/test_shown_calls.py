@@ -62,15 +62,15 @@ def test_a_tap_is_told_by_its_word() -> None:
     assert shown["names"] == [("old drum", -1.0)], "it can be said again with one click"
 
 
-def test_a_thing_was_named_where_it_was_tapped_not_where_a_word_was_said_of_all_the_ground() -> None:
-    def named(motion: str, *operations: str) -> Any:
-        said = {"at": None, "motion": motion, "operations": [*operations], "result": "applied"}
-        return shown_calls({}, 0.0, [{**RECORD, "answers": [said]}], there, {})["calls"][0]["named"]
+def test_a_thing_that_was_tapped_in_a_like_scene_is_offered_not_a_word_of_all_the_ground() -> None:
+    def known(*operations: str) -> Any:
+        said = {"at": None, "motion": "stay", "operations": [*operations], "result": "applied"}
+        records = [RECORD, {**RECORD, "id": 3, "answers": [said]}]
+        return shown_calls(STATE, 0.0, records, there, {})["calls"][0]["known"]
 
-    tap = "tap old drum: -1 0.1 0.2 0.3 0.4"
-    assert named("stay", "mud: -1", tap) == {"word": "old drum", "weight": -1.0, "motion": "stay"}
-    assert named("", tap) == {"word": "old drum", "weight": -1.0, "motion": "none"}, "none is made up"
-    assert named("go", "mud: -1") is None
+    found = known("mud: -1", "tap old drum: -1 0.1 0.2 0.3 0.4")
+    assert found["text"] == "Still the old drum you named at C3: −1, and stay"
+    assert known("mud: -1") is None
 
 
 @given(

@@ -2,6 +2,10 @@
 
 The supervisor lays `REQUEST` into its runtime directory; systemd starts the helper, which takes it away and
 leaves `ANSWER` in its own. Who reads either must not trust it: `read_request`, `read_answer`.
+
+A companion that starts again sees nothing for some seconds, and the file may be written long after the
+request. So the helper starts it again only by `LEAVE`, which the supervisor lays down once it has heard the
+answer, and takes back where the vehicle is armed by then.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from anytraverse.regular_file import open_regular
 
 REQUEST = "config-request.json"
 ANSWER = "answer.json"
+LEAVE = "config-leave.json"
 ANSWERS = Path("/run/anytraverse-config")
 """The runtime directory of the helper."""
 _LARGEST = 1 << 16
@@ -25,6 +30,8 @@ _MOST_CHANGES = 64
 
 LONGEST = 20.0
 """Seconds for which a request may be good."""
+LEAVE_LASTS = 3.0
+"""Seconds for which the leave to start the companion again is good."""
 
 Value = bool | int | float | str | list[bool | int | float | str] | dict[str, float | str] | None
 
@@ -54,11 +61,22 @@ class ConfigRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ConfigAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Says what became of a request. id: its id, "" for one that was not readable. text: what, or why not."""
+    """Says what became of a request. id: its id, "" for one that was not readable. text: what, or why not.
+
+    restarts: whether the helper waits for leave to start the companion again.
+    """
 
     id: str
     written: bool
     text: str
+    restarts: bool = False
+
+
+class RestartLeave(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Lets the helper start the companion again after the request `id`, until so many seconds of `clock`."""
+
+    id: str
+    until: float
 
 
 def read_request(folder: Path, user: int) -> ConfigRequest:
@@ -88,6 +106,15 @@ def read_answer(folder: Path = ANSWERS) -> ConfigAnswer | None:
         return msgspec.json.decode(_read(folder / ANSWER, None), type=ConfigAnswer)
     except (OSError, ConfigRequestError, msgspec.DecodeError, UnicodeDecodeError):
         return None
+
+
+def has_leave(folder: Path, user: int, request_id: str, now: float) -> bool:
+    """Whether the companion may be started again now. user: as of `read_request`. now: s of `clock`."""
+    try:
+        leave = msgspec.json.decode(_read(folder / LEAVE, user), type=RestartLeave)
+    except (OSError, ConfigRequestError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return False
+    return leave.id == request_id and 0.0 < leave.until - now <= LEAVE_LASTS
 
 
 def _read(path: Path, user: int | None) -> bytes:

@@ -5,6 +5,9 @@ Nothing that the supervisor says is believed: the request's form, the changes an
 again here. It never changes what `guard_of` keeps for loopback, wherever the request came from: the
 supervisor's word that it came over loopback would be worth what a broken-in supervisor is worth. Such
 settings are changed in the shell, by root or the file's owner.
+
+It starts the companion again only by the supervisor's leave, which is good for seconds: the vehicle may be
+armed since the request, and a companion that starts sees nothing.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import pwd
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -27,6 +31,7 @@ from companion.config.request import (
     ConfigRequest,
     ConfigRequestError,
     clock,
+    has_leave,
     read_request,
 )
 from companion.config.toml_file import ConfigError
@@ -37,13 +42,16 @@ REQUESTS = Path("/run/anytraverse")
 """The runtime directory of the supervisor."""
 _USER = "anytraverse"
 _GRACE = 1.0
-"""Seconds from the answer to the restart, in which who asked hears of it."""
+"""Seconds from the leave to the restart, in which who asked hears of it."""
+_LEAVE_WITHIN = 2.0
+"""Seconds in which the supervisor gives its leave."""
+_TICK = 0.05
 _WITHIN = 10.0
 _LONGEST = 2000
 
 
 def main(file: str) -> int:
-    """Answer the request that lies there, and restart the companion where the file was changed.
+    """Answer the request that lies there, and restart the companion where the file was changed and it may be.
 
     Returns the exit code: 1 only where no answer could be left.
     """
@@ -55,11 +63,25 @@ def main(file: str) -> int:
     except OSError as error:
         print(f"no answer can be left: {error}", file=sys.stderr)
         return 1
-    if answer.written:
-        time.sleep(_GRACE)
+    if answer.restarts and may_restart(answer.id, REQUESTS, user):
         restart = ["systemctl", "--no-block", "try-restart", "companion.service"]
         subprocess.run(restart, check=False, timeout=_WITHIN)
+    elif answer.written:
+        print(f"{answer.id}: not started again: it takes effect at the next start", flush=True)
     return 0
+
+
+def may_restart(
+    request_id: str, requests: Path, user: int, sleep: Callable[[float], None] = time.sleep
+) -> bool:
+    """Wait for the supervisor's leave, and return whether it still stands once who asked has heard of it."""
+    until = clock() + _LEAVE_WITHIN
+    while not has_leave(requests, user, request_id, clock()):
+        if clock() >= until:
+            return False
+        sleep(_TICK)
+    sleep(_GRACE)
+    return has_leave(requests, user, request_id, clock())
 
 
 def answered(file: Path, requests: Path, user: int) -> ConfigAnswer:
@@ -85,7 +107,8 @@ def answered(file: Path, requests: Path, user: int) -> ConfigAnswer:
         kept = write(file, proposal)
     except (ConfigError, ValueError) as error:
         return _refused(request.id, str(error))
-    return ConfigAnswer(request.id, written=True, text=f"the version before is {kept}")
+    in_time = not _late(request)  # a slow disk: who asked may have given up
+    return ConfigAnswer(request.id, written=True, text=f"the version before is {kept}", restarts=in_time)
 
 
 def _is_guarded(key: str, value: object) -> bool:

@@ -11,9 +11,12 @@ import msgspec
 
 from companion.config.request import (
     ANSWERS,
+    LEAVE,
+    LEAVE_LASTS,
     REQUEST,
     ConfigAnswer,
     ConfigRequest,
+    RestartLeave,
     Value,
     clock,
     read_answer,
@@ -27,6 +30,7 @@ WRITES_WITHIN = 15.0
 """Seconds in which it may begin to write: it answers before it is said that nothing was written."""
 HEARD_WITHIN = 3.0
 """Seconds for which it is known whether the vehicle is armed: it says so each second."""
+_HOW_ELSE = "connect the autopilot, or edit the file"
 _UNIT = "systemctl status anytraverse-config.path"
 
 
@@ -39,9 +43,10 @@ class FileChange:
     def __init__(self, requests: Path, answers: Path = ANSWERS) -> None:
         """requests: the supervisor's runtime directory. answers: the helper's."""
         self._request = requests / REQUEST
+        self._leave = requests / LEAVE
         self._answers = answers
         self._asked = ""
-        self._until = 0.0
+        self._until = self._leave_until = 0.0
 
     @classmethod
     def of_service(cls) -> FileChange | None:
@@ -65,10 +70,8 @@ class FileChange:
         """
         if self._asked:
             return "another change is being made: wait for it"
-        if vehicle is None or not now - vehicle.heard_at <= HEARD_WITHIN:
-            return "it is not known whether the vehicle is armed: connect the autopilot, or edit the file"
-        if vehicle.armed:
-            return "the vehicle is armed: disarm it first"
+        if why := _not_disarmed(vehicle, now):
+            return f"{why}: {'disarm it first' if vehicle and vehicle.armed else _HOW_ELSE}"
         until = clock() + WRITES_WITHIN
         request = ConfigRequest(secrets.token_hex(8), sha256, asked_from, dict(changes), until)
         try:
@@ -78,8 +81,12 @@ class FileChange:
         self._asked, self._until = request.id, now + WITHIN
         return ""
 
-    def answer(self, now: float) -> ConfigAnswer | None:
-        """Return what became of the request, once; None while there is none or it is not answered yet."""
+    def answer(self, vehicle: Vehicle | None, now: float) -> ConfigAnswer | None:
+        """Return what became of the request, once; None while there is none or it is not answered yet.
+
+        Once the file is written, the helper gets leave to start the companion again, if the vehicle is still
+        disarmed; that is then `restarts`.
+        """
         if not self._asked:
             return None
         found = read_answer(self._answers)
@@ -89,4 +96,33 @@ class FileChange:
             self._request.unlink(missing_ok=True)  # it is not to be done when nobody waits any more
             found = ConfigAnswer(self._asked, written=False, text=f"no answer: see {_UNIT}")
         self._asked = ""
-        return found
+        if not found.written:
+            return found
+        why = _not_disarmed(vehicle, now) if found.restarts else "it took too long"
+        why = why or self._give_leave(found.id, now)
+        return msgspec.structs.replace(
+            found, restarts=not why, text=f"{found.text}; {why}" if why else found.text
+        )
+
+    def watch(self, vehicle: Vehicle | None, now: float) -> None:
+        """Take the leave back where the vehicle is armed by now, and where nobody has taken it."""
+        if self._leave_until and (now >= self._leave_until or _not_disarmed(vehicle, now)):
+            self._leave.unlink(missing_ok=True)
+            self._leave_until = 0.0
+
+    def _give_leave(self, request_id: str, now: float) -> str:
+        """Let the helper start the companion again; say why not, or ""."""
+        leave = RestartLeave(request_id, clock() + LEAVE_LASTS)
+        try:
+            write_atomically(self._leave, msgspec.json.encode(leave), sync=False)
+        except OSError as error:
+            return f"the leave to start again cannot be laid down: {(error.strerror or str(error)).lower()}"
+        self._leave_until = now + LEAVE_LASTS
+        return ""
+
+
+def _not_disarmed(vehicle: Vehicle | None, now: float) -> str:
+    """Say why a restart could be one of an armed vehicle; "" where it is known to be disarmed."""
+    if vehicle is None or not now - vehicle.heard_at <= HEARD_WITHIN:
+        return "it is not known whether the vehicle is armed"
+    return "the vehicle is armed" if vehicle.armed else ""

@@ -117,7 +117,9 @@ class SettingsFromPage:
             elif self._proposing is not None:
                 self._hear(self._proposing, now)
             elif self._writing and self._change is not None:
-                self._finish(self._change.answer(now))
+                self._finish(self._change.answer(vehicle, now))
+            if self._change is not None:
+                self._change.watch(vehicle, now)
 
     def close(self) -> None:
         """Kill the process that proposes."""
@@ -160,8 +162,9 @@ class SettingsFromPage:
     def _finish(self, answer: ConfigAnswer | None) -> None:
         """Tell what became of a change, once it is known."""
         if answer is not None:
-            became = {"written": True, "text": answer.text} if answer.written else {}
-            self.tell({"id": self._writing, "problem": "" if answer.written else answer.text, **became})
+            became = {"written": True, "restarts": answer.restarts, "text": answer.text}
+            told = {"problem": "", **became} if answer.written else {"problem": answer.text}
+            self.tell({"id": self._writing, **told})
             self._writing, self._kept = "", None
 
     def _hear(self, request: PageRequest, now: float) -> None:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from companion.config import root_helper
-from companion.config.editing import Proposal, propose
+from companion.config.editing import Proposal, propose, write
 from companion.config.request import (
     ANSWER,
+    LEAVE,
+    LEAVE_LASTS,
     REQUEST,
     ConfigAnswer,
     ConfigRequest,
@@ -26,7 +28,7 @@ from companion.config.request import (
     read_answer,
     read_request,
 )
-from companion.config.root_helper import answered, leave
+from companion.config.root_helper import answered, leave, may_restart
 
 TEXT = '# mine\n[camera]\nsource = "v4l2:/dev/video0"\nrate = 10.0\n[vehicle]\nfile = ""\n'
 USER = os.getuid()
@@ -154,6 +156,61 @@ def test_a_check_that_takes_until_nobody_waits_leaves_the_file(
     monkeypatch.setattr(root_helper, "propose", slow)
     assert "too long" in answered(file, folder, USER).text
     assert file.read_text() == TEXT
+
+
+def test_a_file_that_is_written_too_late_does_not_start_the_companion_again(
+    file: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _lay(folder, {"camera.rate": 5.0})
+    late = clock() + 5.1
+
+    def slow(path: Path, proposal: Proposal) -> Path:
+        monkeypatch.setattr(root_helper, "clock", lambda: late)
+        return write(path, proposal)
+
+    monkeypatch.setattr(root_helper, "write", slow)
+    answer = answered(file, folder, USER)
+    assert (answer.written, answer.restarts) == (True, False)
+    assert "5.0" in file.read_text()
+
+
+class Grace:
+    """Passes the helper's time by its own sleep; meanwhile things are done, each at its second."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *todo: tuple[float, Callable[[], object]]) -> None:
+        self.now = self.began = clock()
+        self.todo = list(todo)
+        monkeypatch.setattr(root_helper, "clock", lambda: self.now)
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        while self.todo and self.now - self.began >= self.todo[0][0]:
+            self.todo.pop(0)[1]()
+
+
+def test_the_companion_starts_again_by_a_leave_that_still_stands_after_the_grace(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, began = folder / LEAVE, clock()
+
+    def give(request_id: str = "a1", left: float = LEAVE_LASTS) -> Callable[[], object]:
+        told = {"id": request_id, "until": began + 0.5 + left}
+        return lambda: path.write_text(json.dumps(told))
+
+    def restarts(*todo: tuple[float, Callable[[], object]], user: int = USER) -> bool:
+        path.unlink(missing_ok=True)
+        grace = Grace(monkeypatch, *todo)
+        return may_restart("a1", folder, user, grace.sleep)
+
+    assert restarts((0.5, give()))
+    assert not restarts(), "no leave is given"
+    assert not restarts((3.0, give())), "it comes too late"
+    assert not restarts((0.5, give()), (1.2, path.unlink)), "the vehicle is armed in the grace"
+    assert not restarts((0.5, give(left=0.8))), "it is stale after the grace"
+    assert not restarts((0.5, give(left=3600.0))), "none is good for an hour"
+    assert not restarts((0.5, give("b2"))), "it is for another request"
+    assert not restarts((0.5, give()), user=USER + 1), "it is not the supervisor's"
+    assert not restarts((0.5, lambda: path.write_bytes(b"[" * 9000)))
 
 
 def test_a_request_of_another_user_is_not_done(file: Path, folder: Path) -> None:

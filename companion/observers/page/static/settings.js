@@ -138,9 +138,10 @@ export class Settings {
     const answer = await this.post("/settings/write", { proposal: this.proposal }, "It is being written …");
     this.proposal = "";
     if (answer?.written) {
-      this.restarts = true;
+      this.restarts = answer.restarts;
       this.staged.clear();
-      this.became = `It is written, and the companion starts again: this page comes back by itself. ${capital(answer.text)}.`;
+      const what = answer.restarts ? "and the companion starts again, unless the vehicle is armed first: this page comes back by itself" : "and takes effect at the next start";
+      this.became = `It is written, ${what}. ${capital(answer.text)}.`;
       this.changed();
     }
     this.shown();

@@ -9,7 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from companion.config.request import REQUEST, ConfigAnswer, clock, read_request
+from companion.config.request import (
+    LEAVE_LASTS,
+    REQUEST,
+    ConfigAnswer,
+    clock,
+    has_leave,
+    read_request,
+)
 from companion.config.root_helper import answered, leave
 from companion.daemon.settings.file_change import HEARD_WITHIN, WITHIN, FileChange
 from companion.vehicle.state import Vehicle
@@ -32,18 +39,18 @@ def test_a_change_that_is_asked_for_is_made_by_the_helper_and_answered_once(
     change: FileChange, tmp_path: Path
 ) -> None:
     file = tmp_path / "companion.toml"
-    assert change.answer(NOW) is None
+    assert change.answer(STANDS, NOW) is None
     assert change.ask({"camera.rate": 5.0}, SHA256, "10.0.0.7", STANDS, NOW) == ""
-    assert change.answer(NOW) is None
+    assert change.answer(STANDS, NOW) is None
     assert "another change" in change.ask({"camera.rate": 6.0}, SHA256, "10.0.0.7", STANDS, NOW)
     leave(answered(file, tmp_path / "run", os.getuid()), tmp_path / "answers")
-    found = change.answer(NOW + 1.0)
+    found = change.answer(STANDS, NOW + 1.0)
     assert found is not None
     assert found.written
     assert b"rate = 5.0" in file.read_bytes()
-    assert change.answer(NOW + 1.0) is None
+    assert change.answer(STANDS, NOW + 1.0) is None
     assert change.ask({"camera.rate": 6.0}, SHA256, "10.0.0.7", STANDS, NOW) == ""
-    assert change.answer(NOW + 1.0) is None, "the answer to the one before is none to this"
+    assert change.answer(STANDS, NOW + 1.0) is None, "the answer to the one before is none to this"
 
 
 def test_while_the_vehicle_is_armed_or_may_be_nothing_is_asked_for(
@@ -60,14 +67,72 @@ def test_while_the_vehicle_is_armed_or_may_be_nothing_is_asked_for(
     assert not list((tmp_path / "run").iterdir())
 
 
+@pytest.fixture
+def written(change: FileChange, tmp_path: Path) -> ConfigAnswer:
+    """The helper's answer to a change that it has made, which lies there."""
+    assert change.ask({"camera.rate": 5.0}, SHA256, "x", STANDS, NOW) == ""
+    answer = answered(tmp_path / "companion.toml", tmp_path / "run", os.getuid())
+    leave(answer, tmp_path / "answers")
+    return answer
+
+
+def allowed(tmp_path: Path, answer: ConfigAnswer) -> bool:
+    return has_leave(tmp_path / "run", os.getuid(), answer.id, clock())
+
+
+def test_a_file_that_is_written_is_followed_by_leave_to_start_again_for_seconds(
+    change: FileChange, written: ConfigAnswer, tmp_path: Path
+) -> None:
+    assert not allowed(tmp_path, written)
+    found = change.answer(STANDS, NOW)
+    assert found is not None
+    assert found.restarts
+    change.watch(STANDS, NOW + 0.1)
+    assert allowed(tmp_path, written)
+    change.watch(replace(STANDS, heard_at=NOW + LEAVE_LASTS), NOW + LEAVE_LASTS)
+    assert not list((tmp_path / "run").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "why"), [(replace(STANDS, armed=True), "is armed"), (None, "not known whether")]
+)
+def test_a_vehicle_that_is_armed_once_the_file_is_written_keeps_its_companion(
+    change: FileChange, written: ConfigAnswer, tmp_path: Path, vehicle: Vehicle | None, why: str
+) -> None:
+    found = change.answer(vehicle, NOW)
+    assert found is not None
+    assert (found.written, found.restarts) == (True, False)
+    assert why in found.text
+    assert not allowed(tmp_path, written)
+
+
+def test_the_leave_is_taken_back_where_the_vehicle_is_armed_meanwhile(
+    change: FileChange, written: ConfigAnswer, tmp_path: Path
+) -> None:
+    change.answer(STANDS, NOW)
+    assert allowed(tmp_path, written)
+    change.watch(replace(STANDS, armed=True), NOW + 0.5)
+    assert not allowed(tmp_path, written)
+
+
+def test_no_leave_is_given_to_a_helper_that_was_too_late(
+    change: FileChange, written: ConfigAnswer, tmp_path: Path
+) -> None:
+    leave(ConfigAnswer(written.id, written=True, text="done"), tmp_path / "answers")
+    found = change.answer(STANDS, NOW)
+    assert found is not None
+    assert (found.restarts, found.text) == (False, "done; it took too long")
+    assert not allowed(tmp_path, written)
+
+
 def test_without_an_answer_the_request_is_taken_back_and_that_is_said(
     change: FileChange, tmp_path: Path
 ) -> None:
     change.ask({"camera.rate": 5.0}, SHA256, "x", STANDS, NOW)
     leave(ConfigAnswer("other", written=True, text=""), tmp_path / "answers")
-    assert change.answer(NOW + WITHIN - 0.1) is None
+    assert change.answer(STANDS, NOW + WITHIN - 0.1) is None
     assert (tmp_path / "run" / REQUEST).exists()
-    found = change.answer(NOW + WITHIN)
+    found = change.answer(STANDS, NOW + WITHIN)
     assert found is not None
     assert not found.written
     assert "systemctl status anytraverse-config.path" in found.text

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config import Config, load_config
-from companion.config.request import REQUEST
+from companion.config.request import LEAVE, REQUEST
 from companion.config.root_helper import answered, leave
 from companion.daemon.settings.file_change import WITHIN, FileChange
 from companion.daemon.settings.from_page import GOOD_FOR, PROPOSED_WITHIN, SettingsFromPage
@@ -98,8 +98,12 @@ def test_what_would_change_is_shown_and_a_second_request_has_the_helper_write_it
     desk.helps()
     desk.turn()
     (told,) = desk.told
-    assert told["written"] is True
+    assert (told["written"], told["restarts"]) == (True, True)
     assert "companion.toml.1" in told["text"]
+    assert (desk.run / LEAVE).exists()
+    desk.vehicle = replace(STANDS, armed=True)
+    desk.turn()
+    assert not (desk.run / LEAVE).exists(), "it is armed before the companion starts again"
     assert "votes = 3" in desk.file.read_text()
     assert "# How often." in desk.file.read_text()
 
@@ -114,6 +118,18 @@ def test_a_vehicle_that_is_armed_or_not_heard_stays_as_it_is(desk: Desk) -> None
     desk.ask(write=name)
     desk.turn()
     assert (desk.run / REQUEST).exists(), "once it stands, the same proposal counts"
+
+
+def test_a_vehicle_that_is_armed_while_the_file_is_written_keeps_its_companion(desk: Desk) -> None:
+    desk.ask(write=desk.answer(changes={"call.votes": 3})["proposal"])
+    desk.turn()
+    desk.helps()
+    desk.vehicle = replace(STANDS, armed=True)
+    desk.turn()
+    (told,) = desk.told
+    assert (told["problem"], told["written"], told["restarts"]) == ("", True, False)
+    assert told["text"].endswith("; the vehicle is armed")
+    assert not list(desk.run.iterdir())
 
 
 def test_only_the_newest_proposal_is_written_and_not_for_ever(desk: Desk) -> None:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
+import subprocess
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, fields
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from multiprocessing.connection import Connection, Pipe
 from typing import Any
 
 from anytraverse.regions import Box
 from companion.cameras import CameraOptions
 from companion.desk.check.watching import CameraDelivery
-from companion.desk.setup.preview_process import LARGEST, begin, without_current_folder
+from companion.desk.setup.preview_process import LARGEST
+from companion.system.isolated import isolated
 
+COMMAND = isolated("companion.desk.setup.preview_process")
 FORGOTTEN = 8.0
 """Seconds without a question after which the camera is closed."""
 SILENT = 12.0
@@ -113,23 +115,25 @@ class Preview:
 
     def _watch(self, wanted: _Wanted) -> None:
         """Run the process, and take what it sends, while this camera is wanted."""
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe(duplex=False)
-        what = os.getpid(), wanted.source, wanted.options, wanted.roi, theirs
-        process = context.Process(target=begin, args=what, daemon=True)
-        with without_current_folder():
-            process.start()
-        theirs.close()
-        try:
-            self._take(wanted, ours, process)
-        finally:
-            ours.close()
-            process.terminate()  # it closes the camera first: a program of it would stay
-            process.join(_CLOSED_WITHIN)
-            process.kill()
-            process.join(1.0)  # a driver in the kernel may delay its end: it is left to the kernel
+        ours, theirs = Pipe()
+        with ours:
+            try:
+                with theirs:
+                    process = _started(theirs.fileno())
+            except OSError as error:
+                self._failed(
+                    wanted, f"its process cannot be started: {(error.strerror or str(error)).lower()}"
+                )
+                return
+            try:
+                with suppress(OSError):  # it has died at once: that is said below
+                    ours.send((wanted.source, wanted.options, wanted.roi))
+                self._take(wanted, ours, process)
+            finally:
+                ours.close()
+                _end(process)
 
-    def _take(self, wanted: _Wanted, ours: Connection, process: SpawnProcess) -> None:
+    def _take(self, wanted: _Wanted, ours: Connection, process: subprocess.Popen[bytes]) -> None:
         heard_at = self._clock()
         while True:
             with self._changed:
@@ -159,9 +163,26 @@ class Preview:
                 self._newest = PreviewPicture(self._newest.number + 1, seen, jpeg, self._clock())
 
 
-def _how(process: SpawnProcess) -> str:
-    process.join(0.5)
-    return "" if process.exitcode in (None, 0) else f" (exit code {process.exitcode})"
+def _started(descriptor: int) -> subprocess.Popen[bytes]:
+    """Start the camera's process. descriptor: its end of the connection. Raises OSError."""
+    command = [*COMMAND, str(descriptor), str(os.getpid())]
+    return subprocess.Popen(command, pass_fds=[descriptor], stdin=subprocess.DEVNULL)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End the process. It closes the camera first: a program of it would stay."""
+    process.terminate()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(_CLOSED_WITHIN)
+    process.kill()
+    with suppress(subprocess.TimeoutExpired):  # a driver in the kernel may delay its end
+        process.wait(1.0)
+
+
+def _how(process: subprocess.Popen[bytes]) -> str:
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(0.5)
+    return "" if process.returncode in (None, 0) else f" (exit code {process.returncode})"
 
 
 def _read(message: bytes) -> tuple[CameraDelivery, bytes]:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
+import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from multiprocessing.connection import Connection
 
@@ -28,32 +26,18 @@ _EVERY = 0.2
 _ENOUGH, _COUNTED = 3, 60
 """Pictures by which rate and age are measured, at least and at most."""
 _QUALITY = 92
-_SAFE, _OURS = "PYTHONSAFEPATH", "companion"
 
 
-@contextmanager
-def without_current_folder() -> Iterator[None]:
-    """Start Python meanwhile without the current folder on its path: root may stand in anybody's.
+def main(descriptor: int, parent: int) -> None:
+    """Show the camera that the first message names. descriptor: of our end of the connection.
 
-    Python 3.10 does not know of this.
+    parent: its process id; this process ends with it, whatever a driver does.
     """
-    if _SAFE in os.environ:
-        yield
-        return
-    os.environ[_SAFE] = _OURS
-    try:
-        yield
-    finally:
-        del os.environ[_SAFE]
-
-
-def begin(parent: int, source: str, options: CameraOptions, roi: Box, out: Connection) -> None:
-    """Run as a process. parent: its process id; this one ends with it, whatever a driver does."""
     end_with(parent)
-    if os.environ.get(_SAFE) == _OURS:  # programs of the camera are started as the companion starts them
-        del os.environ[_SAFE]
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command says when to end
     signal.signal(signal.SIGTERM, _end)
+    out = Connection(descriptor)
+    source, options, roi = out.recv()
     show(source, options, roi, out)
 
 
@@ -102,3 +86,7 @@ def _jpeg(image: Image) -> bytes:
 
 def _send(out: Connection, seen: CameraDelivery, jpeg: bytes) -> None:
     out.send_bytes(json.dumps(asdict(seen)).encode() + b"\n" + jpeg)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from pathlib import Path
 
-import companion
 from companion.daemon.trial_call import ANSWERED_WITHIN
 from companion.desk.check.running import TAKEN_WITHIN
 from companion.pages.requests import RequestError
+from companion.system.isolated import isolated
 
-_ROOT = str(Path(companion.__file__).parents[1])
-_RUN = """
-import runpy, sys
-root = sys.argv.pop(1)
-root in sys.path or sys.path.insert(0, root)
-runpy.run_module("companion", run_name="__main__", alter_sys=True)
-"""
-"""Runs this companion without the current folder on Python's path (-I): root may stand in anybody's."""
 LIMIT = ANSWERED_WITHIN + 3 * TAKEN_WITHIN + 10.0
 """Seconds. The command ends by itself before."""
 
 
 def test_call(file: Path) -> dict[str, object]:
     """Run the command. Returns whether the call was answered, and what it said. Raises RequestError."""
-    command = [sys.executable, "-I", "-c", _RUN, _ROOT, "check", "--dry-run", str(file)]
+    command = isolated("companion", "check", "--dry-run", str(file))
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, check=False)
     except subprocess.TimeoutExpired as error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -18,7 +17,7 @@ from anytraverse.regions import Box
 from companion.cameras import CameraOptions
 from companion.desk.setup import preview
 from companion.desk.setup.preview import Preview, PreviewPicture, _read
-from companion.desk.setup.preview_process import begin, show
+from companion.desk.setup.preview_process import show
 from tests.waiting import wait_for
 
 ROI = Box(0.3, 0.6, 0.7, 0.95)
@@ -89,26 +88,28 @@ def test_one_camera_is_open_at_a_time_and_one_that_fails_says_why(source: str, l
 def test_a_process_that_dies_or_hangs_is_said_to_and_started_again(
     source: str, live: Preview, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    command = preview.COMMAND
     monkeypatch.setattr(preview, "AGAIN", 0.1)
-    monkeypatch.setattr(preview, "begin", _dies)
+    monkeypatch.setattr(preview, "COMMAND", [sys.executable, "-c", "raise SystemExit(3)"])
     assert "exit code 3" in shown(live, source, lambda one: one.number).seen.trouble
     monkeypatch.setattr(preview, "SILENT", 0.5)
-    monkeypatch.setattr(preview, "begin", _hangs)
+    monkeypatch.setattr(preview, "COMMAND", [sys.executable, "-c", "import time; time.sleep(60)"])
     shown(live, "folder:/other", lambda one: "hangs" in one.seen.trouble)
     monkeypatch.setattr(preview, "SILENT", 30.0)
-    monkeypatch.setattr(preview, "begin", begin)
+    monkeypatch.setattr(preview, "COMMAND", command)
     shown(live, source, lambda one: one.jpeg)
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 knows no safe path")
 def test_nothing_of_the_current_folder_is_imported(
     source: str, live: Preview, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "of somebody else"
     folder.mkdir()
-    (folder / "multiprocessing.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
+    for name in ("runpy", "multiprocessing", "secrets", "types", "random", "cv2", "companion"):
+        (folder / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
     monkeypatch.chdir(folder)
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
     shown(live, source, lambda one: one.jpeg)
     assert not (tmp_path / "ran").exists()
 
@@ -134,11 +135,3 @@ def _runs(number: str) -> bool:
         return Path(f"/proc/{number}/stat").read_text().split(")")[1].split()[0] != "Z"
     except OSError:
         return False
-
-
-def _dies(*_: object) -> None:
-    os._exit(3)
-
-
-def _hangs(*_: object) -> None:
-    threading.Event().wait(60.0)

@@ -45,8 +45,9 @@ def propose(path: Path, changes: Mapping[str, object | None]) -> Proposal:
 
     changes: "section.key" -> a value of a TOML type, None: the key is removed. "words.WORD" and
     "aliases.WORD" are entries of these tables, "words" and "aliases" the whole tables, "vocabulary" the whole
-    list. Where the vehicle's file has the words, its words are copied first, since the tables of one file
-    count; without its last word it has an empty table. Raises ConfigError for a file that cannot be read.
+    list, "link.more" all further connections, {"NAME.url": ...}. Where the vehicle's file has the words, its
+    words are copied first, since the tables of one file count; without its last word it has an empty table.
+    Raises ConfigError for a file that cannot be read.
     """
     layer = read_layer(path)
     before = layer.text
@@ -91,6 +92,9 @@ def _keyed(layer: Layer, changes: Mapping[str, object | None]) -> dict[KeyPath, 
     found: dict[KeyPath, object] = {}
     for key, value in changes.items():
         keys = split_key(key)
+        if keys == ("link", "more"):
+            found |= _connections(layer.value(keys), value)
+            continue
         if keys[0] not in ("words", "aliases"):
             found[keys] = value
             continue
@@ -114,6 +118,21 @@ def _keyed(layer: Layer, changes: Mapping[str, object | None]) -> dict[KeyPath, 
             for word, v in new.items()
             if v is not None or clean_word(word) in as_written
         }
+    return found
+
+
+def _connections(there: object, value: object) -> dict[KeyPath, object]:
+    """Return the changes by which all further connections of a link are these. there: those of the file."""
+    if value is not None and not isinstance(value, Mapping):
+        raise ValueError("link.more: give a table of NAME.url and the like")
+    new = {split_key(f"link.more.{one}"): v for one, v in (value or {}).items()}
+    found: dict[KeyPath, object] = dict(new)
+    for name, table in there.items() if isinstance(there, Mapping) else ():
+        kept = {keys[3] for keys in new if keys[2] == name}
+        if not kept:
+            found["link", "more", name] = None
+            continue
+        found |= {("link", "more", name, key): None for key in table if key not in kept}
     return found
 
 

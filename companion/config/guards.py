@@ -74,6 +74,7 @@ _OPEN_VALUES: Mapping[str, Callable[[str], bool]] = {
 def split_key(key: str) -> tuple[str, ...]:
     """Split "call.votes", "words.dry grass", "words" or "link.more.wifi.url" into keys of the file.
 
+    "words", "aliases", "vocabulary" and "link.more" are keys of the whole.
     Raises ValueError for a setting that does not exist.
     """
     name, _, rest = key.partition(".")
@@ -85,7 +86,7 @@ def split_key(key: str) -> tuple[str, ...]:
         raise ValueError(f"is not known; {nearest(name, (*WORD_KEYS, *SECTIONS))}")
     keys: tuple[str, ...] = (name, rest)
     known = checks_of(SECTIONS[name])
-    if (name, rest.split(".")[0]) == ("link", "more"):
+    if (name, rest.partition(".")[0]) == ("link", "more") and rest != "more":
         keys = (name, *rest.split("."))
         if len(keys) != 4:
             raise ValueError("is not known; write link.more.NAME.url")

@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.config.checks import Section, ValueCheck, harmless, number, section_schema, text
 from companion.config.reading import WORDS_OFFERED
-from companion.config.schema import SECTIONS, Config
+from companion.config.schema import SECTIONS, WORD_KEYS, Config
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -29,9 +29,9 @@ def json_schema() -> dict[str, Any]:
     settings or between words.
     """
     properties: dict[str, Any] = {name: section_schema(section) for name, section in SECTIONS.items()}
-    properties["vocabulary"] = {"description": "words offered to ground stations", **WORDS_OFFERED.schema}
-    properties["words"] = _word_table("word -> weight", number(-1, 1))
-    properties["aliases"] = _word_table("word -> its parameter's name less AT_W_", text)
+    properties["vocabulary"] = {"description": WORD_KEYS["vocabulary"], **WORDS_OFFERED.schema}
+    properties["words"] = _word_table(WORD_KEYS["words"], number(-1, 1))
+    properties["aliases"] = _word_table(WORD_KEYS["aliases"], text)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "AnyTraverse companion",

@@ -426,7 +426,12 @@ SECTIONS: Mapping[str, type[Section]] = {
     "video": VideoSection,
     "alert": AlertSection,
 }
-WORD_KEYS = ("vocabulary", "words", "aliases")
+WORD_KEYS: Mapping[str, str] = {
+    "vocabulary": "words offered to ground stations",
+    "words": "word -> weight",
+    "aliases": "word -> its parameter's name less AT_W_",
+}
+"""What is of words, beside the sections, and its meaning."""
 OF_A_VEHICLE = (*WORD_KEYS, "mount", "stopping", "roi", "corridor", "thresholds", "call")
 """The tables that a vehicle's file may have. companion.toml may have them, too, and its values win."""
 

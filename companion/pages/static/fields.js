@@ -28,6 +28,7 @@ export class Field {
       const none = this.row.default === null ? [element("option", { value: "" }, EMPTY)] : [];
       return element("select", { id }, ...none, ...options.map((one) => element("option", { value: one }, one)));
     }
+    if (type === "lines" || type === "table") return element("textarea", { id, rows: 4, autocomplete: "off", spellcheck: false, placeholder: EMPTY });
     const input = element("input", { type: "text", id, autocomplete: "off", placeholder: EMPTY });
     if (type === "number" || type === "integer") {
       input.inputMode = "decimal";
@@ -40,9 +41,9 @@ export class Field {
     this.row = this.store.row(this.key);
     const { value, hidden, form, guarded, help } = this.row;
     if (form.type === "flag") this.input.checked = value === true;
-    else if (document.activeElement !== this.input || !this.edited) this.input.value = value === null || hidden ? "" : Array.isArray(value) ? value.join(", ") : String(value);
+    else if (document.activeElement !== this.input || !this.edited) this.input.value = value === null || hidden ? "" : written(value, form.type === "list" ? ", " : "\n");
     // Part of a value in the input would be taken for the whole, and be written.
-    this.input.placeholder = !hidden ? EMPTY : value === null ? "set, and not shown" : `${value} (not shown whole)`;
+    this.input.placeholder = !hidden ? EMPTY : value === null ? "set, and not shown" : `${written(value, ", ")} (not shown whole)`;
     this.part.classList.toggle("changed", Boolean(this.row.changed));
     const mark = guarded ? ` ${this.store.mark ?? "Only on this computer."}` : "";
     showText(this.note, `${this.help || help}${this.help ? "" : "."}${mark}`);
@@ -69,10 +70,35 @@ export class Field {
       const value = Number(text.replace(",", "."));
       return Number.isFinite(value) ? { value } : { wrong: "That is no number." };
     }
+    if (type === "lines") return { value: lines(text) };
+    if (type === "table") return table(text, this.row.form.of);
     if (type === "list") return { value: text.split(",").map((one) => one.trim()).map((one) => (one !== "" && Number.isFinite(Number(one)) ? Number(one) : one)) };
     const numeric = Number(text);
     return { value: Number.isFinite(numeric) && typeof this.row.default === "number" ? numeric : text };
   }
+}
+
+// A value as somebody writes it. between: what stands between two of a list, or of a table's lines.
+export function written(value, between) {
+  if (Array.isArray(value)) return value.join(between);
+  return value !== null && typeof value === "object" ? Object.entries(value).map(([key, its]) => `${key}: ${its}`).join(between) : String(value);
+}
+
+const lines = (text) => text.split("\n").map((line) => line.trim()).filter(Boolean);
+
+// Lines of `key: value`, as a table. of: what its values are: number, text, any.
+export function table(text, of) {
+  const found = {};
+  for (const row of lines(text)) {
+    const [, key, value] = row.match(/^([^:]+):(.*)$/)?.map((part) => part.trim()) ?? [];
+    if (!key) return { wrong: `Write each line as NAME: VALUE, not "${row}".` };
+    if (key in found) return { wrong: `${key} stands twice.` };
+    const number = Number(value.replace(",", "."));
+    const isNumber = of !== "text" && value !== "" && Number.isFinite(number);
+    if (of === "number" && !isNumber) return { wrong: `${key}: "${value}" is no number.` };
+    found[key] = isNumber ? number : value;
+  }
+  return { value: found };
 }
 
 // Fields beside each other. told: key -> options of `Field`.

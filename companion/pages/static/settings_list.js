@@ -1,7 +1,7 @@
 // All settings of the file by section, with a search.
 
 import { element, showText } from "./elements.js";
-import { Field } from "./fields.js";
+import { Field, written } from "./fields.js";
 
 // store: of `Field`, and {rows}: a map of all. shell: command to set a row that cannot be set on this page, "" for one that can.
 export class SettingsList {
@@ -12,7 +12,8 @@ export class SettingsList {
     this.fields = [];
     this.sections = [...grouped(store.rows.values())].map(([name, rows]) => {
       const fields = rows.map((row) => {
-        const help = `${row.help.replace(/ ?\.\.\.$/, "")}. Default: ${text(row.default)}.`, command = shell(row);
+        const how = row.form.example ? ` One a line, as ${row.form.example}.` : "";
+        const help = `${row.help.replace(/ ?\.\.\.$/, "")}.${how} Default: ${text(row.default)}.`, command = shell(row);
         return { row, field: command ? told(row, help, command) : new Field(store, row.key, { help }) };
       });
       this.fields.push(...fields);
@@ -53,7 +54,7 @@ function told(row, help, command) {
     element("p", { className: "faint" }, `${help} In the shell only: `, element("code", {}, command))) };
 }
 
-const text = (value) => (value === null ? "not set" : value === "" ? "empty" : Array.isArray(value) ? value.join(", ") : String(value));
+const text = (value) => (value === null ? "not set" : value === "" ? "empty" : written(value, ", ") || "none");
 
 function grouped(rows) {
   const found = new Map();

@@ -75,8 +75,8 @@ export class Settings {
     this.changed();
   }
 
-  command({ key, shell }) {
-    return shell || this.cannot ? `companion config set ${this.file || "FILE"} ${key}=VALUE` : "";
+  command({ typed, shell }) {
+    return shell || this.cannot ? `companion config set ${this.file || "FILE"} ${typed}=VALUE` : "";
   }
 
   row(key) {

@@ -54,9 +54,14 @@ EXTRAS = {"export": "export", "fit": "train"}
 """Command -> the pip extra that installs its dependencies; all other commands need `rover`."""
 
 
+LONG = frozenset({"evaluate", "sweep", "calls", "roi-exchange"})
+"""Commands that take minutes. They say that they begin before anything is imported for them."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; 2, with one line on stderr, when the input cannot be used."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    _begin(words)
     try:
         options = parser(words).parse_args(words)
         code: int = options.run(options)
@@ -98,6 +103,12 @@ def _add(parser: argparse.ArgumentParser, commands: Commands, words: Sequence[st
             action.set_defaults(run=module.run)
         else:
             _add(action, below, None if words is None else words[1:])
+
+
+def _begin(words: Sequence[str]) -> None:
+    """Say that a long command begins: its imports alone take seconds on a busy or a small computer."""
+    if LONG.intersection(words[:1]) and not {"-h", "--help"}.intersection(words):
+        print(f"{_command(words)}: starting", file=sys.stderr, flush=True)
 
 
 def _command(words: Sequence[str]) -> str:

@@ -51,6 +51,20 @@ def test_every_command_is_listed(capsys: Out) -> None:
         assert all(f"    {name} " in said for name in names)
 
 
+@pytest.mark.parametrize(
+    "arguments", [("calls", "--episode", "nowhere"), ("sweep", "nowhere", "--prompts", "grass: 1")]
+)
+def test_a_long_command_says_that_it_begins_before_anything_heavy_is_imported(arguments: list[str]) -> None:
+    command = [sys.executable, "-X", "importtime", "-m", "anytraverse.cli", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    lines = done.stderr.splitlines()
+    begins = lines.index(f"anytraverse {arguments[0]}: starting")
+    heavy = {"numpy", "cv2", "onnxruntime", "anytraverse.engine", "anytraverse.evaluation"}
+    assert not heavy & {line.rpartition("|")[2].strip() for line in lines[:begins]}
+    assert heavy & {line.rpartition("|")[2].strip() for line in lines[begins:]}, "they are imported later"
+
+
 @pytest.mark.parametrize("arguments", [[], ["bundle"], ["fly"], ["bundle", "fly"]])
 def test_a_command_that_is_not_one_is_refused(arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as ended:

@@ -44,7 +44,7 @@ class SetupSession:
                 "autopilot": Job(lambda _: self._autopilot(), parameters.READ_WITHIN),
                 "parameter": Job(self._parameter, parameters.SET_WITHIN + 5.0),
                 "policies": Job(lambda _: self._policies(), _PERCEIVER_WITHIN),
-                "trial": Job(lambda _: trial.test_call(file), trial.LIMIT + 5.0),
+                "trial": Job(lambda _: trial.raise_test_call(file), trial.LIMIT + 5.0),
             }
         )
 

@@ -14,7 +14,7 @@ LIMIT = ANSWERED_WITHIN + 3 * TAKEN_WITHIN + 10.0
 """Seconds. The command ends by itself before."""
 
 
-def test_call(file: Path) -> dict[str, object]:
+def raise_test_call(file: Path) -> dict[str, object]:
     """Run the command. Returns whether the call was answered, and what it said. Raises RequestError."""
     command = isolated("companion", "check", "--dry-run", str(file))
     try:

@@ -236,7 +236,7 @@ def test_a_recorded_drive_proposes_the_mount(session: SetupSession, tmp_path: Pa
 def test_a_test_call_wants_a_companion_that_runs(session: SetupSession, tmp_path: Path) -> None:
     session.change({"changes": {"journal.folder": str(tmp_path / "state")}})
     session.write({})
-    told = trial.test_call(session.draft.file)
+    told = trial.raise_test_call(session.draft.file)
     assert not told["answered"]
     assert "start the companion first" in str(told["said"])
 
@@ -249,7 +249,7 @@ def test_a_test_call_imports_nothing_of_the_current_folder(
     (tmp_path / "companion").mkdir()
     (tmp_path / "companion" / "__main__.py").write_text("print('of somebody else')\n")
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-    assert "start the companion first" in str(trial.test_call(session.draft.file)["said"])
+    assert "start the companion first" in str(trial.raise_test_call(session.draft.file)["said"])
 
 
 VALUES = st.recursive(

@@ -17,7 +17,7 @@ from companion.desk.tuning.episode import LabelOperator
 from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.render import LABELS, PinholeCamera
 from companion.sim.field.things import KINDS, FieldThing, World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 DRIVABLE = ("grass", "dirt path", "gravel")
 """Labels of the simulation that are drivable."""
@@ -57,17 +57,17 @@ class FilmedField:
         self._camera = PinholeCamera(world, *size)
         self._pose = world.trail.pose(world.trail.start)
 
-    def frame(self, pose: Pose, at: float, travelled: float, tilt: Tilt = LEVEL) -> DriveFrame:
+    def frame(self, pose: TrailPose, at: float, travelled: float, tilt: Tilt = LEVEL) -> DriveFrame:
         """Film a frame. at: seconds. travelled: metres driven. tilt: how the rover leans."""
         self._pose = pose
         image, self.labels = self._camera.render(pose, at, tilt)
         return DriveFrame(f"{self._name}{at:.2f} s", at, lambda: image, self.place(pose), travelled)
 
-    def look_back(self, labels: Labels, pose: Pose) -> None:
+    def look_back(self, labels: Labels, pose: TrailPose) -> None:
         """Let an earlier frame be the newest one. pose: where it was taken."""
         self.labels, self._pose = labels, pose
 
-    def place(self, pose: Pose) -> Place:
+    def place(self, pose: TrailPose) -> Place:
         """Return a pose as the autopilot reports it."""
         return Place(
             pose.y / _METRES_PER_DEGREE,

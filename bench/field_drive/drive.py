@@ -37,7 +37,7 @@ from companion.desk.drives.judge import DriveJudge
 from companion.guide.plan import Plan
 from companion.guide.rules import GuideAnswer
 from companion.link.link import Link
-from companion.sim.field.motion import Motion as RoverMotion
+from companion.sim.field.motion import RoverMotion
 from companion.sim.field.rover import STANDSTILL, Body, Rover
 from companion.vehicle import ardupilot
 from companion.vehicle.brakes import Measured, fit

@@ -19,7 +19,7 @@ from companion.desk.exchange.truth import TruePerceiver
 from companion.guide.plan import Errand, Plan
 from companion.sim.field.render import Bytes
 from companion.sim.field.rover import Rover
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 from companion.vehicle.motion import LeanFilter, MotionReport, Odometry
 from companion.vision.messages import FrameJudged, Situation
 from companion.vision.worker import Worker
@@ -40,7 +40,7 @@ class Filmed(NamedTuple):
     frame: DriveFrame
     number: int
     labels: Bytes
-    pose: Pose
+    pose: TrailPose
 
 
 class Eyes:

@@ -15,18 +15,17 @@ from numpy.typing import NDArray
 
 from anytraverse.assessment import Maps
 from anytraverse.engine import AnyTraverse
-from anytraverse.frame import Frame
-from anytraverse.frame import Pose as OdometryPose
+from anytraverse.frame import Frame, Pose
 from anytraverse.judging import Settings
 from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver, make_perceiver
 from bench.ground.rides import FPS, JUDGED, SPEED, reports
 from companion.desk.exchange.drive import WORDS
 from companion.desk.exchange.truth import TruePerceiver
-from companion.sim.field.motion import Motion
+from companion.sim.field.motion import RoverMotion
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import FieldThing, World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 from companion.vehicle.motion import lean_at
 
 Floats = NDArray[np.float64]
@@ -45,7 +44,7 @@ class SeenFrame:
     """A frame. pose: the rover's, rad. lean: as the companion knows it. maps: by perceiver."""
 
     at: float
-    pose: Pose
+    pose: TrailPose
     lean: tuple[float, float] | None
     maps: dict[str, Maps]
 
@@ -80,7 +79,7 @@ class Odometry:
         self._last: SeenFrame | None = None
         self._place, self._drift = (0.0, 0.0), 0.0
 
-    def at(self, frame: SeenFrame) -> OdometryPose:
+    def at(self, frame: SeenFrame) -> Pose:
         """Return the pose that it tells of a frame, the next one."""
         if self._last is not None:
             self._drift += self._turn * (frame.at - self._last.at)
@@ -88,7 +87,7 @@ class Odometry:
             c, s = math.cos(self._drift) * self._speed, math.sin(self._drift) * self._speed
             self._place = self._place[0] + c * dx - s * dy, self._place[1] + s * dx + c * dy
         self._last = frame
-        return OdometryPose(*self._place, math.degrees(frame.pose.heading + self._drift))
+        return Pose(*self._place, math.degrees(frame.pose.heading + self._drift))
 
 
 def drive(seed: int, swing: float, metres: float, perceivers: Sequence[str] = PERCEIVERS) -> FieldDrive:
@@ -100,7 +99,7 @@ def drive(seed: int, swing: float, metres: float, perceivers: Sequence[str] = PE
     return FieldDrive(world, placed, _frames(world, start, metres, swing, rng, engines))
 
 
-def gaps(thing: FieldThing, pose: Pose, ground: Floats) -> Floats:
+def gaps(thing: FieldThing, pose: TrailPose, ground: Floats) -> Floats:
     """Return the m from places (n, 2), ahead of a rover's lens and to its left, to a thing's rim.
 
     Below 0 inside: as `World.contact` counts.
@@ -122,7 +121,7 @@ def _frames(
     rng: np.random.Generator,
     engines: dict[str, AnyTraverse],
 ) -> Iterator[SeenFrame]:
-    motion = Motion(world.trail, world.seed, swing=math.radians(swing))
+    motion = RoverMotion(world.trail, world.seed, swing=math.radians(swing))
     camera, count = PinholeCamera(world, seed=world.seed), round(metres / SPEED * FPS)
     told = list(reports(motion, _BEGIN + count / FPS, rng))
     for number in range(count):

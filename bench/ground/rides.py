@@ -27,9 +27,9 @@ from anytraverse.ground import GroundCamera, GroundRegion
 from anytraverse.judging import Settings
 from companion.cameras.calibration import LensCalibration, read_calibration
 from companion.sim.field.lens import FIELD_OF_VIEW, HEIGHT, PITCH, focal_length
-from companion.sim.field.motion import Motion
+from companion.sim.field.motion import RoverMotion
 from companion.sim.field.things import World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 from companion.sim.field.view import View
 from companion.vehicle.motion import LeanFilter, MotionReport, lean_at
 
@@ -78,7 +78,7 @@ RIDES = (
 def errors_of(ride: Ride, seed: int, seconds: float) -> dict[str, dict[float, list[float]]]:
     """Return the errors in m of a ride: of no, of the reported and of the true lean, by range."""
     world, rng = World(seed, []), np.random.default_rng([seed, 7])
-    motion = Motion(
+    motion = RoverMotion(
         world.trail,
         seed,
         swing=math.radians(ride.swing),
@@ -110,7 +110,7 @@ def errors_of(ride: Ride, seed: int, seconds: float) -> dict[str, dict[float, li
     return found
 
 
-def reports(motion: Motion, seconds: float, rng: np.random.Generator) -> Iterator[MotionReport]:
+def reports(motion: RoverMotion, seconds: float, rng: np.random.Generator) -> Iterator[MotionReport]:
     """Yield what the companion makes of ATTITUDE; the receipt is up to `WIRE` late."""
     filtered = LeanFilter()
     for number in range(round((seconds + 1.0) * ATTITUDES)):
@@ -147,7 +147,7 @@ def _seen(
     view: View, points: Floats, calibration: LensCalibration, ride: Ride
 ) -> tuple[Floats, GroundCamera]:
     """Return where ground points appear, in fractions of the picture, and the camera as it is configured."""
-    pixels = np.array([view.project(Pose(0.0, 0.0, 0.0), x, y)[:2] for x, y in points])
+    pixels = np.array([view.project(TrailPose(0.0, 0.0, 0.0), x, y)[:2] for x, y in points])
     places: Floats = pixels / (WIDTH, PIXELS)
     degrees = math.degrees(FIELD_OF_VIEW)
     if ride.distortion and ride.rectified:

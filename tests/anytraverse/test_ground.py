@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anytraverse.ground import GroundCamera, Lens
-from companion.sim.field.lens import Lens as SimulatedLens
-from companion.sim.field.lens import LensMount
-from companion.sim.field.trail import Pose
+from companion.sim.field.lens import LensMount, SimulatedLens
+from companion.sim.field.trail import TrailPose
 
 SIMULATED = GroundCamera.pinhole(1.0, 7.0, 75.0, 4 / 3)
 
@@ -28,7 +27,7 @@ def test_the_simulated_cameras_pixels_meet_the_ground_where_it_says(height: floa
     lens = SimulatedLens(320, 240, LensMount(height, math.radians(tilt)))
     camera = GroundCamera.pinhole(height, tilt, 75.0, 4 / 3)
     for ahead, left in ((2.0, 0.0), (5.0, 1.5), (9.0, -3.0)):
-        column, row, _ = lens.project(Pose(0.0, 0.0, 0.0), ahead, left)
+        column, row, _ = lens.project(TrailPose(0.0, 0.0, 0.0), ahead, left)
         assert place(camera, ahead, left) == pytest.approx((column / 320, row / 240), abs=1e-6)
     row = 200
     there = np.array([[lens.forward[row - lens.horizon, 40], lens.left[row - lens.horizon, 40]]])

@@ -15,7 +15,7 @@ from bench.ground.grid import WAYS, truth
 from bench.ground.rides import GOALS, Ride, cost, errors_of
 from bench.ground.stops import STOP_GOAL, STOPS
 from companion.sim.field.things import FieldThing, World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 
 def ninety(ride: Ride, seed: int = 0) -> dict[str, dict[float, float]]:
@@ -78,7 +78,7 @@ def standing_at(x: float, y: float, *, heading: float = 0.0, length: float = 0.0
 
 
 def test_gaps_are_those_to_the_rim_as_contact_counts_them() -> None:
-    world, pose = World(0, ()), Pose(3.0, 4.0, 1.0)
+    world, pose = World(0, ()), TrailPose(3.0, 4.0, 1.0)
     thing = standing_at(4.0, 5.0, heading=0.7, length=2.0)
     world.things = {thing.id: thing}
     for ahead, left in ((1.0, 0.0), (2.0, 1.0), (0.0, -1.0), (1.3, 0.3)):
@@ -91,7 +91,7 @@ def test_gaps_are_those_to_the_rim_as_contact_counts_them() -> None:
 
 def test_odometry_that_errs_counts_too_much_way_and_turns() -> None:
     odometry = Odometry(0.02, 0.2)
-    told = [odometry.at(SeenFrame(at, Pose(at, 0.0, 0.0), None, {})) for at in np.arange(0.0, 10.1, 0.5)]
+    told = [odometry.at(SeenFrame(at, TrailPose(at, 0.0, 0.0), None, {})) for at in np.arange(0.0, 10.1, 0.5)]
     assert told[0] == (0.0, 0.0, 0.0)
     assert told[-1].heading == pytest.approx(2.0)
     assert np.hypot(*told[-1][:2]) == pytest.approx(10.2, abs=0.01)
@@ -103,7 +103,7 @@ def test_cells_at_borders_and_before_a_things_middle_do_not_count() -> None:
     world.things = {thing.id: thing}
     ground = np.array([[2.0, 0.0], [2.75, 0.0], [2.9, 0.0], [3.0, 0.0], [3.1, 0.15], [3.25, 0.0], [3.4, 0.0]])
     free, obstacle = truth(
-        FieldDrive(world, (), iter(())), SeenFrame(0.0, Pose(0.0, 0.0, 0.0), None, {}), ground
+        FieldDrive(world, (), iter(())), SeenFrame(0.0, TrailPose(0.0, 0.0, 0.0), None, {}), ground
     )
     assert free.tolist() == [True, False, False, False, False, False, True]
     assert obstacle.tolist() == [False, False, False, True, True, False, False]

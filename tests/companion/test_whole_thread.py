@@ -13,7 +13,7 @@ import pytest
 
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.demo.pace import PACES
-from companion.sim.demo.stage import Stage, set_stage
+from companion.sim.demo.stage import DemoStage, set_stage
 from companion.sim.field.trail import Trail
 from tests.waiting import wait_for
 
@@ -29,7 +29,7 @@ PACE = PACES[2]
 class Play:
     """A stage, and what its operator has heard."""
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: DemoStage) -> None:
         self.stage = stage
         self.events: list[dict[str, Any]] = []
         self._read = 0

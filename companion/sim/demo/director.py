@@ -13,7 +13,7 @@ from companion.sim.demo.answers import AutoOperator
 from companion.sim.demo.onlooker import Onlooker, Shown
 from companion.sim.demo.pace import SPEED, DemoPace
 from companion.sim.demo.readiness import SLOW_FOR, Readiness
-from companion.sim.demo.stage import ACROSS, Stage
+from companion.sim.demo.stage import ACROSS, DemoStage
 from companion.sim.demo.story import Story, reasons_of
 from companion.sim.demo.tally import DemoTally
 
@@ -42,8 +42,8 @@ REMOVE_AFTER = 1.5
 class Director:
     """Follows field and operator; in the scripted demo it also answers calls and takes named things away."""
 
-    def __init__(self, stage: Stage, story: Story, *, auto: bool) -> None:
-        self._guide = stage.scene.guide
+    def __init__(self, stage: DemoStage, story: Story, *, auto: bool) -> None:
+        self._guide = stage.setup.guide
         self._stage = stage
         self._story = story
         self._readiness = Readiness(stage, story)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from companion.sim.demo.pace import PACES, DemoPace, JudgingMeter, pace_for, slower
-from companion.sim.demo.stage import Stage
+from companion.sim.demo.stage import DemoStage
 from companion.sim.demo.story import Story
 
 READY_WITHIN = 600.0
@@ -28,7 +28,7 @@ class Readiness:
 
     def __init__(
         self,
-        stage: Stage,
+        stage: DemoStage,
         story: Story,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -80,7 +80,7 @@ class Readiness:
         """Says that the policy is refused, and why, with the speed that would do."""
         log = self._stage.daemon.log.read_text(encoding="utf-8", errors="replace").split("\n")
         full = next((line.partition(_WHY)[2].lstrip(": ") for line in reversed(log) if _WHY in line), "")
-        name = "guide" if self._stage.scene.guide else "hold"
+        name = "guide" if self._stage.setup.guide else "hold"
         why = f"{self.refused}: {full}" if full else self.refused
         return f"policy {name} is refused at {self._stage.speed:g} m/s. {why}"
 
@@ -88,7 +88,7 @@ class Readiness:
         """Reads the daemon's status. now: monotonic s."""
         status = self._stage.daemon_status()
         self.meter.take(status, now)
-        refused = status.get("guide_refused" if self._stage.scene.guide else "hold_refused", "")
+        refused = status.get("guide_refused" if self._stage.setup.guide else "hold_refused", "")
         self.refused = str(refused)
         self._refused_at = min(self._refused_at, now) if refused else math.inf
         return status
@@ -125,7 +125,7 @@ class Readiness:
 
     def speed(self, pace: DemoPace) -> str:
         """Says how fast the rover drives at a pace, and what is judged."""
-        drives = f"{pace.drives(guide=self._stage.scene.guide):g} m/s"
+        drives = f"{pace.drives(guide=self._stage.setup.guide):g} m/s"
         return drives if pace is PACES[0] else f"{drives}, and {pace.rate:g} a second will do"
 
 

@@ -20,7 +20,7 @@ STARTS_WITHIN = 300.0
 """Seconds: a busy computer loads the field's program that long."""
 
 
-class Scene(NamedTuple):
+class DemoSetup(NamedTuple):
     """What the daemon's configuration is written with, beside the pace.
 
     camera, link: as in the configuration. guide: the path is wide, and the policy is guide. console: the
@@ -35,7 +35,7 @@ class Scene(NamedTuple):
 
 
 @dataclass
-class Stage:
+class DemoStage:
     """Holds the demo's processes and the folder `out` that they write to."""
 
     out: Path
@@ -43,13 +43,13 @@ class Stage:
     daemon: LoggedProcess
     operator: LoggedProcess
     control: FieldControl
-    scene: Scene
+    setup: DemoSetup
     pace: DemoPace = PACES[0]
 
     @property
     def speed(self) -> float:
         """m/s that the rover drives."""
-        return self.pace.drives(guide=self.scene.guide)
+        return self.pace.drives(guide=self.setup.guide)
 
     def daemon_status(self) -> dict[str, Any]:
         """Reads the daemon's status file; empty while there is none."""
@@ -69,7 +69,7 @@ class Stage:
         self.control.film(pace.drawn)
         self.control.parameter("WP_SPEED", self.speed)
         self.control.parameter("ATS_TIMEOUT", pace.silence)
-        self.daemon = _daemon(self.out, self.scene, pace)
+        self.daemon = _daemon(self.out, self.setup, pace)
 
     def close(self) -> None:
         """Ends all processes, the operator first."""
@@ -95,10 +95,10 @@ def set_stage(
     guide: bool = False,
     record: bool = False,
     pace: DemoPace = PACES[0],
-) -> Stage:
+) -> DemoStage:
     """Starts field, daemon and operator. Raises ChildError.
 
-    speed: m/s that the rover drives, None: by the pace. The rest is as of `Scene`.
+    speed: m/s that the rover drives, None: by the pace. The rest is as of `DemoSetup`.
     """
     if speed is not None:
         pace = pace._replace(speed=speed, guided=speed)
@@ -117,28 +117,28 @@ def set_stage(
         ports = json.loads(field.first_line(STARTS_WITHIN))
         if ports["script"] != "running":
             print(f"The script that stops the rover when the daemon is dead is {ports['script']}")
-        scene = Scene(f"field:{ports['frames']}", ports["companion"], guide, console, record)
-        daemon = track(_daemon(out, scene, pace))
+        setup = DemoSetup(f"field:{ports['frames']}", ports["companion"], guide, console, record)
+        daemon = track(_daemon(out, setup, pace))
         operator = track(start_operator(ports["gcs"], logs, auto=auto, console=console))
         host, _, port = ports["control"].rpartition(":")
-        return Stage(out, field, daemon, operator, FieldControl(host, int(port)), scene, pace)
+        return DemoStage(out, field, daemon, operator, FieldControl(host, int(port)), setup, pace)
     except BaseException:
         for child in reversed(started):
             child.stop()
         raise
 
 
-def _daemon(out: Path, scene: Scene, pace: DemoPace) -> LoggedProcess:
+def _daemon(out: Path, setup: DemoSetup, pace: DemoPace) -> LoggedProcess:
     config = write_config(
         out,
-        camera=scene.camera,
-        link=scene.link,
-        policy="guide" if scene.guide else "hold",
-        speed=pace.drives(guide=scene.guide),
-        network=scene.console,
+        camera=setup.camera,
+        link=setup.link,
+        policy="guide" if setup.guide else "hold",
+        speed=pace.drives(guide=setup.guide),
+        network=setup.console,
         rate=pace.rate,
         freshness=pace.freshness,
-        guide=scene.guide,
-        record=scene.record,
+        guide=setup.guide,
+        record=setup.record,
     )
     return LoggedProcess("daemon", ["companion", "run", str(config)], out / "logs" / "daemon.log")

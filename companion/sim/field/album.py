@@ -15,7 +15,7 @@ from companion.sim.field.control import FieldError
 from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.render import GROUND_KINDS, LABELS
 from companion.sim.field.things import DEFAULT_SURPRISES, KINDS, World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 from companion.sim.field.view import View
 
 KEPT = 360
@@ -36,7 +36,7 @@ Labels = NDArray[np.uint8]
 
 class _Picture(NamedTuple):
     taken: float
-    pose: Pose
+    pose: TrailPose
     labels: Labels
     tilt: Tilt
 
@@ -49,7 +49,7 @@ class Album:
         self._world, self._k1 = world, k1
         self._pictures: deque[_Picture] = deque(maxlen=KEPT)
 
-    def keep(self, taken: float, pose: Pose, labels: Labels, tilt: Tilt = LEVEL) -> None:
+    def keep(self, taken: float, pose: TrailPose, labels: Labels, tilt: Tilt = LEVEL) -> None:
         """Take in a picture. taken: monotonic seconds. labels: (H, W) uint8, indices into `LABELS`."""
         self._pictures.append(_Picture(taken, pose, labels, tilt))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from companion.sim.field import tiles
 from companion.sim.field.ground import Ground
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -61,7 +61,7 @@ class Backdrop:
         )
 
     def paint(
-        self, frame: Bytes, labels: Bytes, outlook: Outlook, pose: Pose, t: float, ground: Ground
+        self, frame: Bytes, labels: Bytes, outlook: Outlook, pose: TrailPose, t: float, ground: Ground
     ) -> None:
         """Paints in full light over a frame (rows, W, 3) with its ground drawn and over its labels (rows, W).
 
@@ -101,7 +101,7 @@ class Backdrop:
         frame[:] = cv2.blendLinear(frame, woods, 1 - shown, shown)
         labels[shown > 0.5] = self._labels[1]
 
-    def _woods_around(self, bearing: Floats, pose: Pose, ground: Ground) -> tuple[Floats, Floats]:
+    def _woods_around(self, bearing: Floats, pose: TrailPose, ground: Ground) -> tuple[Floats, Floats]:
         """Returns how far above and below the horizon the woods reach at bearings (rad), in degrees."""
         ring = np.asarray(_RINGS, np.float32)[:, None]
         x = (pose.x + ring * np.cos(bearing[None, :])).astype(np.float32)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.sim.field import tiles
-from companion.sim.field.lens import Lens
+from companion.sim.field.lens import SimulatedLens
 from companion.sim.field.things import World
-from companion.sim.field.trail import ZONES, Pose
+from companion.sim.field.trail import ZONES, TrailPose
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -65,11 +65,11 @@ class Ground:
         self._shadows, self._drawn = np.zeros((0, 0), np.uint8), -1
         self.points: tuple[Floats, ...] = ()  # world coordinates of the pixels at the last call of `look`
 
-    def footing(self, lens: Lens) -> Footing:
+    def footing(self, lens: SimulatedLens) -> Footing:
         levels = self._materials.level(lens.footprint), self._noise.level(lens.footprint)
         return Footing(lens.forward, lens.left, levels)
 
-    def look(self, pose: Pose, footing: Footing) -> tuple[Bytes, Bytes, Floats]:
+    def look(self, pose: TrailPose, footing: Footing) -> tuple[Bytes, Bytes, Floats]:
         """Returns colours (H, W, 3) in full light, labels (H, W) and brightness (H, W; 1 = full light)."""
         if self._drawn != self._world.revision:
             self._shadows, self._drawn = self._draw_shadows(), self._world.revision

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 Floats = NDArray[np.float32]
 
@@ -28,7 +28,7 @@ class LensMount(NamedTuple):
 STANDARD = LensMount()
 
 
-class Lens:
+class SimulatedLens:
     """A pinhole camera without roll or distortion that looks along a heading and down.
 
     `forward` and `left` (m along and across the heading) have the shape (height - horizon, width), and
@@ -63,7 +63,7 @@ class Lens:
         elevation = np.arctan2(-drop, np.hypot(self._across, ahead))
         return azimuth.astype(np.float32), elevation.astype(np.float32)
 
-    def project(self, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
+    def project(self, pose: TrailPose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
         """Projects a point (m): returns column and row in pixels, NaN behind the lens, and its depth in m."""
         ahead, left = relative(pose, x, y)
         above, pitch = self.mount
@@ -80,7 +80,7 @@ def focal_length(width: int) -> float:
     return width / 2 / math.tan(FIELD_OF_VIEW / 2)
 
 
-def relative(pose: Pose, x: float, y: float) -> tuple[float, float]:
+def relative(pose: TrailPose, x: float, y: float) -> tuple[float, float]:
     """Returns how many metres ahead and to the left of a pose a point is."""
     dx, dy = x - pose.x, y - pose.y
     c, s = math.cos(pose.heading), math.sin(pose.heading)

@@ -49,7 +49,7 @@ class Attitude(NamedTuple):
         return Tilt(self.pitch - self.slope_ahead, self.roll)
 
 
-class Motion:
+class RoverMotion:
     """The attitude of a rover on a trail as a function of time, place and speed.
 
     The ground's height depends on the place along the trail alone. The rover leans as the ground under it

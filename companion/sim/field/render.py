@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from companion.sim.field import backdrop, sprites
 from companion.sim.field.backdrop import Backdrop, Outlook
 from companion.sim.field.ground import Footing, Ground
-from companion.sim.field.lens import STANDARD, Lens, LensMount, relative
+from companion.sim.field.lens import STANDARD, LensMount, SimulatedLens, relative
 from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.sensor import Sensor
 from companion.sim.field.sprites import Tufts
 from companion.sim.field.things import KINDS, FieldThing, World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 from companion.sim.field.view import View
 
 Bytes = NDArray[np.uint8]
@@ -65,7 +65,7 @@ class PinholeCamera:
         if not (16 <= width <= 4096 and 16 <= height <= 4096):
             raise ValueError(f"no frames of {width} x {height}: give 16 to 4096 pixels a side")
         self.world, self.width, self.height = world, width, height
-        self.lens = Lens(width, height, mount)
+        self.lens = SimulatedLens(width, height, mount)
         self._k1 = k1
         self._sensor = Sensor(width, height, seed)
         self._ground = Ground(world)
@@ -73,7 +73,9 @@ class PinholeCamera:
         self._verge = Tufts(world)
         self._scene = LEVEL, self._look(LEVEL)
 
-    def render(self, pose: Pose, t: float, tilt: Tilt = LEVEL) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    def render(
+        self, pose: TrailPose, t: float, tilt: Tilt = LEVEL
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Renders the frame at a rover's pose, time t in s and tilt.
 
         Returns RGB (H, W, 3) uint8 and labels (H, W) uint8, indices into LABELS.
@@ -83,7 +85,7 @@ class PinholeCamera:
         if tilt != self._scene[0]:
             self._scene = tilt, self._look(tilt)
         scene = self._scene[1]
-        lens, pose = scene.view.lens, Pose(pose.x, pose.y, pose.heading + scene.view.yaw)
+        lens, pose = scene.view.lens, TrailPose(pose.x, pose.y, pose.heading + scene.view.yaw)
         picture = np.empty((lens.height, lens.width, 3), np.uint8)
         labels = np.empty((lens.height, lens.width), np.uint8)
         if lens.horizon < lens.height:
@@ -124,7 +126,7 @@ class PinholeCamera:
         foot = min(lens.height, max(2, foot))
         return _Scene(view, self._ground.footing(lens), clear, haze, foot, Outlook(*lens.directions(foot)))
 
-    def _in_view(self, lens: Lens, pose: Pose) -> list[Seen]:
+    def _in_view(self, lens: SimulatedLens, pose: TrailPose) -> list[Seen]:
         """Returns the things that may be visible in drawing order: puddles first, then from far to near."""
         slope = lens.width / 2 / lens.focal
         seen: list[Seen] = []
@@ -135,7 +137,7 @@ class PinholeCamera:
                 seen.append((thing, ahead, left))
         return sorted(seen, key=lambda one: (one[0].kind != "puddle", -math.hypot(one[1], one[2])))
 
-    def _draw_ground(self, picture: Bytes, labels: Bytes, scene: _Scene, pose: Pose) -> None:
+    def _draw_ground(self, picture: Bytes, labels: Bytes, scene: _Scene, pose: TrailPose) -> None:
         import cv2
 
         colours, kinds, light = self._ground.look(pose, scene.footing)
@@ -145,7 +147,7 @@ class PinholeCamera:
         labels[:] = _GROUND_LABELS[kinds]
 
     def _draw_puddle(
-        self, picture: Bytes, labels: Bytes, lens: Lens, thing: FieldThing, ahead: float
+        self, picture: Bytes, labels: Bytes, lens: SimulatedLens, thing: FieldThing, ahead: float
     ) -> None:
         """Draws water that mirrors the backdrop, with a wet rim and a ragged shore."""
         found = np.flatnonzero(np.abs(lens.forward[:, 0] - ahead) < thing.radius * 1.4)
@@ -168,7 +170,13 @@ class PinholeCamera:
         labels[lens.horizon :][rows][water] = _THING_LABELS["puddle"]
 
     def _draw_thing(
-        self, picture: Bytes, labels: Bytes, lens: Lens, thing: FieldThing, pose: Pose, distance: float
+        self,
+        picture: Bytes,
+        labels: Bytes,
+        lens: SimulatedLens,
+        thing: FieldThing,
+        pose: TrailPose,
+        distance: float,
     ) -> None:
         """Draws a thing's sprite, which always faces the camera, over what is behind it."""
         column, foot, depth = lens.project(pose, thing.x, thing.y)

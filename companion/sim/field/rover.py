@@ -13,10 +13,10 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from companion.sim.field.motion import Attitude, Motion
+from companion.sim.field.motion import Attitude, RoverMotion
 
 if TYPE_CHECKING:
-    from companion.sim.field.trail import Pose, Trail
+    from companion.sim.field.trail import Trail, TrailPose
 
 
 STEP = 0.02
@@ -99,10 +99,10 @@ class Rover:
         *,
         cruise_speed: float = 2.5,
         body: Body | None = None,
-        motion: Motion | None = None,
+        motion: RoverMotion | None = None,
     ) -> None:
         self.body = body or Body()
-        self._motion = motion or Motion(trail)
+        self._motion = motion or RoverMotion(trail)
         self.cruise_speed = cruise_speed
         self.reversed = False
         self.target: tuple[float, float] | None = None  # m/s, rad/s counter-clockwise
@@ -126,10 +126,10 @@ class Rover:
         self._orders: deque[Order] = deque([Order()] * delay)
 
     @property
-    def pose(self) -> Pose:
-        from companion.sim.field.trail import Pose
+    def pose(self) -> TrailPose:
+        from companion.sim.field.trail import TrailPose
 
-        return Pose(self.x, self.y, self.heading)
+        return TrailPose(self.x, self.y, self.heading)
 
     @property
     def attitude(self) -> Attitude:

@@ -18,7 +18,7 @@ from companion.sim.field.album import Album
 from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.control import ControlServer
 from companion.sim.field.frame_server import FrameServer
-from companion.sim.field.motion import LEVEL, Motion, Tilt
+from companion.sim.field.motion import LEVEL, RoverMotion, Tilt
 from companion.sim.field.onboard import install
 from companion.sim.field.ports import UdpPort
 from companion.sim.field.px4 import Px4
@@ -28,7 +28,7 @@ from companion.sim.field.simulation import Simulation
 
 if TYPE_CHECKING:
     from companion.sim.field.things import World
-    from companion.sim.field.trail import Pose
+    from companion.sim.field.trail import TrailPose
 
 
 TICK = 0.02
@@ -39,7 +39,7 @@ class Renders(Protocol):
     """A camera: renders RGB (H, W, 3) uint8 and labels (H, W) uint8 at a pose, rover time in s and tilt."""
 
     def render(
-        self, pose: Pose, t: float, tilt: Tilt = LEVEL
+        self, pose: TrailPose, t: float, tilt: Tilt = LEVEL
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]: ...
 
 
@@ -49,8 +49,8 @@ class FieldOptions:
 
     `script`: whether the autopilot runs the shipped script. `autopilot`: a key of `AUTOPILOTS`. `mission`: m
     of the trail after which the mission is complete; None: it goes round. `swing`, `bumps`, `slopes`: as of
-    `Motion`, in degrees. `distortion`: k1 of the camera's view. `port`: of the companion's link; the ground's
-    and the frames' are the next two; 0: free ones.
+    `RoverMotion`, in degrees. `distortion`: k1 of the camera's view. `port`: of the companion's link; the
+    ground's and the frames' are the next two; 0: free ones.
     """
 
     seed: int = 1
@@ -91,7 +91,7 @@ class FieldServer:
             cruise_speed=options.speed,
             autopilot=AUTOPILOTS[options.autopilot],
             mission=options.mission,
-            motion=Motion(
+            motion=RoverMotion(
                 world.trail,
                 world.seed,
                 swing=math.radians(options.swing),

@@ -12,7 +12,7 @@ from companion.sim.field.autopilot import SimulatedAutopilot
 from companion.sim.field.rover import STEP, Rover
 
 if TYPE_CHECKING:
-    from companion.sim.field.motion import Motion
+    from companion.sim.field.motion import RoverMotion
     from companion.sim.field.router import Port
     from companion.sim.field.things import World
 
@@ -37,7 +37,7 @@ class Simulation:
         cruise_speed: float = 2.5,
         autopilot: type[SimulatedAutopilot] = SimulatedAutopilot,
         mission: float | None = None,
-        motion: Motion | None = None,
+        motion: RoverMotion | None = None,
     ) -> None:
         """mission: m of the trail after which the mission is complete; None: it goes round.
 

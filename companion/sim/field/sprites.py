@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from companion.sim.field.things import FieldThing, World
 from companion.sim.field.tiles import Bytes, Colour, blank, noise
-from companion.sim.field.trail import ZONES, Pose
+from companion.sim.field.trail import ZONES, TrailPose
 
 Picture = tuple[Bytes, float, float]  # RGBA; its width in diameters of the thing, its height in heights of it
 
@@ -254,7 +254,7 @@ class Tufts:
                 )
         self._places = np.array([(tuft.x, tuft.y) for tuft in self._tufts])
 
-    def near(self, pose: Pose) -> list[FieldThing]:
+    def near(self, pose: TrailPose) -> list[FieldThing]:
         """Returns the tufts ahead of a pose within 8 m, the 60 nearest at most."""
         dx, dy = (self._places - (pose.x, pose.y)).T
         c, s = math.cos(pose.heading), math.sin(pose.heading)

@@ -18,7 +18,7 @@ STEP = 0.1  # m between the stored points
 
 
 @dataclass(frozen=True)
-class Pose:
+class TrailPose:
     """A place and direction: x and y in metres, heading in radians (0 = +x, counterclockwise)."""
 
     x: float
@@ -78,14 +78,16 @@ class Trail:
         """The centre line (N, 2) in metres, one point every 0.1 m from s = 0."""
         return self._points
 
-    def pose(self, s: float) -> Pose:
+    def pose(self, s: float) -> TrailPose:
         """Returns the pose on the centre line at s, looking along the route."""
         at = (s % self.length) / STEP
         i, part = int(at) % len(self._points), at - int(at)
         j = (i + 1) % len(self._points)
         x, y = self._points[i] * (1 - part) + self._points[j] * part
         turn = math.remainder(float(self._headings[j] - self._headings[i]), 2 * math.pi)
-        return Pose(float(x), float(y), math.remainder(float(self._headings[i]) + turn * part, 2 * math.pi))
+        return TrailPose(
+            float(x), float(y), math.remainder(float(self._headings[i]) + turn * part, 2 * math.pi)
+        )
 
     def nearest(self, x: float, y: float) -> tuple[float, float]:
         """Returns the nearest place on the centre line as (s, lateral offset), in metres, left positive."""

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.sim.field.lens import FARTHEST, STANDARD, Floats, Lens, LensMount, focal_length
+from companion.sim.field.lens import FARTHEST, STANDARD, Floats, LensMount, SimulatedLens, focal_length
 from companion.sim.field.motion import LEVEL, Tilt
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 Doubles = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class View:
         self.focal = focal_length(width)
         self.table: tuple[Floats, Floats] | None = None  # for cv2.remap: from the lens's picture to this one
         if not (tilt.roll or k1):
-            self.lens = Lens(width, height, self._mount)
+            self.lens = SimulatedLens(width, height, self._mount)
             return
         import cv2
 
@@ -43,12 +43,12 @@ class View:
         table = np.asarray(cv2.transform(places, self._turned() * self.focal), np.float32)
         reach = np.abs(np.vstack([*table[[0, -1]], *table[:, [0, -1]]])).max(axis=0)  # at the four sides
         wide, high = (2 * math.ceil(axis) + 2 for axis in reach)
-        self.lens = Lens(wide, high, self._mount, self.focal)
+        self.lens = SimulatedLens(wide, high, self._mount, self.focal)
         self.table = table[..., 0] + np.float32((wide - 1) / 2), table[..., 1] + np.float32((high - 1) / 2)
 
-    def project(self, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
+    def project(self, pose: TrailPose, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
         """Projects a point (m) at a rover's pose: returns column, row, both NaN if unseen, and depth in m."""
-        column, row, depth = self.lens.project(Pose(pose.x, pose.y, pose.heading + self.yaw), x, y, z)
+        column, row, depth = self.lens.project(TrailPose(pose.x, pose.y, pose.heading + self.yaw), x, y, z)
         if self.table is None or depth <= 0:
             return column, row, depth
         right, down = (column - self.lens.width / 2) / self.focal, (row - self.lens.height / 2) / self.focal

@@ -20,7 +20,7 @@ from companion.desk.check.running import dry_run
 from companion.desk.check.table import CHECKS, check
 from companion.sim.demo.config import write_config
 from companion.sim.demo.pace import SPEED
-from companion.sim.demo.stage import Stage, set_stage
+from companion.sim.demo.stage import DemoStage, set_stage
 from tests.waiting import wait_for
 
 PATIENCE = 30.0
@@ -38,7 +38,7 @@ def field() -> Iterator[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DemoStage]:
     """Field, daemon and operator."""
     made = set_stage(tmp_path_factory.mktemp("stage"), seed=1, auto=True)
     yield made
@@ -96,7 +96,7 @@ def test_a_wrong_configuration_is_a_row_that_fails(
     assert rows(capsys)["config"][0] == "fail"
 
 
-def event(stage: Stage, heard: list[dict[str, Any]], name: str) -> Callable[[], Any]:
+def event(stage: DemoStage, heard: list[dict[str, Any]], name: str) -> Callable[[], Any]:
     """The first event of that name about a test, or about an answer."""
 
     def look() -> Any:
@@ -107,7 +107,7 @@ def event(stage: Stage, heard: list[dict[str, Any]], name: str) -> Callable[[], 
 
 
 def test_a_dry_run_goes_to_the_operator_and_back_and_moves_nothing(
-    stage: Stage, capsys: pytest.CaptureFixture[str]
+    stage: DemoStage, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = str(stage.out / "companion.toml")
     wait_for(lambda: stage.daemon_status().get("state") == "ok")
@@ -130,7 +130,7 @@ def test_a_dry_run_goes_to_the_operator_and_back_and_moves_nothing(
 
 
 def test_beside_a_running_companion_the_check_leaves_its_link_alone(
-    stage: Stage, capsys: pytest.CaptureFixture[str]
+    stage: DemoStage, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wait_for(lambda: stage.daemon_status().get("state") == "ok")
     assert check(str(stage.out / "companion.toml"), as_json=True) == 0

@@ -18,7 +18,7 @@ from companion.observers.recording.contents import image
 from companion.observers.recording.topics import TOPICS, Topic
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 NS = 1_000_000_000
 BEGAN = 1_790_000_000
@@ -28,7 +28,7 @@ CONFIG = '[vehicle]\nfile = ""\n[camera]\nview = 75.0\n'
 """The simulated camera's lens. Its mount: 1.0 m, 7.0 degrees."""
 
 
-def degrees_turned(first: Pose, second: Pose) -> float:
+def degrees_turned(first: TrailPose, second: TrailPose) -> float:
     """Clockwise."""
     return -math.degrees(math.remainder(second.heading - first.heading, 2 * math.pi))
 

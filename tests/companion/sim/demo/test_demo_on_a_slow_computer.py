@@ -19,7 +19,7 @@ from companion.sim.demo.director import Director, allowed
 from companion.sim.demo.onlooker import Shown
 from companion.sim.demo.pace import PACES, SPEED, DemoPace, Judging, JudgingMeter, pace_for, slower
 from companion.sim.demo.readiness import Readiness
-from companion.sim.demo.stage import Scene, Stage
+from companion.sim.demo.stage import DemoSetup, DemoStage
 from companion.sim.demo.story import Story
 from companion.vision.warm_up import judging_settings
 
@@ -92,7 +92,7 @@ class SlowStage:
     """As much of a stage as readiness is waited for with."""
 
     def __init__(self, clock: Clock, able: Callable[[float], float], out: Path) -> None:
-        self.scene = Scene("", "", guide=False, console=False, record=False)
+        self.setup = DemoSetup("", "", guide=False, console=False, record=False)
         self.control, self.operator = None, Operator()
         self.paces: list[DemoPace] = []
         self._made: Callable[[DemoPace], SlowDaemon] = lambda pace: SlowDaemon(clock, pace, able, out)
@@ -115,7 +115,7 @@ def made_ready(able: Callable[[float], float], out: Path) -> tuple[SlowStage, st
     """A stage after `get_ready`, and what was told."""
     clock, told = Clock(), io.StringIO()
     stage = SlowStage(clock, able, out)
-    readiness = Readiness(cast(Stage, stage), Story(told), lambda: clock.now, clock.sleep)
+    readiness = Readiness(cast(DemoStage, stage), Story(told), lambda: clock.now, clock.sleep)
     readiness.get_ready()
     return stage, told.getvalue(), readiness, clock
 
@@ -147,7 +147,7 @@ def test_where_hold_is_refused_the_story_says_why_and_which_speed_would_do(tmp_p
     able = [14.0]
     clock, told = Clock(), io.StringIO()
     stage = SlowStage(clock, lambda _: able[0], tmp_path)
-    readiness = Readiness(cast(Stage, stage), Story(told), lambda: clock.now, clock.sleep)
+    readiness = Readiness(cast(DemoStage, stage), Story(told), lambda: clock.now, clock.sleep)
     readiness.get_ready()
     able[0] = 0.8  # it becomes busy
     clock.sleep(10.0)
@@ -165,13 +165,13 @@ def test_one_that_is_too_slow_for_any_pace_ends_the_demo_with_the_reason(tmp_pat
 def test_a_daemon_that_knows_nothing_of_what_it_sees_or_judges_nothing_ends_the_demo(tmp_path: Path) -> None:
     clock = Clock()
     stage = SlowStage(clock, lambda _: 14.0, tmp_path)
-    readiness = Readiness(cast(Stage, stage), Story(io.StringIO()), lambda: clock.now, clock.sleep)
+    readiness = Readiness(cast(DemoStage, stage), Story(io.StringIO()), lambda: clock.now, clock.sleep)
     blind = stage.daemon_status
     stage.daemon_status = lambda: {**blind(), "state": "fault"}  # type: ignore[method-assign]
     with pytest.raises(ChildError, match="saw nothing that it knows"):
         readiness.get_ready()
     stage.daemon_status = dict  # type: ignore[method-assign]
-    readiness = Readiness(cast(Stage, stage), Story(io.StringIO()), lambda: clock.now, clock.sleep)
+    readiness = Readiness(cast(DemoStage, stage), Story(io.StringIO()), lambda: clock.now, clock.sleep)
     with pytest.raises(ChildError, match="judged no picture"):
         readiness.get_ready()
 
@@ -180,7 +180,7 @@ def test_a_person_who_quits_while_all_is_loaded_is_not_kept_waiting(tmp_path: Pa
     clock = Clock()
     stage = SlowStage(clock, lambda _: 14.0, tmp_path)
     stage.operator.running = False
-    Readiness(cast(Stage, stage), Story(io.StringIO()), lambda: clock.now, clock.sleep).get_ready()
+    Readiness(cast(DemoStage, stage), Story(io.StringIO()), lambda: clock.now, clock.sleep).get_ready()
     assert clock.now == Clock.now
 
 
@@ -232,8 +232,8 @@ def test_in_a_fault_the_rover_goes_on_slower_once_it_stands(tmp_path: Path, mode
     clock = Clock()
     stage = SlowStage(clock, lambda _: 14.0, tmp_path)
     told = io.StringIO()
-    director = Director(cast(Stage, stage), Story(told), auto=True)
-    director._readiness = Readiness(cast(Stage, stage), Story(told), lambda: clock.now, clock.sleep)
+    director = Director(cast(DemoStage, stage), Story(told), auto=True)
+    director._readiness = Readiness(cast(DemoStage, stage), Story(told), lambda: clock.now, clock.sleep)
     stage.out = tmp_path  # type: ignore[attr-defined]
     (tmp_path / "logs").mkdir()
     director.status = {"mode": mode, "speed": speed, "distance": 3.0}
@@ -254,7 +254,7 @@ def test_a_thing_that_is_passed_in_guided_untouched_is_driven_round(
     tmp_path: Path, then: dict[str, Any], rounded: int
 ) -> None:
     stage = SlowStage(Clock(), lambda _: 14.0, tmp_path)
-    director = Director(cast(Stage, stage), Story(io.StringIO()), auto=True)
+    director = Director(cast(DemoStage, stage), Story(io.StringIO()), auto=True)
     drum = {"id": "drum-1", "surprise": True, "distance": 2.0}
     director.status = {
         "mode": "GUIDED",
@@ -272,7 +272,7 @@ def test_a_thing_that_is_passed_in_guided_untouched_is_driven_round(
 
 def test_a_thing_that_is_passed_in_auto_or_taken_away_is_not_driven_round(tmp_path: Path) -> None:
     stage = SlowStage(Clock(), lambda _: 14.0, tmp_path)
-    director = Director(cast(Stage, stage), Story(io.StringIO()), auto=True)
+    director = Director(cast(DemoStage, stage), Story(io.StringIO()), auto=True)
     drum = {"id": "drum-1", "surprise": True, "distance": 2.0}
     by = [{"mode": "GUIDED", "by": "companion"}]
     status = {"mode": "AUTO", "mode_log": by, "things_ahead": [drum], "contacts": []}
@@ -287,7 +287,7 @@ def test_a_thing_that_is_passed_in_auto_or_taken_away_is_not_driven_round(tmp_pa
 def test_a_hold_of_the_script_of_which_nobody_is_asked_is_ended_by_hand(tmp_path: Path) -> None:
     stage, modes = SlowStage(Clock(), lambda _: 14.0, tmp_path), list[str]()
     stage.control = type("Hand", (), {"mode": lambda _, mode: modes.append(mode)})()
-    director = Director(cast(Stage, stage), Story(io.StringIO()), auto=True)
+    director = Director(cast(DemoStage, stage), Story(io.StringIO()), auto=True)
     held = {"mode": "HOLD", "speed": 0.0, "mode_log": [{"mode": "HOLD", "by": "companion"}]}
     director.status = held
     for second in range(60):
@@ -308,10 +308,10 @@ def test_a_go_is_given_for_a_clear_way_whatever_stands_farther_ahead(
     tmp_path: Path, distance: float, *, goes: bool
 ) -> None:
     stage, typed = SlowStage(Clock(), lambda _: 14.0, tmp_path), list[str]()
-    stage.scene = type("Wide", (), {"guide": True})()
+    stage.setup = type("Wide", (), {"guide": True})()
     stage.operator = type("Terminal", (), {"type": lambda _, line: typed.append(line)})()
     stage.control = None
-    director = Director(cast(Stage, stage), Story(io.StringIO()), auto=True)
+    director = Director(cast(DemoStage, stage), Story(io.StringIO()), auto=True)
     log = {"id": "log-across", "kind": "log", "surprise": True, "distance": distance}
     director.status = {"things_ahead": [log], "distance": 25.0}
     director._shown[2] = Shown("log", "meadow", thing="log-across", surprise=True)

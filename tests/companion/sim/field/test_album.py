@@ -13,7 +13,7 @@ from companion.sim.field.control import FieldError
 from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 from companion.sim.field.view import View
 
 WIDTH, HEIGHT = 320, 240
@@ -37,7 +37,7 @@ class Scene:
         return around(pose, self.thing.x, self.thing.y)
 
 
-def around(pose: Pose, x: float, y: float, tilt: Tilt = LEVEL, k1: float = 0.0) -> Box:
+def around(pose: TrailPose, x: float, y: float, tilt: Tilt = LEVEL, k1: float = 0.0) -> Box:
     """A square of 24 pixels with its lower side on the ground at a point."""
     column, row, _ = View(WIDTH, HEIGHT, tilt, k1).project(pose, x, y)
     sides = (column - 12) / WIDTH, (row - 22) / HEIGHT, (column + 12) / WIDTH, (row + 2) / HEIGHT

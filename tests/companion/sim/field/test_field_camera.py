@@ -12,7 +12,7 @@ pytest.importorskip("cv2", reason="the camera draws with OpenCV")
 
 from companion.sim.field.render import LABELS, PinholeCamera
 from companion.sim.field.things import World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 DRUM, ROCK, GRASS, TREE, SKY, PUDDLE = (
     LABELS.index(name) for name in ("drum", "rock", "grass", "tree", "sky", "puddle")
@@ -34,18 +34,18 @@ def _another() -> PinholeCamera:
     return camera
 
 
-def _before(world: World, thing_id: str, distance: float) -> Pose:
+def _before(world: World, thing_id: str, distance: float) -> TrailPose:
     thing = world.things[thing_id]
     return world.trail.pose(world.trail.nearest(thing.x, thing.y)[0] - distance)
 
 
-def _pixel(camera: PinholeCamera, pose: Pose, x: float, y: float, z: float = 0.0) -> tuple[int, int]:
+def _pixel(camera: PinholeCamera, pose: TrailPose, x: float, y: float, z: float = 0.0) -> tuple[int, int]:
     column, row, depth = camera.lens.project(pose, x, y, z)
     assert depth > 0
     return int(row), int(column)
 
 
-def _beside(pose: Pose, ahead: float, left: float) -> tuple[float, float]:
+def _beside(pose: TrailPose, ahead: float, left: float) -> tuple[float, float]:
     c, s = math.cos(pose.heading), math.sin(pose.heading)
     return pose.x + ahead * c - left * s, pose.y + ahead * s + left * c
 
@@ -215,7 +215,7 @@ def test_a_second_visit_looks_like_the_first() -> None:
 def test_the_texture_of_the_ground_stays_put_while_the_rover_moves() -> None:
     world = World(1, surprises=())
     camera, pose = PinholeCamera(world), world.trail.pose(100.0)
-    nearer = Pose(*_beside(pose, 0.4, 0.0), pose.heading)
+    nearer = TrailPose(*_beside(pose, 0.4, 0.0), pose.heading)
     first, second = (camera.render(at, 0.0)[0].mean(axis=2) for at in (pose, nearer))
     rng = np.random.default_rng(0)
     spots = [_beside(pose, *at) for at in rng.uniform((2.2, -0.9), (3.0, 0.9), (400, 2))]
@@ -250,6 +250,6 @@ def test_rows_of_the_picture_are_distances_on_the_ground() -> None:
     assert _camera().distance_ahead(_camera().lens.horizon - 1) == math.inf
     distances = [_camera().distance_ahead(row) for row in range(_camera().lens.horizon, 240)]
     assert distances == sorted(distances, reverse=True)
-    pose = Pose(0.0, 0.0, 0.0)
+    pose = TrailPose(0.0, 0.0, 0.0)
     _, row, _ = _camera().lens.project(pose, 3.0, 0.0)
     assert _camera().distance_ahead(int(row)) == pytest.approx(3.0, rel=0.03)

@@ -16,7 +16,7 @@ from companion.sim.field.control import FieldControl
 from companion.sim.field.motion import LEVEL, Tilt
 from companion.sim.field.server import FieldOptions, FieldServer
 from companion.sim.field.things import World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 Picture = NDArray[np.uint8]
 
@@ -24,14 +24,14 @@ Picture = NDArray[np.uint8]
 class SlowCamera:
     """Takes longer for a frame than there is time."""
 
-    def render(self, pose: Pose, t: float, tilt: Tilt = LEVEL) -> tuple[Picture, Picture]:
+    def render(self, pose: TrailPose, t: float, tilt: Tilt = LEVEL) -> tuple[Picture, Picture]:
         del pose, t, tilt
         time.sleep(0.2)
         return np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), np.uint8)
 
 
 class BrokenCamera:
-    def render(self, pose: Pose, t: float, tilt: Tilt = LEVEL) -> tuple[Picture, Picture]:
+    def render(self, pose: TrailPose, t: float, tilt: Tilt = LEVEL) -> tuple[Picture, Picture]:
         raise RuntimeError(f"no picture of {pose} at {t}, {tilt}")
 
 

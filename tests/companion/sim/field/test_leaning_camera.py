@@ -12,11 +12,11 @@ import pytest
 
 pytest.importorskip("cv2", reason="the camera draws with OpenCV")
 
-from companion.sim.field.lens import HEIGHT, PITCH, Lens
-from companion.sim.field.motion import LEVEL, Motion, Tilt
+from companion.sim.field.lens import HEIGHT, PITCH, SimulatedLens
+from companion.sim.field.motion import LEVEL, RoverMotion, Tilt
 from companion.sim.field.render import GROUND_KINDS, LABELS, PinholeCamera
 from companion.sim.field.things import World
-from companion.sim.field.trail import Pose
+from companion.sim.field.trail import TrailPose
 
 DRUM = LABELS.index("drum")
 GROUND = [LABELS.index(name) for name in GROUND_KINDS]
@@ -33,7 +33,7 @@ def _tilt(pitch: float, roll: float) -> Tilt:
     return Tilt(math.radians(pitch), math.radians(roll))
 
 
-def _before_the_drum(metres: float) -> Pose:
+def _before_the_drum(metres: float) -> TrailPose:
     drum = WORLD.things["drum-1"]
     return WORLD.trail.pose(WORLD.trail.nearest(drum.x, drum.y)[0] - metres)
 
@@ -92,7 +92,7 @@ def test_a_drums_foot_is_where_it_is_projected(pitch: float, roll: float, k1: fl
 
 def test_a_drum_on_a_climb_is_where_the_slope_ahead_puts_it() -> None:
     drum = WORLD.things["drum-1"]
-    motion = Motion(WORLD.trail, 1, slopes=math.radians(12), swing=math.radians(3))
+    motion = RoverMotion(WORLD.trail, 1, slopes=math.radians(12), swing=math.radians(3))
     moved = set()
     for metres in np.arange(3.0, 7.0, 0.5):
         pose = _before_the_drum(metres)
@@ -111,7 +111,7 @@ def test_the_metres_of_a_pixel_are_projected_to_that_pixel(pitch: float, roll: f
     view = _camera(k1).view(_tilt(pitch, roll))
     ahead, left = view.where()
     for row, column in np.argwhere(ahead < 100)[::997]:
-        x, y, _ = view.project(Pose(0.0, 0.0, 0.0), float(ahead[row, column]), float(left[row, column]))
+        x, y, _ = view.project(TrailPose(0.0, 0.0, 0.0), float(ahead[row, column]), float(left[row, column]))
         assert (x, y) == pytest.approx((column + 0.5, row + 0.5), abs=0.02)
 
 
@@ -131,7 +131,7 @@ def test_the_ground_is_seen_where_a_rotation_of_the_whole_camera_puts_it() -> No
     pixels, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), matrix, np.array([k1, 0, 0, 0, 0.0]))
     view = _camera(k1).view(tilt)
     for (ahead, right, _), pixel in zip(points, pixels[:, 0], strict=True):
-        assert view.project(Pose(0, 0, 0), ahead, -right)[:2] == pytest.approx(tuple(pixel), abs=1e-6)
+        assert view.project(TrailPose(0, 0, 0), ahead, -right)[:2] == pytest.approx(tuple(pixel), abs=1e-6)
 
 
 @pytest.mark.slow
@@ -160,13 +160,15 @@ def test_the_labels_show_the_path_at_the_metres_of_its_pixels(k1: float) -> None
 def test_pixels_past_the_end_of_a_barrel_see_no_metres() -> None:
     ahead, _ = _camera(-0.4).view().where()
     assert np.isnan(ahead[239, [0, 319]]).all()
-    assert math.isnan(_camera(-0.4).view().project(Pose(0, 0, 0), 2.0, 4.0)[0])
+    assert math.isnan(_camera(-0.4).view().project(TrailPose(0, 0, 0), 2.0, 4.0)[0])
     assert not np.isnan(ahead[200, 160])
 
 
 def test_rows_of_a_distorted_picture_are_distances_in_its_middle() -> None:
     for row in (130, 180, 230):
-        column, at, _ = _camera(-0.12).view().project(Pose(0, 0, 0), _camera(-0.12).distance_ahead(row), 0.0)
+        column, at, _ = (
+            _camera(-0.12).view().project(TrailPose(0, 0, 0), _camera(-0.12).distance_ahead(row), 0.0)
+        )
         assert (column, at) == pytest.approx((160, row + 0.5), abs=0.5)
     assert _camera(-0.12).distance_ahead(10) == math.inf
 
@@ -178,7 +180,7 @@ def test_a_rover_may_look_at_the_sky_or_at_its_feet_alone(tilt: tuple[float, flo
 
 
 def test_a_level_view_is_that_of_the_lens() -> None:
-    view, lens = _camera().view(LEVEL), Lens(320, 240)
+    view, lens = _camera().view(LEVEL), SimulatedLens(320, 240)
     ahead, left = view.where()
     assert np.array_equal(ahead[lens.horizon :], lens.forward)
     assert np.array_equal(left[lens.horizon :], lens.left)

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field import telemetry
 from companion.sim.field.modes import Mode
-from companion.sim.field.motion import BUMP_GAP, SEEN, Attitude, Motion
+from companion.sim.field.motion import BUMP_GAP, SEEN, Attitude, RoverMotion
 from companion.sim.field.rover import Rover
 from companion.sim.field.simulation import Simulation
 from companion.sim.field.things import World
@@ -20,14 +20,14 @@ from companion.sim.field.trail import Trail
 TRAIL = Trail(1)
 FIVE = math.radians(5.0)
 PLACES = np.arange(0.0, TRAIL.length, 0.02)
-moved = partial(Motion, TRAIL, 1)
+moved = partial(RoverMotion, TRAIL, 1)
 
 
 def test_a_rover_without_motion_is_level_and_its_attitude_is_the_bytes_it_was() -> None:
     rover = Rover(TRAIL)
     rover.speed = 2.0
     rover.step(3.0)
-    assert Motion(TRAIL).at(3.0, 7.0, 2.0) == Attitude()
+    assert RoverMotion(TRAIL).at(3.0, 7.0, 2.0) == Attitude()
     message = telemetry.attitude(rover)
     level = mavlink.MAVLink_attitude_message(message.time_boot_ms, 0.0, 0.0, message.yaw, 0.0, 0.0, 0.0)
     link = mavlink.MAVLink(None, 1, 1)
@@ -69,7 +69,7 @@ def test_bumps_are_short_lie_about_every_six_metres_and_stay_where_they_are() ->
     assert np.abs(pitch).max() == pytest.approx(FIVE, rel=1e-2)
     assert 0 < np.abs(roll).max() <= FIVE
     assert [bumps.at(9.0, s + TRAIL.length, 2.0).pitch for s in PLACES[::50]] == pytest.approx(pitch[::50])
-    other = Motion(TRAIL, 2, bumps=FIVE)
+    other = RoverMotion(TRAIL, 2, bumps=FIVE)
     assert [other.at(0.0, s, 1.0).pitch for s in PLACES] != list(pitch)
 
 
@@ -106,7 +106,7 @@ def test_the_rates_are_those_of_the_angles() -> None:
 
 def test_attitude_and_status_carry_the_angles_of_the_frame_of_the_same_moment() -> None:
     world = World(1, ())
-    motion = Motion(world.trail, 1, swing=FIVE, bumps=FIVE, slopes=FIVE)
+    motion = RoverMotion(world.trail, 1, swing=FIVE, bumps=FIVE, slopes=FIVE)
     simulation = Simulation(world, lambda *_: True, motion=motion)
     simulation.autopilot.arm(on=True)
     simulation.autopilot.set_mode(Mode.AUTO, "hand")

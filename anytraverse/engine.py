@@ -24,7 +24,7 @@ from anytraverse.frame import Frame, is_black, is_image
 from anytraverse.ground import STEEPEST
 from anytraverse.history import Embedding, Match, Place, cosine, is_embedding
 from anytraverse.judging import Settings
-from anytraverse.light import measure_light
+from anytraverse.light import Light, measure_light
 from anytraverse.memory import Memory
 from anytraverse.operations import Operation, OtherPlace, teaches
 from anytraverse.perception import Features, Perceiver, Prompt, is_independent, is_joint, surroundings_of
@@ -125,7 +125,7 @@ class AnyTraverse:
             age=age,
             similarity=similarity if similarity is not None and math.isfinite(similarity) else None,
             scene_age=observation.scene_age,
-            light=measure_light(frame.image),
+            light=self.light_of(observation),
             observation=observation,
         )
         maps = self.maps_of(observation)
@@ -147,6 +147,10 @@ class AnyTraverse:
             return make_maps(attention, weights, self.settings, alone, joint=is_joint(self.perceiver))
         except PerceiverError as error:
             return Finding.fault(str(error))
+
+    def light_of(self, observation: Observation) -> Light:
+        """Measure the light of a frame's picture."""
+        return measure_light(observation.frame.image)
 
     def figures_of(self, observation: Observation, maps: Maps) -> RoiFigures | Finding:
         """Calculate the figures of the region of interest, or say which fault prevents it."""

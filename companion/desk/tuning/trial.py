@@ -14,6 +14,7 @@ from anytraverse.assessment import Assessment, Finding, Maps, Observation
 from anytraverse.engine import AnyTraverse
 from anytraverse.errors import AnyTraverseError
 from anytraverse.judging import Settings
+from anytraverse.light import Light
 from anytraverse.perception import Example
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
@@ -143,12 +144,20 @@ class Trial:
 class TrialEngine(AnyTraverse):
     """Judges as any engine does, but takes what another trial has made of the same frame.
 
-    Its perceiver is a `StoredPerceiver`. Maps depend on the words, the region's figures on some settings
-    beside them. Everything else is judged anew.
+    Its perceiver is a `StoredPerceiver`. The light depends on the picture alone, maps on the words, the
+    region's figures on some settings beside them. Everything else is judged anew.
     """
 
     _words: tuple[Preferences, Mapping[str, tuple[Example, ...]]] | None = None
     _key: tuple[Any, ...] = ()
+
+    def light_of(self, observation: Observation) -> Light:
+        """Return the light that was measured of this picture, or measure it."""
+        made: dict[Any, Any] = observation.features.made
+        if Light not in made:
+            made[Light] = super().light_of(observation)
+        light: Light = made[Light]
+        return light
 
     def maps_of(self, observation: Observation) -> Maps | Finding:
         """Return the maps that were made of this frame with these words and weights, or make them."""

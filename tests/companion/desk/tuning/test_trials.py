@@ -8,9 +8,12 @@ from typing import Any
 
 import pytest
 
+from anytraverse import engine as engine_module
 from anytraverse.engine import AnyTraverse
 from anytraverse.evaluation import spreading
 from anytraverse.evaluation.spreading import SpreadError, spread
+from anytraverse.frame import Image
+from anytraverse.light import Light, measure_light
 from anytraverse.regions import Box
 from companion.config import Config, load_config
 from companion.desk.drives.judge import DriveJudge
@@ -73,6 +76,21 @@ def test_random_combinations_are_those_of_a_full_run(
     assert judged.frames == 16
     calls = {len(one.calls) for one in outcomes}
     assert len(calls) > 1, "the combinations tell nothing apart"
+
+
+def test_the_light_of_a_frame_is_measured_once_for_all_combinations(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = list[int]()
+
+    def measure(picture: Image) -> Light:
+        measured.append(id(picture))
+        return measure_light(picture)
+
+    monkeypatch.setattr(engine_module, "measure_light", measure)
+    config = load_config(drive.parent / "companion.toml")
+    run_episode(config, Episode(str(drive), 10.0), of_random(3, seed=1), Where(tmp_path, 10**9))
+    assert len(measured) == 16
 
 
 def test_what_was_perceived_is_all_that_judging_asks_for(drive: Path, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import os
 import signal
@@ -13,11 +12,9 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
@@ -28,6 +25,7 @@ from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
 from companion.desk.drives.judge import DriveJudge
 from companion.desk.drives.rehearsal import Rehearsal
+from tests.companion.desk.browsing import Browsing
 from tests.companion.desk.drives.filmed import CONFIG
 from tests.companion.desk.drives.test_rehearsal import answered, drive, like, rehearsed
 from tests.waiting import wait_for
@@ -41,31 +39,8 @@ PATIENCE = 30.0
 COMMAND = (sys.executable, "-m", "companion")
 
 
-class Person:
+class Person(Browsing):
     """Sees the page of a rehearsal, and posts as it does."""
-
-    def __init__(self, url: str) -> None:
-        split = urlsplit(url)
-        self.address = str(split.hostname), int(split.port or 0)
-        self.token = parse_qs(split.query)["token"][0]
-
-    def ask(
-        self, path: str, method: str = "GET", body: bytes | None = None, **headers: str
-    ) -> tuple[int, bytes]:
-        with closing(http.client.HTTPConnection(*self.address, timeout=5.0)) as connection:
-            own = {
-                "authorization": f"Bearer {self.token}",
-                **{k.replace("_", "-"): v for k, v in headers.items()},
-            }
-            connection.request(method, path, body, own)
-            answer = connection.getresponse()
-            return answer.status, answer.read()
-
-    def post(self, path: str, **content: Any) -> tuple[int, dict[str, Any]]:
-        origin = f"http://{self.address[0]}:{self.address[1]}"
-        body = json.dumps(content).encode()
-        status, told = self.ask(path, "POST", body, origin=origin, content_type="application/json")
-        return status, json.loads(told)
 
     def news(self) -> dict[str, Any]:
         """What a page that opens now is told; that it is over where nobody answers any more."""
@@ -75,8 +50,8 @@ class Person:
             return {"state": "over", "calls": []}
 
     def _news(self) -> dict[str, Any]:
-        with closing(http.client.HTTPConnection(*self.address, timeout=5.0)) as connection:
-            connection.request("GET", "/events", headers={"authorization": f"Bearer {self.token}"})
+        with self.connected() as connection:
+            connection.request("GET", "/events", headers=dict(self.headers))
             response = connection.getresponse()
             while not (line := response.readline()).startswith(b"data:"):
                 if not line:
@@ -130,7 +105,7 @@ def running(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     made = Running(drive, tmp_path / "page", monkeypatch)
     yield made
     if not made.codes:
-        made.person.post("/end")
+        made.person.post("/end", {})
         made.ends()
 
 
@@ -143,21 +118,24 @@ def test_answers_on_the_page_lead_to_what_the_same_answers_in_a_file_do(
     for path in call["pictures"].values():
         assert person.ask(path)[1].startswith(b"\xff\xd8\xff")
     wrong = [{"word": "grass", "weight": 1}, {"word": "meadow", "weight": -1}]
-    assert person.post("/answer", call=call["id"], motion="go", changes=wrong) == (200, {"done": "sent"})
+    assert person.post("/answer", {"call": call["id"], "motion": "go", "changes": wrong}) == (
+        200,
+        {"done": "sent"},
+    )
     shown = person.until(lambda news: news["state"] == "asking" and news["calls"][0]["answers"])["calls"][0]
     (refused,) = shown["answers"]
     assert (refused["tone"], refused["text"].startswith("nothing changed: ")) == ("bad", True)
     tap = {"tap": "drum", "weight": -1, "box": [0.40123, 0.5, 0.6, 0.8], "frame": call["frame"]}
     words = [{"word": "dirt path", "weight": 1}, {"word": "tree", "weight": -0.5}, tap]
-    assert person.post("/answer", call=call["id"], motion="go", changes=words)[0] == 200
+    assert person.post("/answer", {"call": call["id"], "motion": "go", "changes": words})[0] == 200
     person.until(lambda news: news["state"] == "over" or news["names"])  # until it was taken
     while (news := person.until(lambda news: news["state"] in ("asking", "over")))["state"] != "over":
         assert ["drum", -1.0] in news["names"]
         (waiting,) = (one for one in news["calls"] if one["open"])
         if waiting["id"] == call["id"]:
-            person.post("/answer", call=call["id"], motion="go", changes=[])
+            person.post("/answer", {"call": call["id"], "motion": "go", "changes": []})
         else:
-            person.post("/skip")
+            person.post("/skip", {})
     running.ends()
     assert running.codes == [0]
     told = rehearsed(drive, tmp_path / "file", "--answers", str(running.out / "answers.txt"))
@@ -184,7 +162,7 @@ def test_what_a_thing_was_named_in_a_like_scene_is_offered(
         known = person.call()["known"]
         assert (known["word"], known["weight"], known["motion"]) == ("drum", -1.0, "go")
         assert known["text"] == "Still the drum you named at C1: −1, and go"
-        assert person.post("/skip")[0] == 200
+        assert person.post("/skip", {})[0] == 200
         asking.join(PATIENCE)
         assert not asking.is_alive()
 
@@ -209,10 +187,10 @@ def test_rubbish_strangers_and_what_comes_too_late_change_nothing(running: Runni
         ({**own, "motion": "go", "changes": [tap]}, "older picture"),
         ({**own, "motion": "none", "changes": [{"forget": "look"}]}, "would be read otherwise"),
     ):
-        status, said = person.post("/answer", **told)
+        status, said = person.post("/answer", told)
         assert (status, why in said["problem"]) == (409, True), said
     assert person.news()["calls"][0]["answers"] == []
-    assert person.post("/end")[0] == 200
+    assert person.post("/end", {})[0] == 200
     running.ends()
     assert not (running.out / "memory.jsonl").exists()
     assert "# " in (running.out / "answers.txt").read_text()
@@ -235,7 +213,7 @@ def test_ctrl_c_keeps_what_was_answered_and_a_page_that_was_closed_can_be_opened
         person = Person(process.stdout.readline().split()[-1])
         call = person.call()  # each request opens a page, and closes it
         water = [{"word": "water", "weight": -1}]
-        person.post("/answer", call=call["id"], motion="none", changes=water)
+        person.post("/answer", {"call": call["id"], "motion": "none", "changes": water})
         wait_for(lambda: person.news()["calls"][0]["answers"], PATIENCE)
         assert person.call()["id"] == call["id"], "that does not cover it, so it waits"
         process.send_signal(signal.SIGINT)

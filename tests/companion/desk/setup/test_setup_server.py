@@ -2,51 +2,23 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import threading
 from collections.abc import Iterator
-from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
 from companion.cli import main
 from companion.desk.setup.threads import DaemonThreads
+from tests.companion.desk.browsing import Browsing
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("starlette", "uvicorn")), reason="starlette is not installed"
 )
-
-
-class Page:
-    """Asks as the page does."""
-
-    def __init__(self, url: str) -> None:
-        split = urlsplit(url)
-        self.address = str(split.hostname), int(split.port or 0)
-        self.token = parse_qs(split.query)["token"][0]
-
-    def ask(
-        self, path: str, method: str = "GET", body: bytes | None = None, **headers: str
-    ) -> tuple[int, bytes]:
-        with closing(http.client.HTTPConnection(*self.address, timeout=40.0)) as connection:
-            own = {"authorization": f"Bearer {self.token}"} | {
-                k.replace("_", "-"): v for k, v in headers.items()
-            }
-            connection.request(method, path, body, own)
-            answer = connection.getresponse()
-            return answer.status, answer.read()
-
-    def post(self, path: str, content: Any, **headers: str) -> tuple[int, Any]:
-        own = {"origin": f"http://{self.address[0]}:{self.address[1]}", "content_type": "application/json"}
-        body = content if isinstance(content, bytes) else json.dumps(content).encode()
-        status, told = self.ask(path, "POST", body, **(own | headers))
-        return status, json.loads(told) if told.startswith(b"{") else told.decode()
 
 
 class Clock:
@@ -74,11 +46,11 @@ def server(tmp_path: Path, clock: Clock) -> Iterator[Any]:
 
 
 @pytest.fixture
-def page(server: Any) -> Page:
-    return Page(server.url)
+def page(server: Any) -> Browsing:
+    return Browsing(server.url)
 
 
-def test_only_this_computer_is_served_and_only_who_knows_the_token(page: Page) -> None:
+def test_only_this_computer_is_served_and_only_who_knows_the_token(page: Browsing) -> None:
     assert page.address[0] == "127.0.0.1"
     assert page.ask("/state.json")[0] == 200
     page.token = "wrong"
@@ -87,25 +59,27 @@ def test_only_this_computer_is_served_and_only_who_knows_the_token(page: Page) -
     assert page.post("/write", {})[0] == 401
 
 
-def test_another_site_may_post_nothing(page: Page) -> None:
+def test_another_site_may_post_nothing(page: Browsing) -> None:
     assert page.post("/draft", {"changes": {"camera.rate": 5}}, origin="http://evil.example")[0] == 403
     assert page.post("/draft", {"changes": {"camera.rate": 5}}, content_type="text/plain")[0] == 415
     assert page.ask("/state.json", host="evil.example")[0] == 421
 
 
 @pytest.mark.parametrize("body", [b"", b"[]", b"nothing", b"{", b'{"changes": 1}', b"\xff", b"[" * 9000])
-def test_rubbish_is_refused_with_a_reason(page: Page, body: bytes) -> None:
+def test_rubbish_is_refused_with_a_reason(page: Browsing, body: bytes) -> None:
     for path in ("/draft", "/drag"):
         status, told = page.post(path, body)
         assert status == 409
         assert told["problem"]
 
 
-def test_a_body_is_bounded(page: Page) -> None:
+def test_a_body_is_bounded(page: Browsing) -> None:
     assert page.post("/draft", b" " * (17 << 10))[0] == 413
 
 
-def test_a_change_is_answered_with_the_new_state_and_a_wrong_one_with_why(page: Page, tmp_path: Path) -> None:
+def test_a_change_is_answered_with_the_new_state_and_a_wrong_one_with_why(
+    page: Browsing, tmp_path: Path
+) -> None:
     status, told = page.post("/draft", {"changes": {"camera.rate": 5.0}})
     assert status == 200
     assert told["changed"] == ["camera.rate"]
@@ -116,7 +90,7 @@ def test_a_change_is_answered_with_the_new_state_and_a_wrong_one_with_why(page: 
     assert "rate = 5.0" in (tmp_path / "companion.toml").read_text()
 
 
-def test_a_job_is_started_by_a_post_alone_and_tells_its_result(page: Page) -> None:
+def test_a_job_is_started_by_a_post_alone_and_tells_its_result(page: Browsing) -> None:
     assert json.loads(page.ask("/job/ports.json")[1]) == {"state": "idle"}
     assert page.post("/job/ports", {})[1]["state"] in ("running", "done")
     done = wait_for(
@@ -131,7 +105,7 @@ def test_a_job_is_started_by_a_post_alone_and_tells_its_result(page: Page) -> No
     assert "not understood" in told["problem"]
 
 
-def test_without_a_picture_there_is_none_to_judge(page: Page) -> None:
+def test_without_a_picture_there_is_none_to_judge(page: Browsing) -> None:
     assert page.ask("/frame.jpg")[0] == 404
     assert page.ask("/judged.jpg")[0] == 404
     status, told = page.post("/judge", {})
@@ -140,7 +114,7 @@ def test_without_a_picture_there_is_none_to_judge(page: Page) -> None:
 
 
 def test_calls_that_hang_delay_neither_what_is_told_nor_the_end(
-    server: Any, page: Page, monkeypatch: pytest.MonkeyPatch
+    server: Any, page: Browsing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     others = set(threading.enumerate())
     begun, over = threading.Semaphore(0), threading.Event()
@@ -167,7 +141,7 @@ def test_calls_that_hang_delay_neither_what_is_told_nor_the_end(
         over.set()
 
 
-def test_every_page_s_files_are_there(page: Page) -> None:
+def test_every_page_s_files_are_there(page: Browsing) -> None:
     status, index = page.ask("/")
     assert status == 200
     assert b"/main.js" in index
@@ -177,7 +151,7 @@ def test_every_page_s_files_are_there(page: Page) -> None:
 
 
 def test_it_is_idle_when_nobody_opened_or_changed_anything_for_an_hour(
-    server: Any, page: Page, clock: Clock
+    server: Any, page: Browsing, clock: Clock
 ) -> None:
     clock.now += 3500
     page.post("/draft", {"changes": {"camera.rate": 5.0}})

@@ -51,8 +51,13 @@ SLOW = (
     "companion/vision/test_processes.py",
     "companion/observers/page/test_a_page_that_fails.py",
     "companion/observers/page/test_beside_a_daemon.py",
+    "companion/observers/page/test_answers_in_a_browser.py",
     "companion/observers/page/test_in_a_browser.py",
+    "companion/observers/page/test_recordings_in_a_browser.py",
+    "companion/observers/page/test_settings_in_a_browser.py",
     "gcs_plugin/console/test_in_a_browser.py",
+    "gcs_plugin/console/test_rovers_in_a_browser.py",
+    "gcs_plugin/console/test_unread_calls_in_a_browser.py",
     "gcs_plugin/console/test_served.py",
 )
 """Folders and files of the tests that `make test` leaves to `make test-slow`: they wait for real processes

@@ -1,21 +1,17 @@
-"""The console in a real browser, where Playwright and Debian's Chromium are installed."""
+"""A call is seen and answered in a real browser, where Playwright and Debian's Chromium are installed."""
 
 from __future__ import annotations
 
-import time
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
 
 from anytraverse.operations import Tap
 from companion.wire import ids
 from companion.wire.answers import CancelIncident, PackIncident
-from companion.wire.call_report import CallReport
 from tests.gcs_plugin.console.browser import AXE, CALL, needs_browser
 from tests.gcs_plugin.console.served import Served
 
@@ -198,193 +194,6 @@ def test_one_key_answers_with_a_motion(
     served.until(tab.locator(CALL).is_visible)
     tab.keyboard.press(key)
     served.until(lambda: rover.applied == [(7, motion, ())])
-
-
-def test_after_a_reload_and_with_a_second_page_the_call_and_its_answer_are_there(
-    served: Served, open_page: Callable[..., Any], rover: Any
-) -> None:
-    rover.stage_after, rover.result = ids.Stage.ANSWERED, ids.Result.APPLIED
-    tab = open_page()
-    served.until(tab.locator(CALL).is_visible)
-    tab.locator(CALL).get_by_role("button", name="Go").click()
-    served.until(lambda: rover.applied != [])
-    served.until(lambda: "done" in tab.locator(".becoming").inner_text())
-    rover.call = replace(rover.call, latitude=47.0001, longitude=8.0)
-    where = mavlink.MAVLink_global_position_int_message(0, 470000000, 80000000, 0, 0, 0, 0, 0, 9000)
-    served.say(rover.autopilot.frame(where))
-    served.until(lambda: tab.locator(".track .own").count() == 1)
-    tab.reload()
-    served.until(tab.locator(CALL).is_visible)
-    served.until(lambda: tab.locator(".dots button").count() == 1)
-    dot, own = tab.locator(".dots button").bounding_box(), tab.locator(".track .own").bounding_box()
-    assert dot["y"] < own["y"], "the call was north of here"
-    tab.locator(".dots button").click()
-    assert tab.evaluate("document.activeElement.textContent").startswith("Call C7")
-    assert "From here: go done" in tab.locator(".becoming").inner_text()
-    assert tab.locator(".timeline li").count() > 2
-    other = open_page()
-    served.until(other.locator(CALL).is_visible)
-    assert "From here: go done" in other.locator(".becoming").inner_text()
-
-
-def test_of_two_rovers_the_one_that_calls_comes_first(
-    served: Served,
-    open_page: Callable[..., Any],
-    rover: Any,
-    tiny_rover: Callable[..., Any],
-    thing_call: CallReport,
-) -> None:
-    other = tiny_rover(2, None)
-    served.rovers.append(other)
-    rover.call = None
-    tab = open_page()
-    served.until(lambda: tab.locator(".rover").count() == 2)
-    assert tab.locator(".rover h2").all_inner_texts() == ["Rover 1", "Rover 2"]
-    other.call = thing_call
-    served.until(lambda: tab.locator(".rover h2").all_inner_texts() == ["Rover 2", "Rover 1"])
-    assert "Rover 2" in tab.locator("#summary").inner_text()
-    tab.locator(CALL).get_by_role("button", name="Go").click()
-    served.until(lambda: other.applied != [])
-    assert rover.applied == []
-
-
-def test_forged_rovers_do_not_hide_the_rover_and_leave_the_page_when_they_are_silent(
-    served: Served, open_page: Callable[..., Any], tiny_rover: Callable[..., Any], thing_call: CallReport
-) -> None:
-    tab = open_page()
-    for system in (0, *range(2, 256)):
-        served.say(tiny_rover(system).heartbeat())
-        served.turn()
-    sections = tab.locator("article.rover")
-    served.until(lambda: sections.count() > 16)
-    real = tiny_rover(1, thing_call)
-    served.rovers.append(real)
-    served.until(tab.locator(CALL).is_visible)
-    assert sections.first.locator("h2").inner_text() == "Rover 1"
-    served.until(lambda: sections.count() == 16)
-    tab.locator(CALL).get_by_role("button", name="Go").click()
-    served.until(lambda: real.applied != [])
-
-
-def test_a_link_that_is_cut_is_said_and_an_answer_waits_until_it_is_back(
-    served: Served, open_page: Callable[..., Any], rover: Any
-) -> None:
-    tab = open_page()
-    served.until(tab.locator(CALL).is_visible)
-    served.rovers.clear()
-    served.until(lambda: "NOT HEARD" in tab.locator(".strip strong").text_content())
-    tab.locator(CALL).get_by_role("button", name="Stay").click()
-    served.until(lambda: "waits: the companion is not heard" in tab.locator(".becoming").inner_text())
-    assert rover.applied == []
-    served.rovers.append(rover)
-    served.until(lambda: rover.applied == [(7, ids.Motion.STAY, ())])
-
-
-@pytest.mark.usefixtures("rover")
-def test_a_console_that_ended_is_said_and_nothing_looks_live(
-    served: Served, open_page: Callable[..., Any]
-) -> None:
-    tab = open_page()
-    served.until(tab.locator(CALL).is_visible)
-    served.process.terminate()
-    served.until(lambda: tab.locator("#title").inner_text() == "NO CONNECTION")
-    assert "grayscale" in tab.locator("main").evaluate("part => getComputedStyle(part).filter")
-    served.process.wait(10.0)  # a second signal, at its end, would be one that kills
-
-
-def test_hostile_text_is_text(served: Served, open_page: Callable[..., Any], rover: Any) -> None:
-    tab = open_page()
-    served.until(tab.locator(CALL).is_visible)
-    served.say(rover.text("<img src=x onerror=document.title=1>"))
-    served.until(lambda: "<img src=x" in tab.locator(".timeline").inner_text())
-    assert tab.locator(".timeline img").count() == 0
-
-
-def test_a_call_that_takes_anothers_place_is_not_answered_before_it_can_be_read(
-    served: Served, open_page: Callable[..., Any], rover: Any, thing_call: CallReport
-) -> None:
-    tab = open_page()
-    served.until(tab.locator(CALL).is_visible)
-    rover.call = replace(thing_call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.PASSED)
-    served.until(lambda: tab.locator(CALL).count() == 0)
-    rover.call = replace(thing_call, id=8, frame_id=4800)
-    served.until(tab.locator(CALL).is_visible)
-    tab.keyboard.press("g")
-    assert "C8 is new, so nothing was sent" in tab.locator(CALL).inner_text()
-    assert rover.applied == []
-    for chosen, calls in (("Save all calls as one report", ["7", "8"]), ("Save the call chosen", ["7"])):
-        with tab.expect_download() as saving:
-            tab.get_by_role("link", name=chosen).click()
-        with zipfile.ZipFile(saving.value.path()) as archive:
-            folders = {name.split("/")[0] for name in archive.namelist()} - {"report.html"}
-        assert folders == {f"call-{number}" for number in calls}
-        tab.locator(".past").get_by_label("in the report").check()
-
-
-def test_where_another_rovers_call_comes_first_a_key_does_not_reach_it_before_it_can_be_read(
-    served: Served,
-    open_page: Callable[..., Any],
-    rover: Any,
-    tiny_rover: Callable[..., Any],
-    thing_call: CallReport,
-) -> None:
-    other = tiny_rover(2, replace(thing_call, id=9))
-    served.rovers.append(other)
-    tab = open_page(390, "light", 844)
-    why, told = tab.locator(".bar .why"), tab.locator(".bar .told")
-    served.until(lambda: tab.locator(CALL).count() == 2)
-    over = time.monotonic() + 2.5
-    served.until(lambda: time.monotonic() > over)  # the one that came second may be the first
-    first, second = (rover, other) if "Rover 1" in why.inner_text() else (other, rover)
-    first.call = replace(first.call, stage=ids.Stage.CLOSED, outcome=ids.Outcome.PASSED)
-    served.until(lambda: tab.locator(CALL).count() == 1)
-    tab.keyboard.press("g")
-    tab.locator(".bar .go").click()
-    assert f"C{second.call.id} has come first, so nothing was sent" in told.inner_text()
-    served.until(lambda: told.text_content() == "")
-    assert tab.locator(CALL).locator(".problem").first.text_content() == ""
-    assert (first.applied, second.applied) == ([], [])
-    tab.locator(".bar .go").click()
-    served.until(lambda: [motion for _, motion, _ in second.applied] == [ids.Motion.GO])
-    assert first.applied == []
-
-
-def test_who_presses_go_twice_sends_one_answer_and_stay_waits_for_none(
-    served: Served, open_page: Callable[..., Any], rover: Any
-) -> None:
-    rover.stage_after, rover.result = ids.Stage.OPEN, ids.Result.NOT_COVERED
-    tab = open_page(390, "light", 844)
-    card, bar = tab.locator(CALL), tab.locator(".bar")
-    served.until(card.is_visible)
-    served.until(card.get_by_role("button", name="mud", exact=True).is_visible)  # its words are read
-    name = card.get_by_label("Its name")
-    name.fill("drum")
-    bar.locator(".go").click()
-    served.until(lambda: name.input_value() == "")
-    bar.locator(".go").click()
-    assert "was sent: wait for its answer" in bar.locator(".told").inner_text()
-    served.until(lambda: "does not cover what was seen" in bar.locator(".told").inner_text())
-    assert len(rover.applied) == 1
-    bar.locator(".go").click()
-    served.until(lambda: len(rover.applied) == 2)
-    bar.get_by_role("button", name="Stay").click()
-    served.until(lambda: len(rover.applied) == 3)
-    assert [motion for _, motion, _ in rover.applied] == [ids.Motion.GO, ids.Motion.GO, ids.Motion.STAY]
-
-
-def test_a_call_that_gains_a_reason_takes_no_go_before_that_can_be_read(
-    served: Served, open_page: Callable[..., Any], rover: Any, thing_call: CallReport
-) -> None:
-    rover.call = replace(thing_call, reasons=ids.Reasons.UNKNOWN_SCENE)
-    tab = open_page()
-    card = tab.locator(CALL)
-    served.until(lambda: card.is_visible() and "What is the ground here?" in card.inner_text())
-    rover.call = replace(thing_call, reasons=ids.Reasons.UNKNOWN_SCENE | ids.Reasons.UNKNOWN_OBJECT)
-    served.until(lambda: "What is in the yellow frame?" in card.inner_text())
-    tab.keyboard.press("g")
-    assert "C7 has changed, so nothing was sent" in card.inner_text()
-    served.until(lambda: card.locator(".problem").first.text_content() == "")
-    assert rover.applied == []
 
 
 @pytest.mark.usefixtures("rover")

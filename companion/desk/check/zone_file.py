@@ -39,11 +39,11 @@ Figures = Mapping[str, float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watched:
-    """What was judged while nothing moved. frames: judged ones, 1 or more.
+class ZoneLook:
+    """What was judged at one mark, or on one walk. frames: judged ones, 1 or more.
 
     noticed_frames: those with something in the region of interest that stops the rover. reasons: all reasons
-    that any frame had, by name. light: of the last frame, None: not measured. at: UTC, as `utc_now` writes it.
+    that any frame had, by name. light: of the last frame, None: not measured. at: UTC, as of `utc_now`.
     """
 
     frames: int
@@ -59,34 +59,34 @@ class Watched:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mark(Watched):
+class ZoneMark(ZoneLook):
     """A thing that stood on a mark.
 
     line: names the line. bearing_deg: the line's, clockwise from the nose. distance_m: along it, from the
     middle of the vehicle's front, by tape. noticed: whether the daemon's rule would have stopped the rover,
-    without a pause. ground_m, ground_deg: the same by picture and [mount]; None: not known.
+    without a pause. in_picture: whether the picture shows it at all, in the region or not. ground_m,
+    ground_deg: distance and bearing by picture and [mount], None: not known.
     """
 
     line: str
     bearing_deg: float
     distance_m: float
     noticed: bool
+    in_picture: bool = False
     ground_m: float | None = None
     ground_deg: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arc(Watched):
+class ZoneArc(ZoneLook):
     """A thing that was carried along a part of a circle about the middle of the vehicle's front.
 
-    distance_m: the radius. from_deg, to_deg: bearings at which it began and ended. spans: how much of the arc
-    was in turn not noticed (the even ones, from the first) and noticed, by time; together 1.
+    distance_m: the radius. from_deg, to_deg: bearings at which it began and ended.
     """
 
     distance_m: float
     from_deg: float
     to_deg: float
-    spans: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,9 +110,9 @@ class Zone:
     mount: Figures
     stop: Figures
     thing: str
-    empty: Watched | None = None
-    marks: tuple[Mark, ...] = field(default=())
-    arcs: tuple[Arc, ...] = field(default=())
+    empty: ZoneLook | None = None
+    marks: tuple[ZoneMark, ...] = field(default=())
+    arcs: tuple[ZoneArc, ...] = field(default=())
 
 
 class ZoneFileError(Exception):
@@ -127,7 +127,7 @@ def utc_now() -> str:
 def write_zone(folder: Path, zone: Zone) -> Path:
     """Write a zone into the data folder, in place of one with the same time, and return its path.
 
-    The oldest beyond `MOST_FILES` are deleted. Raises OSError, and ZoneFileError for figures that nothing would read again.
+    The oldest beyond `MOST_FILES` are deleted. Raises OSError, and ZoneFileError for what could not be read.
     """
     content = json.dumps({"format": FORMAT, "version": VERSION, **asdict(zone)}, indent=1).encode()
     parsed_zone(content)
@@ -141,14 +141,13 @@ def write_zone(folder: Path, zone: Zone) -> Path:
 
 def read_zone_files(folder: Path, tell: Callable[[str], None] = log.warning) -> tuple[Zone, ...]:
     """Read all zones of the data folder, oldest first. tell: is told of each file that cannot be read."""
-    found = []
-    for path in _paths(folder):
-        try:
-            found.append(parsed_zone(read_regular(path, _LARGEST + 1)))
-        except (OSError, ZoneFileError) as error:
-            why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
-            tell(f"{path} is left out: {why}")
-    return tuple(found)
+    return _read(_paths(folder), tell)
+
+
+def newest_zone(folder: Path, tell: Callable[[str], None] = log.warning) -> Zone | None:
+    """Read the newest zone, None without one. tell: as of `read_zone_files`."""
+    found = _read(_paths(folder)[-1:], tell)
+    return found[0] if found else None
 
 
 def _paths(folder: Path) -> list[Path]:
@@ -156,6 +155,17 @@ def _paths(folder: Path) -> list[Path]:
         return sorted(path for path in (folder / FOLDER).iterdir() if _NAME.fullmatch(path.name))
     except OSError:
         return []
+
+
+def _read(paths: list[Path], tell: Callable[[str], None]) -> tuple[Zone, ...]:
+    found = []
+    for path in paths:
+        try:
+            found.append(parsed_zone(read_regular(path, _LARGEST + 1)))
+        except (OSError, ZoneFileError) as error:
+            why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
+            tell(f"{path} is left out: {why}")
+    return tuple(found)
 
 
 def parsed_zone(content: bytes) -> Zone:
@@ -189,36 +199,35 @@ def _zone(told: Mapping[str, Any]) -> Zone:
         mount=_figures(told, "mount"),
         stop=_figures(told, "stop"),
         thing=_text(told, "thing"),
-        empty=None if told.get("empty") is None else Watched(**_watched(_table(told["empty"], "empty"))),
+        empty=None if told.get("empty") is None else ZoneLook(**_watched(_table(told["empty"], "empty"))),
         marks=tuple(_mark(_table(one, "a mark")) for one in _list(told, "marks")),
         arcs=tuple(_arc(_table(one, "an arc")) for one in _list(told, "arcs")),
     )
 
 
-def _mark(told: Mapping[str, Any]) -> Mark:
-    noticed = told.get("noticed")
-    if not isinstance(noticed, bool):
-        raise ValueError("noticed is not true or false")
+def _mark(told: Mapping[str, Any]) -> ZoneMark:
+    noticed, shown = told.get("noticed"), told.get("in_picture")
+    if not (isinstance(noticed, bool) and isinstance(shown, bool)):
+        raise ValueError("noticed or in_picture is not true or false")
     ground_m, ground_deg = told.get("ground_m"), told.get("ground_deg")
-    return Mark(
+    return ZoneMark(
         **_watched(told),
         line=_text(told, "line"),
         bearing_deg=_number(told, "bearing_deg", 180.0),
         distance_m=_number(told, "distance_m", _FARTHEST),
         noticed=noticed,
+        in_picture=shown,
         ground_m=None if ground_m is None else _number(told, "ground_m", _FARTHEST),
         ground_deg=None if ground_deg is None else _number(told, "ground_deg", 180.0),
     )
 
 
-def _arc(told: Mapping[str, Any]) -> Arc:
-    spans = _list(told, "spans")
-    return Arc(
+def _arc(told: Mapping[str, Any]) -> ZoneArc:
+    return ZoneArc(
         **_watched(told),
         distance_m=_number(told, "distance_m", _FARTHEST),
         from_deg=_number(told, "from_deg", 180.0),
         to_deg=_number(told, "to_deg", 180.0),
-        spans=tuple(_number({"spans": one}, "spans", 1.0) for one in spans),
     )
 
 

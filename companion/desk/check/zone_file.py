@@ -97,7 +97,8 @@ class Zone:
     weight. thresholds: votes, window, and those of `Thresholds`; None: not judged. region: left, top, right,
     bottom in fractions of the picture; near, far, width and tile in m, None: not known. mount: as in
     [mount], and view. stop: speed in m/s and needs, the metres in which the rover stops, None: not known.
-    thing: what was carried, by whoever measured. empty: the same view without it.
+    thing: what was carried, by whoever measured. distances: of the marks of each line, as planned: those that
+    `marks` lacks were not measured. empty: the same view without the thing.
     """
 
     at: str
@@ -110,6 +111,7 @@ class Zone:
     mount: Figures
     stop: Figures
     thing: str
+    distances: tuple[float, ...] = ()
     empty: ZoneLook | None = None
     marks: tuple[ZoneMark, ...] = field(default=())
     arcs: tuple[ZoneArc, ...] = field(default=())
@@ -199,6 +201,9 @@ def _zone(told: Mapping[str, Any]) -> Zone:
         mount=_figures(told, "mount"),
         stop=_figures(told, "stop"),
         thing=_text(told, "thing"),
+        distances=tuple(
+            _number({"distances": one}, "distances", _FARTHEST) for one in _list(told, "distances")
+        ),
         empty=None if told.get("empty") is None else ZoneLook(**_watched(_table(told["empty"], "empty"))),
         marks=tuple(_mark(_table(one, "a mark")) for one in _list(told, "marks")),
         arcs=tuple(_arc(_table(one, "an arc")) for one in _list(told, "arcs")),

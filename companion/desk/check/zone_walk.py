@@ -1,0 +1,137 @@
+"""Plans where a person stands with a thing, and judges what the marks say of the rover's way. Pure.
+
+Distances are in m from the middle of the vehicle's front, bearings in degrees clockwise from its nose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import takewhile
+from typing import NamedTuple
+
+from companion.config import Config
+from companion.config.stopping import Stopping
+from companion.desk.check.zone_file import ZoneMark
+
+DISTANCES = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 15.0, 20.0)
+_SAME = 0.3
+"""m by which two marks differ at least."""
+_IN_VIEW = 0.9
+"""Share of half of the view at which the outermost lines run, so that a thing on them is in the picture."""
+_ROUNDED = 1.02
+"""By this factor a line may leave the rover's way too early: its bearing is rounded."""
+
+
+class WalkLine(NamedTuple):
+    """A line on the ground. way: metres for which it is in the rover's way straight ahead, None: not known."""
+
+    name: str
+    bearing: float
+    way: float | None
+
+    def point(self, distance: float) -> tuple[float, float]:
+        """Return the metres ahead and to the right of the middle of the vehicle's front."""
+        at = math.radians(self.bearing)
+        return distance * math.cos(at), distance * math.sin(at)
+
+
+def walk_lines(config: Config, needs: float | None) -> tuple[WalkLine, ...]:
+    """Return the lines from left to right: the picture's edges, the sides of the rover's way, and ahead.
+
+    needs: metres in which the rover stops; there the sides of its way are as wide apart as the vehicle. None,
+    or a vehicle of unknown width: a third of the view in their place.
+    """
+    heading, half, width = config.mount.heading, config.camera.view / 2, config.mount.width
+    edge = min(_IN_VIEW * half, 85.0)
+    beside = half / 3
+    if width is not None and needs is not None:
+        beside = min(edge / 2, math.degrees(math.asin(min(1.0, width / 2 / needs))))
+    middle = 0.0 if abs(heading) < half / 3 else heading
+    named = (
+        ("left edge", heading - edge),
+        ("left side", middle - beside),
+        ("ahead", middle),
+        ("right side", middle + beside),
+        ("right edge", heading + edge),
+    )
+    return tuple(WalkLine(name, round(at, 1), _way(at, width)) for name, at in named)
+
+
+def _way(bearing: float, width: float | None) -> float | None:
+    if width is None:
+        return None
+    bearing = round(bearing, 1)
+    if abs(bearing) >= 90.0:
+        return 0.0
+    return math.inf if bearing == 0.0 else width / 2 / abs(math.sin(math.radians(bearing)))
+
+
+def walk_distances(needs: float | None, near: float | None, far: float | None) -> tuple[float, ...]:
+    """Return the marks' distances on a line, nearest first.
+
+    needs: as of `walk_lines`: there is a mark. near, far: between them the region of interest is; one mark is
+    beyond. None: not known.
+    """
+    reach = max((one for one in (needs, far) if one is not None), default=None)
+    least = 0.0 if near is None else near
+    found = [one for one in DISTANCES if one >= least]
+    if reach is not None:
+        found = [one for one in found if one <= reach] + [one for one in found if one > reach + _SAME][:1]
+    if needs is not None:
+        needed = math.ceil(needs * 10 - 1e-6) / 10
+        found = [one for one in found if abs(one - needed) >= _SAME] + [needed]
+    return tuple(sorted(found))
+
+
+@dataclass(frozen=True)
+class LineVerdict:
+    """What the marks of a line say.
+
+    noticed_to: the farthest mark from which on inwards each mark was noticed, m, 0: not even the nearest.
+    gaps: marks that were not noticed or not measured, nearer than one that was noticed. beside: whether the
+    line leaves the rover's way before its nearest mark. needs: metres in which the thing must be noticed for
+    the rover to stop, None: not known, or beside. enough: whether it is, None: not known, or beside.
+    speed: m/s up to which it is, None: not known, or not a matter of the speed.
+    """
+
+    line: WalkLine
+    noticed_to: float
+    gaps: tuple[float, ...]
+    beside: bool = False
+    needs: float | None = None
+    enough: bool | None = None
+    speed: float | None = None
+
+
+def verdict(
+    line: WalkLine, marks: Iterable[ZoneMark], distances: Sequence[float], stopping: Stopping | None
+) -> LineVerdict | None:
+    """Judge a line by its marks; None without any. A mark that was not measured counts as not noticed.
+
+    distances: of the planned marks. stopping: at the configured speed, None: not known.
+    """
+    noticed = {one.distance_m: one.noticed for one in marks if one.line == line.name}
+    if not noticed:
+        return None
+    ordered = sorted({*distances, *noticed})
+    inner = list(takewhile(noticed.get, ordered))
+    outermost = max((one for one in ordered if noticed.get(one)), default=0.0)
+    gaps = tuple(one for one in ordered if not noticed.get(one) and one < outermost)
+    found = LineVerdict(line, inner[-1] if inner else 0.0, gaps)
+    if stopping is None:
+        return found
+    ahead = max(line.point(1.0)[0], 1e-6)
+    needs = stopping.needs / ahead
+    if line.way is not None and line.way * _ROUNDED < needs:
+        in_way = [bool(noticed.get(one)) for one in ordered if one <= line.way]
+        return replace(found, needs=line.way, enough=all(in_way)) if in_way else replace(found, beside=True)
+    sees = replace(stopping, sees=found.noticed_to * ahead)
+    return replace(found, needs=needs, enough=sees.enough, speed=max(0.0, sees.fits))
+
+
+def slowest(verdicts: Sequence[LineVerdict]) -> float | None:
+    """Return the speed, m/s, at which every line would do; None: not known."""
+    known = [one.speed for one in verdicts if one.speed is not None]
+    return min(known) if known else None

@@ -30,7 +30,7 @@ MOST_FILES = 100
 MOST_MARKS = 400
 _LARGEST = 1 << 20
 """Bytes of a file. With `MOST_MARKS` it has some 200 kB."""
-_TEXT, _NAMES = 200, 64
+_TEXT, _NAMES = 400, 64
 _NAME = re.compile(r"[0-9]{8}T[0-9]{6}Z\.json", re.ASCII)
 _TIME = "%Y%m%dT%H%M%SZ"
 _FARTHEST = 1000.0
@@ -98,7 +98,8 @@ class Zone:
     bottom in fractions of the picture; near, far, width and tile in m, None: not known. mount: as in
     [mount], and view. stop: speed in m/s and needs, the metres in which the rover stops, None: not known.
     thing: what was carried, by whoever measured. distances: of the marks of each line, as planned: those that
-    `marks` lacks were not measured. empty: the same view without the thing.
+    `marks` lacks were not measured. verdict: what that means for the stop, in words. covers: whether the thing is
+    noticed in time all across the rover's way, None: not known. empty: the same view without the thing.
     """
 
     at: str
@@ -112,6 +113,8 @@ class Zone:
     stop: Figures
     thing: str
     distances: tuple[float, ...] = ()
+    verdict: str = ""
+    covers: bool | None = None
     empty: ZoneLook | None = None
     marks: tuple[ZoneMark, ...] = field(default=())
     arcs: tuple[ZoneArc, ...] = field(default=())
@@ -190,6 +193,9 @@ def _zone(told: Mapping[str, Any]) -> Zone:
     words = _figures(told, "words", 1.0)
     if None in words.values():
         raise ValueError("a word has no weight")
+    covers = told.get("covers")
+    if not (covers is None or isinstance(covers, bool)):
+        raise ValueError("covers is not true, false or null")
     return Zone(
         at=_time(told),
         program=_text(told, "program"),
@@ -204,6 +210,8 @@ def _zone(told: Mapping[str, Any]) -> Zone:
         distances=tuple(
             _number({"distances": one}, "distances", _FARTHEST) for one in _list(told, "distances")
         ),
+        verdict=_text(told, "verdict"),
+        covers=covers,
         empty=None if told.get("empty") is None else ZoneLook(**_watched(_table(told["empty"], "empty"))),
         marks=tuple(_mark(_table(one, "a mark")) for one in _list(told, "marks")),
         arcs=tuple(_arc(_table(one, "an arc")) for one in _list(told, "arcs")),

@@ -36,6 +36,10 @@ class WalkLine(NamedTuple):
         at = math.radians(self.bearing)
         return distance * math.cos(at), distance * math.sin(at)
 
+    def in_way(self, distance: float) -> bool:
+        """Whether a mark of the line is in the rover's way; True, too, where that is not known."""
+        return self.way is None or distance <= self.way * _ROUNDED
+
 
 def walk_lines(config: Config, needs: float | None) -> tuple[WalkLine, ...]:
     """Return the lines from left to right: the picture's edges, the sides of the rover's way, and ahead.
@@ -125,7 +129,7 @@ def verdict(
     ahead = max(line.point(1.0)[0], 1e-6)
     needs = stopping.needs / ahead
     if line.way is not None and line.way * _ROUNDED < needs:
-        in_way = [bool(noticed.get(one)) for one in ordered if one <= line.way]
+        in_way = [bool(noticed.get(one)) for one in ordered if line.in_way(one)]
         return replace(found, needs=line.way, enough=all(in_way)) if in_way else replace(found, beside=True)
     sees = replace(stopping, sees=found.noticed_to * ahead)
     return replace(found, needs=needs, enough=sees.enough, speed=max(0.0, sees.fits))

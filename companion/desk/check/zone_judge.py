@@ -1,0 +1,213 @@
+"""Judges what the camera shows while a person stands on a mark, as the daemon judges: `check --zone`.
+
+Frames go the daemon's way: its camera thread, the vision process's worker, and the rule that decides whether
+something in the region of interest stops the rover.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from anytraverse.assessment import Assessment, Map, Reason
+from anytraverse.frame import Image
+from anytraverse.light import Light
+from anytraverse.memory import Memory
+from companion.calls.reason_filter import PASSABLE, ReasonFilter
+from companion.calls.tracking import Mask
+from companion.cameras import open_camera
+from companion.cameras.newest import CameraState, CameraThread, Patience
+from companion.config import Config
+from companion.daemon.settings.runtime import call_numbers
+from companion.vision.warm_up import load_and_warm_up
+from companion.vision.worker import Worker
+
+FRAMES = 10
+"""Frames that are judged at a mark, at least."""
+LASTS, LONGEST = 2.0, 20.0
+"""Seconds at a mark, at least and at most."""
+SILENT = 5.0
+"""Seconds without a frame after which a mark cannot be measured."""
+_WAIT = 0.1
+_LEAST = 2
+"""Cells of a map that a thing fills, at least, to be in the picture."""
+
+
+class NotMeasuredError(Exception):
+    """A mark could not be measured. The text says why, and what to do."""
+
+
+class JudgedFrame(NamedTuple):
+    """A judged frame.
+
+    noticed: whether it shows something in the region that stops the rover. stops: whether the daemon's rule
+    would stop it by now.
+    """
+
+    seen: Assessment
+    noticed: bool
+    stops: bool
+
+
+@dataclass
+class ZoneFrames:
+    """Collects the frames of a mark. count: without those with a fault. fault: of the last frame, "": none."""
+
+    window: int
+    count: int = 0
+    noticed: int = 0
+    stood: int = 0
+    """Frames from the `window`-th on for which the rule said that it stops the rover."""
+    fault: str = ""
+    reasons: set[str] = field(default_factory=set)
+    light: Light | None = None
+    _strangeness: Map | None = None
+
+    def add(self, one: JudgedFrame) -> None:
+        """Take in a frame."""
+        seen = one.seen
+        broken = seen.finding(Reason.FAULT)
+        self.fault = "" if broken is None else broken.figure
+        if broken is not None:
+            return
+        self.count += 1
+        self.noticed += one.noticed
+        self.stood += one.stops and self.count >= self.window
+        self.reasons |= {reason.value for reason in seen.reasons}
+        self.light = seen.light or self.light
+        if seen.maps is not None:
+            before = 0.0 if self._strangeness is None else self._strangeness
+            self._strangeness = np.asarray(before + seen.maps.strangeness, np.float32)
+
+    @property
+    def stops(self) -> bool:
+        """Whether the rover would have been stopped, from the `window`-th frame to the last.
+
+        That is as soon as `judge_stopping` counts on it, and without a pause.
+        """
+        return self.count >= self.window and self.stood == self.count - self.window + 1
+
+    @property
+    def strangeness(self) -> Map | None:
+        """The mean of the frames' strangeness, (h, w), None without any."""
+        return None if self._strangeness is None else self._strangeness / max(1, self.count)
+
+    def looked(self) -> dict[str, Any]:
+        """Return what a `ZoneLook` holds, but the time."""
+        return {
+            "frames": self.count,
+            "noticed_frames": self.noticed,
+            "reasons": tuple(sorted(self.reasons)),
+            "light": self.light,
+        }
+
+
+class ZoneJudge:
+    """Judges the newest frames of the configured camera. step: seconds that a frame takes."""
+
+    def __init__(self, config: Config, memory: Memory | None) -> None:
+        """Load the perceiver with the memory of the journal, and open the camera. Raises AnyTraverseError."""
+        ready = load_and_warm_up(config, memory)
+        self.engine, self.step, self.notices = ready.engine, ready.step, ready.notices
+        self._worker = Worker(ready.engine, 0)
+        self._numbers = call_numbers(config, ready.engine.settings)
+        self._ground = config.ground_camera
+        self._period = 1.0 / config.camera.rate
+        self._before: Image | None = None
+        """The last picture of the mark before."""
+        camera = config.camera
+        self._camera = CameraThread(
+            partial(open_camera, camera.source, config.camera_options),
+            patience=Patience(late=config.freshness),
+            size=(camera.width, camera.height),
+        )
+
+    @property
+    def window(self) -> int:
+        """Frames within which a thing must be noticed."""
+        return self._numbers.window
+
+    def close(self) -> None:
+        """Release the camera."""
+        self._camera.close()
+
+    def watch(self, going: Callable[[], bool] | None = None, longest: float = LONGEST) -> ZoneFrames:
+        """Judge frames of now, for `LASTS` s and `FRAMES` frames, or as long as `going` says.
+
+        longest: seconds. Raises NotMeasuredError where the camera is silent, or too few frames can be judged.
+        """
+        began, found = time.monotonic(), ZoneFrames(self.window)
+        picture: Image | None = None
+        for one in self._judged(began, longest):
+            if one is not None:
+                found.add(one)
+                picture = one.seen.frame.image
+            enough = time.monotonic() - began >= LASTS and found.count >= FRAMES
+            if enough if going is None else not going():
+                break
+        if found.fault:
+            raise NotMeasuredError(f"the frames cannot be judged: {found.fault}")
+        if found.count < self.window:
+            raise NotMeasuredError(f"{found.count} frames in {longest:.0f} s are too few: see `companion check`")
+        if self._before is not None and np.array_equal(self._before, picture):
+            raise NotMeasuredError("the picture is the same as at the mark before: the camera is frozen")
+        self._before = picture
+        return found
+
+    def _judged(self, began: float, longest: float) -> Iterator[JudgedFrame | None]:
+        """Yield the frames captured from now on, and None while none comes. Each mark begins the rule anew."""
+        rule, due, came = ReasonFilter(self._numbers, began), began, began
+        while (now := time.monotonic()) - began < longest:
+            frame = self._camera.take(_WAIT)
+            now = time.monotonic()
+            if frame is None or frame.captured_at < began:
+                if now - came > SILENT or self._camera.state is CameraState.ENDED:
+                    why = self._camera.status.reason or "no new picture comes"
+                    raise NotMeasuredError(f"the camera is silent: {why}")
+                yield None
+                continue
+            came = now
+            if now < due - self._period / 2:
+                continue
+            due = max(due + self._period, now - self._period)
+            seen = self._worker.judge(frame).assessment
+            if Reason.FAULT not in seen.reasons:
+                rule.add_frame(seen, time.monotonic(), None)
+            yield JudgedFrame(seen, bool(seen.reasons & PASSABLE), rule.shows_passable)
+
+    def shown(self, frames: ZoneFrames, empty: ZoneFrames) -> tuple[bool, tuple[float, float] | None]:
+        """Compare a mark's frames with those of the empty ground: is there anything new in the picture?
+
+        Returns that, and where the mount puts its foot: m from the middle of the vehicle's front, and degrees
+        clockwise from its nose; None where it is not known. Nothing is judged by it.
+        """
+        now, before = frames.strangeness, empty.strangeness
+        if now is None or before is None or now.shape != before.shape:
+            return False, None
+        limits = self.engine.settings.thresholds
+        new = (now - before > (limits.roi if limits.tile is None else limits.tile)).astype(np.uint8)
+        count, parts, figures, _ = cv2.connectedComponentsWithStats(new, connectivity=4)
+        if count < 2:
+            return False, None
+        largest = 1 + int(np.argmax(figures[1:, cv2.CC_STAT_AREA]))
+        if figures[largest, cv2.CC_STAT_AREA] < _LEAST:
+            return False, None
+        return True, self._foot(parts == largest)
+
+    def _foot(self, thing: Mask) -> tuple[float, float] | None:
+        """Return where the lowest row of a mask (h, w) meets the ground, as in `shown`."""
+        if self._ground is None:
+            return None
+        height, width = thing.shape
+        row = int(np.flatnonzero(thing.any(axis=1))[-1])
+        place = ((float(np.flatnonzero(thing[row]).mean()) + 0.5) / width, (row + 1.0) / height)
+        x, y = self._ground.to_ground(np.array([place]))[0] - (self._ground.front, 0.0)
+        if not np.isfinite(x + y):
+            return None
+        return float(np.hypot(x, y)), float(np.degrees(np.arctan2(-y, x)))

@@ -1,0 +1,84 @@
+"""Tells a measured zone as a table, and what it means for the rover's stop. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from anytraverse.light import light_name
+from companion.desk.check.zone_file import Zone, ZoneLook, ZoneMark
+from companion.desk.check.zone_walk import LineVerdict, WalkLine, slowest
+
+_SLOWEST = 0.05
+"""m/s. Below, no speed is slow enough."""
+
+
+def light_text(look: ZoneLook) -> str:
+    """Return the light of a mark in words."""
+    if look.light is None:
+        return "light not measured"
+    name = light_name(look.light)
+    return f"brightness {look.light.mean:.0f} of 255{f', {name}' if name else ''}"
+
+
+def table(zone: Zone, lines: Sequence[WalkLine], verdicts: Sequence[LineVerdict]) -> Iterator[str]:
+    """Yield the lines of a table: a row a line of marks, a column a distance, and the verdict of each."""
+    judged = {one.line.name: one for one in verdicts}
+    yield f"{'':<11} {'bearing':>7} " + "".join(f"{one:>6g} m" for one in zone.distances)
+    for line in lines:
+        if line.name not in judged:
+            continue
+        marks = {one.distance_m: one for one in zone.marks if one.line == line.name}
+        cells = "".join(f"{_cell(marks.get(one)):>8}" for one in zone.distances)
+        yield f"{line.name:<11} {line.bearing:>6.1f}° {cells}   {_verdict_text(judged[line.name])}"
+    yield "yes: it would stop the rover; a share: of the frames, which is too few; -: not measured"
+    for arc in zone.arcs:
+        span = f"{arc.from_deg:.0f}° to {arc.to_deg:.0f}°"
+        yield f"arc at {arc.distance_m:g} m, {span}: noticed in {_share(arc)} of the frames"
+
+
+def _cell(mark: ZoneMark | None) -> str:
+    if mark is None:
+        return "-"
+    return "yes" if mark.noticed else _share(mark)
+
+
+def _share(look: ZoneLook) -> str:
+    return f"{100 * look.share:.0f} %"
+
+
+def _verdict_text(found: LineVerdict) -> str:
+    gaps = f", gaps at {', '.join(f'{one:g}' for one in found.gaps)} m" if found.gaps else ""
+    nowhere = "not at the nearest mark" if found.gaps else "nowhere"
+    reach = f"noticed to {found.noticed_to:g} m{gaps}" if found.noticed_to else f"noticed {nowhere}{gaps}"
+    if found.beside:
+        return f"{reach}; not in its way"
+    if found.enough is None or found.needs is None:
+        return reach
+    return f"{reach}; {'enough' if found.enough else 'TOO SHORT'}, {found.needs:.1f} m are needed"
+
+
+def conclusion(
+    zone: Zone, lines: Sequence[WalkLine], verdicts: Sequence[LineVerdict]
+) -> tuple[str, bool | None]:
+    """Return whether the zone covers the stop, in words and as a flag; None: it is not known.
+
+    lines: all that were planned. One in the rover's way that was not measured covers nothing.
+    """
+    speed, needs = zone.stop.get("speed"), zone.stop.get("needs")
+    if speed is None or needs is None:
+        return "it is not known whether that is enough: set [mount] and [stopping] speed", None
+    at = f"at {speed:g} m/s it takes {needs:.1f} m to stop"
+    in_way = [one for one in verdicts if one.enough is not None]
+    fits, short = slowest(in_way), [one.line.name for one in in_way if not one.enough]
+    fastest = "" if fits is None or math.isinf(fits) else f"{math.floor(100 * fits) / 100:.2f} m/s"
+    if short:
+        remedy = "no speed is slow enough: mend the gaps nearest to the rover first"
+        if fits is not None and fits >= _SLOWEST:
+            remedy = f"drive at most {fastest}, or let it look further (`companion check`, row stopping)"
+        return f"{at}: the zone is too short ({', '.join(short)}): {remedy}", False
+    left = {one.line.name for one in verdicts}
+    missing = [one.name for one in lines if one.name not in left and one.in_way(min(zone.distances, default=0.0))]
+    if missing:
+        return f"{at}: not known: measure {', '.join(missing)}, too", None
+    return f"{at}: the zone covers that{f', and up to {fastest}' if fastest else ''}", True

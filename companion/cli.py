@@ -89,8 +89,10 @@ def parser() -> argparse.ArgumentParser:
     add_config(whole, alone=True)
     whole.add_argument("--link", metavar="URL", help="a way of the check's own to the autopilot")
     whole.add_argument("--json", action="store_true", help="the last line is one JSON object")
-    whole.add_argument("--dry-run", action="store_true", help="raise a test call, and wait for its answer")
-    whole.add_argument("--measure", action="store_true", help="you drive and set HOLD; it fits the brakes")
+    instead = whole.add_mutually_exclusive_group()
+    instead.add_argument("--dry-run", action="store_true", help="raise a test call, and wait for its answer")
+    instead.add_argument("--measure", action="store_true", help="you drive and set HOLD; it fits the brakes")
+    instead.add_argument("--zone", action="store_true", help="you carry a thing; it says where it is noticed")
     whole.set_defaults(run=_check_rover)
 
     cameras = commands.add_parser("cameras", help="list the cameras that are there, with a picture of each")
@@ -179,6 +181,10 @@ def _check_rover(options: argparse.Namespace) -> int:
         from companion.desk.check.measure import measure
 
         return measure(options.config, link=options.link)
+    if options.zone:
+        from companion.desk.check.zone import measure_zone
+
+        return _leave(measure_zone(options.config))
     from companion.desk.check.table import check
 
     return check(options.config, link=options.link, as_json=options.json)

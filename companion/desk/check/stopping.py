@@ -1,4 +1,6 @@
-"""Checks whether the vehicle can stop before what its camera shows, how large a tile is, and its course.
+"""Checks whether the vehicle can stop before what its camera shows: as computed, and as measured.
+
+Also how large a tile is, and its course.
 
 Course and heading are needed to see that it drives backwards.
 """
@@ -10,9 +12,11 @@ from companion.config.whole_check import unchecked
 from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
+from companion.desk.check.zone_file import newest_zone
 
 CHECK = "stopping"
 TILE = "tile"
+ZONE = "zone"
 COURSE = "course"
 _REMEDY = {
     "position": "no position with a fix is heard: test outdoors, and stream GLOBAL_POSITION_INT here at 2 Hz",
@@ -66,6 +70,20 @@ def check_tile(rover: CheckedRover) -> list[CheckFinding]:
         return [failed(TILE, text)]
     text, in_time = describe_tile(rover.config, judging)
     return [(passed if in_time else warned)(TILE, text)]
+
+
+def check_zone(rover: CheckedRover) -> list[CheckFinding]:
+    """Tell whether the newest measured detection zone covers the stop at the speed that is configured."""
+    told: list[str] = []
+    zone = newest_zone(rover.folder, told.append)
+    if zone is None:
+        text = "not measured: `companion check --zone`, on blocks"
+        return [warned(ZONE, told[0]) if told else skipped(ZONE, text)]
+    speed, measured = rover.config.stopping.speed, zone.stop.get("speed")
+    text = f"measured {zone.at[:4]}-{zone.at[4:6]}-{zone.at[6:8]}: {zone.verdict}"
+    if speed is not None and measured is not None and speed > measured:
+        return [warned(ZONE, f"{text}; now it drives {speed:g} m/s: measure again")]
+    return [(passed if zone.covers else warned)(ZONE, text)]
 
 
 def check_course(rover: CheckedRover) -> list[CheckFinding]:

@@ -36,7 +36,7 @@ from companion.desk.check.observers import check_live, check_page, check_recordi
 from companion.desk.check.rights import check_reach, check_rights
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, Verdict, failed, passed
-from companion.desk.check.stopping import check_course, check_stopping, check_tile
+from companion.desk.check.stopping import check_course, check_stopping, check_tile, check_zone
 
 log = logging.getLogger(__name__)
 EVERY = 10.0
@@ -82,6 +82,7 @@ CHECKS = (
     Check("course",     check_course,     "whether it would be seen that the vehicle drives backwards"),
     Check("stopping",   check_stopping,   "whether the vehicle stops within what its camera sees"),
     Check("tile",       check_tile,       "whether the vehicle fits into the ROI, and how large a tile is"),
+    Check("zone",       check_zone,       "whether things were noticed in time where a person carried them"),
     Check("page",       check_page,       "whether the page for a browser is shown, and to whom"),
     Check("video",      check_video,      "whether the MAVLink camera's video is served, and where"),
     Check("recording",  check_recording,  "whether recordings are written, where, and how many there are"),

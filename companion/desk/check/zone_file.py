@@ -98,8 +98,8 @@ class Zone:
     bottom in fractions of the picture; near, far, width and tile in m, None: not known. mount: as in
     [mount], and view. stop: speed in m/s and needs, the metres in which the rover stops, None: not known.
     thing: what was carried, by whoever measured. distances: of the marks of each line, as planned: those that
-    `marks` lacks were not measured. verdict: what that means for the stop, in words. covers: whether the thing is
-    noticed in time all across the rover's way, None: not known. empty: the same view without the thing.
+    `marks` lacks were not measured. verdict: what that means for the stop, in words. covers: whether the
+    thing is noticed in time all across the rover's way, None: not known. empty: the same view without it.
     """
 
     at: str
@@ -163,14 +163,16 @@ def _paths(folder: Path) -> list[Path]:
 
 
 def _read(paths: list[Path], tell: Callable[[str], None]) -> tuple[Zone, ...]:
-    found = []
-    for path in paths:
-        try:
-            found.append(parsed_zone(read_regular(path, _LARGEST + 1)))
-        except (OSError, ZoneFileError) as error:
-            why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
-            tell(f"{path} is left out: {why}")
-    return tuple(found)
+    return tuple(zone for path in paths if (zone := _read_file(path, tell)) is not None)
+
+
+def _read_file(path: Path, tell: Callable[[str], None]) -> Zone | None:
+    try:
+        return parsed_zone(read_regular(path, _LARGEST + 1, follow=False))
+    except (OSError, ZoneFileError) as error:
+        why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
+        tell(f"{path} is left out: {why}")
+        return None
 
 
 def parsed_zone(content: bytes) -> Zone:

@@ -57,13 +57,17 @@ class JudgedFrame(NamedTuple):
 
 @dataclass
 class ZoneFrames:
-    """Collects the frames of a mark. count: without those with a fault. fault: of the last frame, "": none."""
+    """Collects the frames of a mark.
+
+    count: without those with a fault. noticed: of these. stood: of those from the `window`-th on, for which
+    the rule said that it stops the rover. raised: whether it ever said so. fault: of the last frame, or "".
+    """
 
     window: int
     count: int = 0
     noticed: int = 0
     stood: int = 0
-    """Frames from the `window`-th on for which the rule said that it stops the rover."""
+    raised: bool = False
     fault: str = ""
     reasons: set[str] = field(default_factory=set)
     light: Light | None = None
@@ -78,6 +82,7 @@ class ZoneFrames:
             return
         self.count += 1
         self.noticed += one.noticed
+        self.raised = self.raised or one.stops
         self.stood += one.stops and self.count >= self.window
         self.reasons |= {reason.value for reason in seen.reasons}
         self.light = seen.light or self.light
@@ -154,14 +159,15 @@ class ZoneJudge:
         if found.fault:
             raise NotMeasuredError(f"the frames cannot be judged: {found.fault}")
         if found.count < self.window:
-            raise NotMeasuredError(f"{found.count} frames in {longest:.0f} s are too few: see `companion check`")
+            few = f"{found.count} frames in {longest:.0f} s are too few"
+            raise NotMeasuredError(f"{few}: see `companion check`, rows frames and perceiver")
         if self._before is not None and np.array_equal(self._before, picture):
             raise NotMeasuredError("the picture is the same as at the mark before: the camera is frozen")
         self._before = picture
         return found
 
     def _judged(self, began: float, longest: float) -> Iterator[JudgedFrame | None]:
-        """Yield the frames captured from now on, and None while none comes. Each mark begins the rule anew."""
+        """Yield the frames captured from `began` on, and None while none comes. The rule begins anew."""
         rule, due, came = ReasonFilter(self._numbers, began), began, began
         while (now := time.monotonic()) - began < longest:
             frame = self._camera.take(_WAIT)

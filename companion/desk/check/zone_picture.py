@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from companion.desk.check.zone_file import Zone
-from companion.desk.check.zone_walk import WalkLine
+from companion.desk.check.zone_plan import WalkLine
 
 _NOTICED, _MISSED, _OPEN, _FAINT = "#009e73", "#d55e00", "#8a929b", "#c9ced4"
 """Colours: a mark that was noticed, not noticed, not measured; rings and the rover."""

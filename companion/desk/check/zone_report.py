@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from anytraverse.light import light_name
 from companion.desk.check.zone_file import Zone, ZoneLook, ZoneMark
-from companion.desk.check.zone_walk import LineVerdict, WalkLine, slowest
+from companion.desk.check.zone_plan import LineVerdict, WalkLine, slowest
 
 _SLOWEST = 0.05
 """m/s. Below, no speed is slow enough."""
@@ -77,8 +77,10 @@ def conclusion(
         if fits is not None and fits >= _SLOWEST:
             remedy = f"drive at most {fastest}, or let it look further (`companion check`, row stopping)"
         return f"{at}: the zone is too short ({', '.join(short)}): {remedy}", False
-    left = {one.line.name for one in verdicts}
-    missing = [one.name for one in lines if one.name not in left and one.in_way(min(zone.distances, default=0.0))]
-    if missing:
-        return f"{at}: not known: measure {', '.join(missing)}, too", None
+    measured, nearest = {one.line.name for one in verdicts}, min(zone.distances, default=0.0)
+    missing = [one.name for one in lines if one.name not in measured and one.in_way(nearest)]
+    if missing or not in_way:
+        return f"{at}: not known: measure {', '.join(missing) or 'what is in its way'}, too", None
+    if any(one.way is None for one in lines):
+        return f"{at}: straight ahead the zone covers that; set [mount] width to have its sides judged", None
     return f"{at}: the zone covers that{f', and up to {fastest}' if fastest else ''}", True

@@ -28,6 +28,7 @@ from companion.storage.batch import Batch
 from companion.storage.database import JournalError
 from companion.storage.journal import Journal
 from companion.storage.journal_copy import read_stored_memory, told_of_damage
+from companion.system.as_owner import as_owner
 
 ALL = "all"
 
@@ -79,7 +80,7 @@ def show_scene(file: str, number: int, out: str | None = None) -> int:
     print(f"picture   {picture}")
     if out is not None:
         with _naming(out):
-            with _as_owner(folder):
+            with as_owner(folder):
                 content = read_picture(folder, entry)
             Path(out).write_bytes(content)
         print(f"copied to {out}")
@@ -115,7 +116,7 @@ def export(file: str, to: str) -> int:
     if memory is None or not memory.history:
         raise MemoryCommandError(f"nothing is remembered in {folder}: there is nothing to export")
     with _naming(to):
-        with _as_owner(folder):
+        with as_owner(folder):
             scenes = [Scene(entry, read_picture(folder, entry)) for entry in memory.history]
         left_out = write_scenes(Path(to), memory.model_id, scenes)
     pictures = sum(bool(scene.picture) for scene in scenes) - left_out
@@ -276,24 +277,6 @@ def _become_owner(folder: Path) -> None:
         os.setgroups([])
         os.setgid(owner.st_gid)
         os.setuid(owner.st_uid)
-
-
-@contextmanager
-def _as_owner(folder: Path) -> Iterator[None]:
-    """As root, read with the rights of the folder's owner, who may have put links there to others' files."""
-    owner, groups = folder.stat(), os.getgroups()
-    if os.geteuid() != 0 or owner.st_uid == 0:
-        yield
-        return
-    os.setgroups([])
-    os.setegid(owner.st_gid)
-    os.seteuid(owner.st_uid)
-    try:
-        yield
-    finally:
-        os.seteuid(0)
-        os.setegid(0)
-        os.setgroups(groups)
 
 
 @contextmanager

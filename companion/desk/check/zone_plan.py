@@ -20,12 +20,14 @@ _SAME = 0.3
 """m by which two marks differ at least."""
 _IN_VIEW = 0.9
 """Share of half of the view at which the outermost lines run, so that a thing on them is in the picture."""
+_SPARE = 1e-6
+"""m that a comparison allows for rounding."""
 _ROUNDED = 1.02
 """By this factor a line may leave the rover's way too early: its bearing is rounded."""
 
 
 class WalkLine(NamedTuple):
-    """A line on the ground. way: metres for which it is in the rover's way straight ahead, None: not known."""
+    """A line on the ground. way: m for which it is in the rover's way straight ahead, None: not known."""
 
     name: str
     bearing: float
@@ -36,9 +38,13 @@ class WalkLine(NamedTuple):
         at = math.radians(self.bearing)
         return distance * math.cos(at), distance * math.sin(at)
 
+    def needs(self, ahead: float) -> float:
+        """Return the metres along the line of what is so many metres ahead."""
+        return ahead / max(self.point(1.0)[0], 1e-6)
+
     def in_way(self, distance: float) -> bool:
-        """Whether a mark of the line is in the rover's way; True, too, where that is not known."""
-        return self.way is None or distance <= self.way * _ROUNDED
+        """Whether a mark of the line is known to be in the rover's way."""
+        return self.way is not None and distance <= self.way * _ROUNDED
 
 
 def walk_lines(config: Config, needs: float | None) -> tuple[WalkLine, ...]:
@@ -64,20 +70,24 @@ def walk_lines(config: Config, needs: float | None) -> tuple[WalkLine, ...]:
 
 
 def _way(bearing: float, width: float | None) -> float | None:
+    bearing = round(bearing, 1)
+    if bearing == 0.0:
+        return math.inf
     if width is None:
         return None
-    bearing = round(bearing, 1)
-    if abs(bearing) >= 90.0:
-        return 0.0
-    return math.inf if bearing == 0.0 else width / 2 / abs(math.sin(math.radians(bearing)))
+    return width / 2 / math.sin(math.radians(abs(bearing))) if abs(bearing) < 90.0 else 0.0
 
 
-def walk_distances(needs: float | None, near: float | None, far: float | None) -> tuple[float, ...]:
+def walk_distances(
+    lines: Sequence[WalkLine], needs: float | None, near: float | None, far: float | None
+) -> tuple[float, ...]:
     """Return the marks' distances on a line, nearest first.
 
-    needs: as of `walk_lines`: there is a mark. near, far: between them the region of interest is; one mark is
-    beyond. None: not known.
+    needs: as of `walk_lines`; one mark is there on each line in the rover's way. near, far: between them the
+    region of interest is; one mark is beyond. None: not known.
     """
+    if needs is not None:
+        needs = max([needs, *(one.needs(needs) for one in lines if one.in_way(needs))])
     reach = max((one for one in (needs, far) if one is not None), default=None)
     least = 0.0 if near is None else near
     found = [one for one in DISTANCES if one >= least]
@@ -124,14 +134,13 @@ def verdict(
     outermost = max((one for one in ordered if noticed.get(one)), default=0.0)
     gaps = tuple(one for one in ordered if not noticed.get(one) and one < outermost)
     found = LineVerdict(line, inner[-1] if inner else 0.0, gaps)
-    if stopping is None:
+    if stopping is None or line.way is None:
         return found
-    ahead = max(line.point(1.0)[0], 1e-6)
-    needs = stopping.needs / ahead
-    if line.way is not None and line.way * _ROUNDED < needs:
+    needs = line.needs(stopping.needs)
+    if not line.in_way(needs):
         in_way = [bool(noticed.get(one)) for one in ordered if line.in_way(one)]
         return replace(found, needs=line.way, enough=all(in_way)) if in_way else replace(found, beside=True)
-    sees = replace(stopping, sees=found.noticed_to * ahead)
+    sees = replace(stopping, sees=line.point(found.noticed_to)[0] + _SPARE)
     return replace(found, needs=needs, enough=sees.enough, speed=max(0.0, sees.fits))
 
 

@@ -1,0 +1,311 @@
+"""Measures at which marks on the ground a thing would stop the rover: `companion check --zone`.
+
+A person carries the thing, and presses Enter at each mark. Nothing is commanded; no autopilot is asked.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from anytraverse.errors import AnyTraverseError
+from anytraverse.release import own_version, program_identity
+from companion.config import Config, ConfigError, load_config, state_folder
+from companion.config.stopping import Stopping
+from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
+from companion.desk.check.here import status
+from companion.desk.check.keyboard import Keyboard
+from companion.desk.check.zone_file import (
+    FOLDER,
+    MOST_MARKS,
+    Zone,
+    ZoneArc,
+    ZoneLook,
+    ZoneMark,
+    utc_now,
+    write_zone,
+)
+from companion.desk.check.zone_judge import NotMeasuredError, ZoneFrames, ZoneJudge
+from companion.desk.check.zone_picture import picture
+from companion.desk.check.zone_plan import LineVerdict, WalkLine, verdict, walk_distances, walk_lines
+from companion.desk.check.zone_report import conclusion, light_text, table
+from companion.storage.database import JournalError
+from companion.storage.journal_copy import read_stored_memory
+from companion.system.as_owner import as_owner
+from companion.system.atomic_write import write_atomically
+
+LONGEST = 3600.0
+"""Seconds without a key after which it ends by itself."""
+ARC_LONGEST = 120.0
+"""Seconds of a walk along an arc."""
+_MOST_WAIT = 60
+_RUNS = (
+    "the companion runs and holds the camera: sudo systemctl stop companion, then type this again, and "
+    "sudo systemctl start companion when you have measured"
+)
+_OPENING = """\
+Detection zone: carry a thing to marks on the ground; it says from which of them the rover would stop for it.
+The rover: disarmed, on low blocks, wheels off the ground, before such ground as it drives on.
+The marks: by tape, from the middle of its front. ahead / right of it, in m:"""
+_KEYS = "Enter: measure; a number: wait so many seconds first; b: the mark before; n: the next line; q: end"
+
+
+class _EndError(Exception):
+    """The person ends the walk."""
+
+
+def measure_zone(file: str, keyboard: Keyboard | None = None) -> int:
+    """Lead through the walk, and print what was noticed. Returns 1 where nothing could be measured.
+
+    What was measured is kept after each mark, and after `q`, Ctrl-C and the end of input.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        config = load_config(file)
+        folder = state_folder(config)
+        if status(folder) is not None:
+            print(_RUNS)
+            return 1
+        judge = ZoneJudge(config, read_stored_memory(folder))
+    except (ConfigError, JournalError, AnyTraverseError) as error:
+        print(error)
+        return 1
+    walk = None
+    try:
+        walk = ZoneWalk(config, folder, judge, keyboard or Keyboard())
+        walk.go()
+    except (EOFError, KeyboardInterrupt, _EndError):
+        print()
+    except OSError as error:
+        print(f"{error.filename or folder}: {(error.strerror or str(error)).lower()}: type this with sudo")
+    finally:
+        judge.close()
+    return 1 if walk is None else walk.conclude()
+
+
+class ZoneWalk:
+    """One walk of a person: its plan, and what was measured so far."""
+
+    def __init__(self, config: Config, folder: Path, judge: ZoneJudge, keyboard: Keyboard) -> None:
+        """folder: the data folder. Raises OSError where it cannot be written."""
+        self._folder, self._judge, self._keyboard = folder, judge, keyboard
+        guides, settings = config.call.policy == "guide", judge.engine.settings
+        judged = HoldGate(config).stopping(HoldConditions(settings, judge.step, guides=guides))
+        self._stopping: Stopping | None = judged if isinstance(judged, Stopping) else None
+        self._unknown = judged if isinstance(judged, str) else ""
+        needs = None if self._stopping is None else self._stopping.needs
+        ground = settings.metres
+        near, far = (None, None) if ground is None else (ground.near, ground.far)
+        self._lines = walk_lines(config, needs)
+        self._empty: ZoneFrames | None = None
+        planned = walk_distances(self._lines, needs, near, far)
+        self._zone = replace(_described(config, judge, self._stopping), distances=planned)
+        self._write()
+
+    def go(self) -> None:
+        """Ask for the thing, look at the empty ground, then go from mark to mark, and along an arc."""
+        print(_OPENING)
+        if self._unknown:
+            print(f"How far it must be noticed is not known: {self._unknown}")
+        for notice in self._judge.notices:
+            print(notice)
+        self._distances()
+        thing = self._ask("What is carried (for the record)?")
+        self._zone = replace(self._zone, thing="".join(c for c in thing if c.isprintable())[:100])
+        self._look_at_empty_ground()
+        print(_KEYS)
+        marks = [(line, at) for line in self._lines for at in reversed(self._zone.distances)]
+        number = 0
+        while number < len(marks):
+            line, at = marks[number]
+            key = self._measure(line, at)
+            if key == "n":
+                number = next((n for n in range(number, len(marks)) if marks[n][0] != line), len(marks))
+            else:
+                number = max(0, number - 1) if key == "b" else number + 1
+        self._arc()
+
+    def conclude(self) -> int:
+        """Print the table and what it means, and write the files. Returns 1 where no mark was measured."""
+        if not self._zone.marks:
+            print("no mark was measured")
+            return 1
+        try:
+            path = self._write()
+        except OSError as error:
+            print(f"not kept: {error}")
+            path = None
+        for text in table(self._zone, self._lines, self._verdicts()):
+            print(text)
+        print(self._zone.verdict)
+        if path is not None:
+            print(f"{path}, and {path.with_suffix('.svg').name} from above; measure again in other light")
+        return 0
+
+    def _verdicts(self) -> list[LineVerdict]:
+        zone = self._zone
+        found = (verdict(line, zone.marks, zone.distances, self._stopping) for line in self._lines)
+        return [one for one in found if one is not None]
+
+    def _write(self) -> Path:
+        text, covers = conclusion(self._zone, self._lines, self._verdicts())
+        self._zone = replace(self._zone, verdict=text, covers=covers)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        with as_owner(self._folder):
+            if not self._zone.marks:  # nothing is kept yet, but it must not turn out after the walk
+                (self._folder / FOLDER).mkdir(exist_ok=True)
+                return self._folder
+            path = write_zone(self._folder, self._zone)
+            write_atomically(path.with_suffix(".svg"), picture(self._zone, self._lines).encode())
+            return path
+
+    def _distances(self) -> None:
+        """Say where the marks are, and let the person type other distances."""
+        while True:
+            planned = self._zone.distances
+            for line in self._lines:
+                points = "  ".join("{:.2f} / {:.2f}".format(*line.point(one)) for one in planned)
+                print(f"  {line.name:<11} {line.bearing:>6.1f}°  {points}")
+            shown = " ".join(f"{one:g}" for one in planned)
+            typed = self._ask(f"Distances in m [{shown}]:")
+            if not typed:
+                return
+            try:
+                found = tuple(sorted({float(one) for one in typed.replace(",", " ").split()}))
+            except ValueError:
+                found = ()
+            if found and 0.1 <= found[0] <= found[-1] <= 100.0 and len(found) <= MOST_MARKS // 10:
+                self._zone = replace(self._zone, distances=found)
+            else:
+                print("  give metres between 0.1 and 100, as: 1 2 3.5")
+
+    def _look_at_empty_ground(self) -> None:
+        """Look until nothing in the view would stop the rover: else each mark would count as noticed."""
+        while True:
+            self._ask("Go out of the view, with the thing. Enter:")
+            try:
+                found = self._judge.watch()
+            except NotMeasuredError as error:
+                print(f"  not measured: {error}")
+                continue
+            if not found.raised:
+                break
+            print(
+                f"  the empty ground would stop the rover in {found.noticed} of {found.count} frames "
+                f"({', '.join(sorted(found.reasons))}): turn it to ground that its words describe, or see "
+                "`companion setup`, page Words"
+            )
+        self._empty = found
+        self._zone = replace(self._zone, empty=ZoneLook(**found.looked(), at=utc_now()))
+        print(f"  nothing there, in {found.count} frames; {light_text(self._zone.empty)}")
+
+    def _measure(self, line: WalkLine, at: float) -> str:
+        """Measure a mark until that succeeds, and return the key that was pressed."""
+        ahead, right = line.point(at)
+        while True:
+            aside = f", {abs(right):.2f} {'right' if right > 0 else 'left'}" if right else ""
+            key = self._ask(f"{line.name}, {at:g} m ({ahead:.2f} ahead{aside}):").lower()
+            if key in ("n", "b"):
+                return key
+            if key and not self._waited(key):
+                print(f"  {_KEYS}")
+                continue
+            try:
+                found = self._judge.watch()
+            except NotMeasuredError as error:
+                print(f"  not measured: {error}")
+                continue
+            self._keep(line, at, found)
+            return key
+
+    def _waited(self, key: str) -> bool:
+        """Wait for as many seconds as were typed. False for what is no such number."""
+        if not (key.isascii() and key.isdigit() and len(key) <= 2 and int(key) <= _MOST_WAIT):
+            return False
+        time.sleep(int(key))
+        return True
+
+    def _keep(self, line: WalkLine, at: float, found: ZoneFrames) -> None:
+        assert self._empty is not None
+        in_picture, foot = self._judge.shown(found, self._empty)
+        mark = ZoneMark(
+            **found.looked(),
+            at=utc_now(),
+            line=line.name,
+            bearing_deg=line.bearing,
+            distance_m=at,
+            noticed=found.stops,
+            in_picture=in_picture,
+            ground_m=None if foot is None else round(foot[0], 2),
+            ground_deg=None if foot is None else round(foot[1], 1),
+        )
+        others = (one for one in self._zone.marks if (one.line, one.distance_m) != (line.name, at))
+        self._zone = replace(self._zone, marks=(*others, mark))
+        self._write()
+        by_mount = "" if foot is None else f", by the mount at {foot[0]:.1f} m, {foot[1]:.0f}°"
+        shown = f"in the picture{by_mount}" if in_picture else "not seen in the picture"
+        word = "noticed" if mark.noticed else "NOT noticed"
+        print(f"  {word}: {mark.noticed_frames} of {mark.frames} frames; {shown}; {light_text(mark)}")
+
+    def _arc(self) -> None:
+        """Measure a walk across the view at the distance in which the rover stops."""
+        first, last = self._lines[0], self._lines[-1]
+        needs = None if self._stopping is None else self._stopping.needs
+        at = next((one for one in self._zone.distances if needs is None or one >= needs), None)
+        if at is None:
+            return
+        span = f"along a circle of {at:g} m from {first.bearing:.0f}° to {last.bearing:.0f}°"
+        if self._ask(f"Last, {span}: stand at its left end (n: leave it out):").lower() == "n":
+            return
+        print("  walk; Enter at the right end")
+        try:
+            found = self._judge.watch(lambda: self._keyboard.line(0.0) is None, ARC_LONGEST)
+        except NotMeasuredError as error:
+            print(f"  not measured: {error}")
+            return
+        arc = ZoneArc(
+            **found.looked(), at=utc_now(), distance_m=at, from_deg=first.bearing, to_deg=last.bearing
+        )
+        self._zone = replace(self._zone, arcs=(arc,))
+
+    def _ask(self, question: str) -> str:
+        """Return what is typed. Raises _EndError for `q` and after `LONGEST` s, and EOFError."""
+        self._keyboard.forget()
+        print(question, end=" ", flush=True)
+        typed = self._keyboard.line(LONGEST)
+        if typed is None or typed.lower() in ("q", "quit"):
+            raise _EndError
+        return typed
+
+
+def _described(config: Config, judge: ZoneJudge, stopping: Stopping | None) -> Zone:
+    """Return a zone without marks: who judges, by which settings."""
+    engine = judge.engine
+    settings, ground = engine.settings, engine.settings.metres
+    limits, mount = settings.thresholds, config.mount
+    metres = {} if ground is None else {"near": ground.near, "far": ground.far, "width": ground.width}
+    return Zone(
+        at=utc_now(),
+        program=own_version(),
+        identity=program_identity(),
+        model=engine.perceiver.model_id,
+        words=dict(engine.memory.preferences),
+        thresholds={
+            **{name: getattr(limits, name) for name in ("roi", "scene", "tile", "trav", "margin")},
+            "votes": float(config.call.votes),
+            "window": float(config.call.window),
+        },
+        region={
+            **asdict(settings.region.bounds),
+            **metres,
+            "tile": ground.tile if ground is not None else settings.tile_side,
+        },
+        mount={**asdict(mount), "view": config.camera.view},
+        stop={
+            "speed": None if stopping is None else stopping.speed,
+            "needs": None if stopping is None else round(stopping.needs, 2),
+        },
+        thing="",
+    )

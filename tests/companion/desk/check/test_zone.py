@@ -1,0 +1,262 @@
+"""`companion check --zone`: a person carries a drum in the simulated field; where is it noticed?"""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from companion.config import load_config
+from companion.config.stopping import ground_region
+from companion.desk.check import zone_judge
+from companion.desk.check.keyboard import Keyboard
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.stopping import check_zone
+from companion.desk.check.zone import measure_zone
+from companion.desk.check.zone_file import Zone, read_zone_files
+from companion.sim.demo.config import write_config
+from tests.companion.desk.check.zone_field import Person, StandingField
+
+SPEED = 0.8
+
+
+@pytest.fixture
+def field() -> Iterator[StandingField]:
+    with StandingField() as made:
+        yield made
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zone_judge, "LASTS", 0.0)
+    monkeypatch.setattr(zone_judge, "FRAMES", 4)
+    monkeypatch.setattr(zone_judge, "SILENT", 0.5)
+
+
+def configured(folder: Path, field: StandingField) -> Path:
+    link = "udpout:127.0.0.1:9"
+    return write_config(
+        folder, camera=field.source, link=link, policy="hold", speed=SPEED, guide=True, rate=20.0
+    )
+
+
+def kept(folder: Path) -> Zone:
+    (found,) = read_zone_files(folder / "state")
+    return found
+
+
+def far_of(config: Path) -> float:
+    ground = ground_region(load_config(config))
+    assert ground is not None
+    return ground.far
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
+    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = configured(tmp_path, field)
+    far = far_of(config)
+    inside, outside = round(far - 0.5, 1), round(far + 0.7, 1)
+    person = Person(
+        field, lambda: capsys.readouterr().out, {"Distances": [f"1.5 {inside} {outside}"], "What": ["a drum"]}
+    )
+    assert measure_zone(str(config), person) == 0
+    said = person.said + capsys.readouterr().out
+    found = kept(tmp_path)
+    noticed = {(one.line, one.distance_m): one.noticed for one in found.marks}
+    assert len(noticed) == 15
+    for line in ("left side", "ahead", "right side"):
+        assert [noticed[line, at] for at in (1.5, inside, outside)] == [True, True, False], said
+    for line in ("left edge", "right edge"):
+        assert not any(noticed[line, at] for at in (inside, outside)), "beside the region"
+    for one in found.marks:
+        assert one.in_picture, one
+        assert one.ground_m == pytest.approx(one.distance_m, rel=0.12, abs=0.15), "the mount is right"
+        assert one.ground_deg == pytest.approx(one.bearing_deg, abs=4.0)
+        assert one.light is not None
+    assert found.thing == "a drum"
+    assert found.covers is True, found.verdict
+    assert 0.0 < found.arcs[0].share < 1.0
+    assert found.verdict in said
+    (row,) = check_zone(CheckedRover(load_config(config), "", tmp_path / "state"))
+    assert row.verdict.name == "PASS"
+    assert (tmp_path / "state" / "zone" / f"{found.at}.svg").read_text().startswith("<svg")
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_was_measured_is_kept_when_the_person_ends(
+    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = configured(tmp_path, field)
+    for end in ("q", EOFError(), KeyboardInterrupt()):
+        read = Person(field, lambda: capsys.readouterr().out, {"ahead, 2": [end], "Distances": ["2 3"]})
+        assert measure_zone(str(config), read) == 0
+        found = read_zone_files(tmp_path / "state")[-1]
+        assert len(found.marks) == 5, "two marks of two lines, and one of the next"
+        assert found.covers is not True, "the rest is not known"
+
+
+@pytest.mark.usefixtures("quick")
+def test_keys_go_back_and_to_the_next_line_and_other_keys_are_explained(
+    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = configured(tmp_path, field)
+    answers: dict[str, list[str | BaseException]] = {
+        "Distances": ["two", "-1", "2, 3"],
+        "left edge": ["n"],
+        "left side, 2": ["b", "x", "0"],
+        "ahead, 3": ["q"],
+    }
+    person = Person(field, lambda: capsys.readouterr().out, answers)
+    assert measure_zone(str(config), person) == 0
+    assert person.said.count("give metres between 0.1 and 100") == 2
+    assert person.said.count("b: the mark before") == 2, "at first, and after x"
+    assert [at for line, at in person.marks if line == "left side"][:3] == [3.0, 2.0, 3.0]
+    assert sorted((one.line, one.distance_m) for one in kept(tmp_path).marks) == [
+        ("left side", 2.0),
+        ("left side", 3.0),
+    ]
+
+
+@pytest.mark.usefixtures("quick")
+def test_ground_that_would_stop_the_rover_by_itself_is_not_measured_on(
+    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = configured(tmp_path, field)
+    text = config.read_text().replace('"dirt path" = 1.0', '"dirt path" = -1.0')
+    config.write_text(text.replace('"grass" = 1.0', '"grass" = -1.0'))
+    person = Person(field, lambda: capsys.readouterr().out, {"Go out": ["", "q"]})
+    assert measure_zone(str(config), person) == 1
+    said = person.said + capsys.readouterr().out
+    assert "the empty ground would stop the rover in" in said
+    assert "no mark was measured" in said
+    assert read_zone_files(tmp_path / "state") == ()
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_camera_that_falls_silent_is_said_and_the_mark_is_asked_for_again(
+    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = configured(tmp_path, field)
+
+    class Unplugs(Person):
+        def line(self, seconds: float) -> str | None:
+            answer = super().line(seconds)
+            field.blind = len(self.marks) == 2
+            return answer
+
+    answers: dict[str, list[str | BaseException]] = {"left side": ["q"], "Distances": ["2 3"]}
+    person = Unplugs(field, lambda: capsys.readouterr().out, answers)
+    assert measure_zone(str(config), person) == 0
+    assert "not measured: the camera is silent" in person.said
+    assert person.marks[1] == person.marks[2]
+    assert len(kept(tmp_path).marks) == 2
+
+
+def test_a_companion_that_runs_keeps_its_camera(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = write_config(tmp_path, camera="field:127.0.0.1:9", link="udpout:127.0.0.1:9", policy="report")
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "status.json").write_text(json.dumps({"pid": os.getpid()}))
+    assert measure_zone(str(config)) == 1
+    assert "sudo systemctl stop companion" in capsys.readouterr().out
+
+
+def test_a_line_is_waited_for_no_longer_than_asked() -> None:
+    reads, writes = os.pipe()
+    keys = Keyboard(reads)
+    assert keys.line(0.01) is None
+    os.write(writes, b" two\r\nli")
+    assert keys.line(1.0) == "two"
+    assert keys.line(0.01) is None
+    os.write(writes, b"nes\n" + b"x" * 5000 + b"\n")
+    assert keys.line(1.0) == "lines"
+    assert keys.line(1.0) == "x" * 999
+    os.close(writes)
+    with pytest.raises(EOFError):
+        keys.line(1.0)
+    os.close(reads)
+
+
+class Terminal:
+    """`companion check --zone` as it is typed, in a terminal of its own."""
+
+    def __init__(self, config: Path) -> None:
+        self._ours, theirs = pty.openpty()
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "companion", "check", "--zone", "--config", str(config)],
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            start_new_session=True,
+        )
+        os.close(theirs)
+        self.said = ""
+
+    def until(self, question: str, seconds: float = 40.0) -> re.Match[str]:
+        """Wait until the program asks that: a regular expression at the end of what it said."""
+        deadline = time.monotonic() + seconds
+        while not (found := re.search(question + r" $", self.said)):
+            assert time.monotonic() < deadline, self.said
+            if select.select([self._ours], [], [], 0.2)[0]:
+                self.said += os.read(self._ours, 4096).decode()
+        return found
+
+    def type(self, text: str) -> None:
+        os.write(self._ours, text.encode())
+        self.said += "\n"
+
+    def end(self) -> int:
+        """Read to the end, and return the exit code."""
+        try:
+            while text := os.read(self._ours, 4096):
+                self.said += text.decode()
+        except OSError:  # the other end is closed
+            pass
+        os.close(self._ours)
+        return self.process.wait(20.0)
+
+
+@pytest.mark.slow
+def test_the_command_in_a_terminal_is_led_through_marks_and_ended_by_ctrl_c(
+    field: StandingField, tmp_path: Path
+) -> None:
+    terminal = Terminal(configured(tmp_path, field))
+    try:
+        terminal.until(r"Distances in m \[[^]]*\]:")
+        terminal.type("2 4\n")
+        terminal.until(r"carried[^:]*\?")
+        terminal.type("a drum\n")
+        terminal.until(r"Enter:")
+        terminal.type("\n\n\n")  # typed twice too often: no mark is measured by it
+        walked = ("left edge, 4", "left edge, 2", "left side, 4", "left side, 2", "ahead, 4")
+        for place in walked:
+            asked = terminal.until(rf"{place} m \(([\d.]+) ahead(?:, ([\d.]+) left)?\):")
+            field.put(float(asked[1]), -float(asked[2] or 0))
+            terminal.type("\n")
+        terminal.until(r"ahead, 2 m [^:]*:")
+        terminal.process.send_signal(signal.SIGINT)
+        assert terminal.end() == 0, terminal.said
+    finally:
+        terminal.process.kill()
+    found = kept(tmp_path)
+    assert [(one.line, one.noticed) for one in found.marks] == [
+        ("left edge", False),
+        ("left edge", False),
+        ("left side", False),
+        ("left side", True),
+        ("ahead", False),
+    ]
+    assert all(one.frames >= zone_judge.FRAMES for one in found.marks)
+    assert "Traceback" not in terminal.said
+    assert found.verdict in " ".join(terminal.said.split())

@@ -1,0 +1,155 @@
+"""The files of `companion check --zone`: what is written is read again, and rubbish is said."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from anytraverse.light import Light
+from companion.desk.check import zone_file
+from companion.desk.check.zone_file import (
+    MOST_FILES,
+    Zone,
+    ZoneArc,
+    ZoneFileError,
+    ZoneLook,
+    ZoneMark,
+    newest_zone,
+    parsed_zone,
+    read_zone_files,
+    write_zone,
+)
+
+_AT = "20261127T234500Z"
+_LOOK: dict[str, Any] = {
+    "frames": 20,
+    "noticed_frames": 19,
+    "reasons": ("blocked",),
+    "light": Light(118.0, 20.0),
+    "at": _AT,
+}
+ZONE = Zone(
+    at=_AT,
+    program="0.1.0",
+    identity="0123456789ab",
+    model="builtin",
+    words={"grass": 1.0, "été": -1.0},
+    thresholds={"roi": 0.3, "tile": None},
+    region={"left": 0.3},
+    mount={"height": None},
+    stop={"speed": 1.5, "needs": 5.0},
+    thing="box",
+    distances=(1.0, 2.0),
+    verdict="too short",
+    covers=False,
+    empty=ZoneLook(**_LOOK),
+    marks=(
+        ZoneMark(**_LOOK, line="ahead", bearing_deg=0.0, distance_m=2.0, noticed=True, in_picture=True),
+        ZoneMark(**_LOOK, line="ahead", bearing_deg=0.0, distance_m=1.0, noticed=False, ground_m=1.1),
+    ),
+    arcs=(ZoneArc(**_LOOK, distance_m=2.0, from_deg=-34.0, to_deg=34.0),),
+)
+
+
+def test_a_zone_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = write_zone(tmp_path, ZONE)
+    assert path == tmp_path / "zone" / f"{_AT}.json"
+    assert read_zone_files(tmp_path) == (ZONE,)
+    told = json.loads(path.read_bytes())
+    assert {"line", "bearing_deg", "distance_m", "frames", "noticed", "light"} <= set(told["marks"][0])
+
+
+def test_the_newest_files_are_kept_and_no_other_file_is_touched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zone_file, "MOST_FILES", 3)
+    (tmp_path / "zone").mkdir()
+    (tmp_path / "zone" / "notes.json").write_text("mine")
+    for second in range(6):
+        write_zone(tmp_path, replace(ZONE, at=f"2026112{second}T000000Z")).with_suffix(".svg").touch()
+    names = sorted(path.name for path in (tmp_path / "zone").iterdir())
+    assert [name for name in names if name.endswith(".svg")] == [
+        f"2026112{second}T000000Z.svg" for second in (3, 4, 5)
+    ]
+    assert [one.at for one in read_zone_files(tmp_path)] == [f"2026112{n}T000000Z" for n in (3, 4, 5)]
+    assert "notes.json" in names
+    newest = newest_zone(tmp_path)
+    assert newest is not None
+    assert newest.at.startswith("20261125")
+    assert MOST_FILES >= 10
+
+
+def test_a_folder_that_is_not_there_has_no_zone(tmp_path: Path) -> None:
+    assert read_zone_files(tmp_path) == ()
+    assert newest_zone(tmp_path) is None
+
+
+def test_a_file_that_is_none_is_said_and_left_out(tmp_path: Path) -> None:
+    write_zone(tmp_path, ZONE)
+    (tmp_path / "zone" / "20261127T000000Z.json").write_bytes(b"rubbish")
+    os.mkfifo(tmp_path / "zone" / "20261127T000001Z.json")
+    (tmp_path / "zone" / "20261127T000002Z.json").mkdir()
+    told: list[str] = []
+    assert read_zone_files(tmp_path, told.append) == (ZONE,)
+    assert len(told) == 3
+    assert all("is left out: " in one for one in told)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"version": 2},
+        {"format": "other"},
+        {"at": "../../../etc/passwd"},
+        {"thing": "\x1b[2J"},
+        {"words": {"grass": None}},
+        {"words": {"grass": 2}},
+        {"thresholds": {"roi": math.nan}},
+        {"marks": {}},
+        {"marks": [{}] * 500},
+        {"covers": 1},
+        {"empty": {"frames": 0, "noticed_frames": 0, "reasons": [], "light": None, "at": _AT}},
+        {"empty": {"frames": 3, "noticed_frames": 4, "reasons": [], "light": None, "at": _AT}},
+        {"distances": [1, "2"]},
+    ],
+)
+def test_figures_out_of_range_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    told = json.loads(write_zone(tmp_path, ZONE).read_bytes())
+    with pytest.raises(ZoneFileError):
+        parsed_zone(json.dumps(told | change).encode())
+
+
+def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ZoneFileError):
+        write_zone(tmp_path, replace(ZONE, thing="two\nlines"))
+    assert not (tmp_path / "zone").exists()
+
+
+_JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=9),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=9), inner, max_size=4),
+    max_leaves=8,
+)
+_KEYS = sorted(json.loads(json.dumps(zone_file.asdict(ZONE))))
+
+
+@given(st.dictionaries(st.sampled_from(_KEYS), _JSON, max_size=3))
+def test_no_content_raises_anything_else(change: dict[str, Any]) -> None:
+    told = {"format": zone_file.FORMAT, "version": zone_file.VERSION, **zone_file.asdict(ZONE), **change}
+    with suppress(ZoneFileError):
+        parsed_zone(json.dumps(told).encode())
+
+
+@given(st.binary(max_size=60))
+def test_no_bytes_raise_anything_else(content: bytes) -> None:
+    with pytest.raises(ZoneFileError):
+        parsed_zone(content)

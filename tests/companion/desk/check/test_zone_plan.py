@@ -1,0 +1,170 @@
+"""Where a person stands for `companion check --zone`, and what the marks mean for the rover's stop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.config import Config
+from companion.config.schema import CameraSection, MountSection, StoppingSection
+from companion.config.stopping import Stopping
+from companion.desk.check.zone_file import Zone, ZoneMark, utc_now
+from companion.desk.check.zone_plan import WalkLine, slowest, verdict, walk_distances, walk_lines
+from companion.desk.check.zone_report import conclusion, table
+from companion.vehicle.brakes import Brakes
+
+STOPS = Stopping(1.0, Brakes.of(0.5, 0.0), 0.5, 0.0)
+AHEAD = WalkLine("ahead", 0.0, math.inf)
+MOUNTED = Config(
+    camera=CameraSection(view=75.0),
+    mount=MountSection(height=1.0, tilt=7.0, width=0.6),
+    stopping=StoppingSection(speed=1.0),
+)
+
+
+def mark(at: float, *, noticed: bool = True, line: WalkLine = AHEAD) -> ZoneMark:
+    return ZoneMark(
+        frames=10,
+        noticed_frames=10 if noticed else 3,
+        at=utc_now(),
+        line=line.name,
+        bearing_deg=line.bearing,
+        distance_m=at,
+        noticed=noticed,
+    )
+
+
+def zone(*marks: ZoneMark, distances: tuple[float, ...] = (1.0, 2.0, 3.0)) -> Zone:
+    stop = {"speed": STOPS.speed, "needs": STOPS.needs}
+    empty: dict[str, float | None] = {}
+    return Zone(
+        at=utc_now(),
+        program="0",
+        identity="x",
+        model="m",
+        words={},
+        thresholds=empty,
+        region=empty,
+        mount=empty,
+        stop=stop,
+        thing="box",
+        distances=distances,
+        marks=marks,
+    )
+
+
+def test_lines_run_along_the_picture_s_edges_the_sides_of_the_way_and_straight_ahead() -> None:
+    lines = walk_lines(MOUNTED, 3.0)
+    bearings = [one.bearing for one in lines]
+    assert bearings == sorted(bearings)
+    assert bearings == [-one for one in reversed(bearings)]
+    assert 0.8 * 37.5 < bearings[-1] < 37.5, "in the picture"
+    side = lines[3]
+    assert side.point(3.0)[1] == pytest.approx(0.3, abs=0.01), "the vehicle's side, where it stops"
+    assert side.in_way(3.0)
+    assert not lines[4].in_way(1.0)
+
+
+def test_a_camera_that_looks_aside_has_its_lines_where_it_looks() -> None:
+    aside = replace(MOUNTED, mount=replace(MOUNTED.mount, heading=40.0))
+    assert [one.bearing for one in walk_lines(aside, None)][2] == 40.0
+    assert walk_lines(aside, None)[0].bearing == pytest.approx(40.0 - 0.9 * 37.5, abs=0.1)
+
+
+def test_marks_hold_the_stopping_distance_and_one_beyond_the_region() -> None:
+    assert walk_distances((), 3.17, 0.5, 4.3) == (1.0, 2.0, 3.2, 4.0, 6.0)
+    assert walk_distances((), None, None, None)[-1] == 20.0
+    assert walk_distances((), None, 1.4, 2.0) == (2.0, 3.0)
+
+
+@given(st.floats(0.2, 60), st.floats(0, 3), st.floats(0.5, 6))
+def test_some_mark_is_never_nearer_than_what_stopping_needs(needs: float, near: float, far: float) -> None:
+    lines = walk_lines(MOUNTED, needs)
+    found = walk_distances(lines, needs, near, far)
+    assert list(found) == sorted(set(found))
+    for line in lines:
+        if line.in_way(line.needs(needs)):
+            marks = [mark(one, line=line) for one in found]
+            assert max(line.point(one.distance_m)[0] for one in marks) >= needs - 1e-5
+
+
+def test_a_line_is_noticed_only_as_far_as_every_mark_nearer_is() -> None:
+    marks = [mark(4.0), mark(3.0, noticed=False), mark(2.0), mark(1.0)]
+    found = verdict(AHEAD, marks, (1.0, 2.0, 3.0, 4.0), STOPS)
+    assert found is not None
+    assert (found.noticed_to, found.gaps) == (2.0, (3.0,))
+
+
+def test_a_mark_that_was_left_out_counts_as_not_noticed() -> None:
+    found = verdict(AHEAD, [mark(3.0), mark(1.0)], (1.0, 2.0, 3.0), STOPS)
+    assert found is not None
+    assert (found.noticed_to, found.gaps, found.enough) == (1.0, (2.0,), False)
+    assert verdict(AHEAD, [], (1.0,), STOPS) is None
+
+
+@given(st.floats(0.3, 20))
+def test_at_the_speed_that_fits_the_zone_is_just_enough(reach: float) -> None:
+    found = verdict(AHEAD, [mark(reach)], (), STOPS)
+    assert found is not None
+    assert found.speed is not None
+    assert replace(STOPS, speed=found.speed).needs == pytest.approx(reach, rel=1e-5)
+    assert found.enough is (STOPS.needs <= reach + 1e-6)
+
+
+def test_what_stands_beside_the_way_need_not_be_noticed_but_its_near_marks_must() -> None:
+    beside = WalkLine("right edge", 34.0, 0.5)
+    found = verdict(beside, [mark(1.0, noticed=False, line=beside)], (1.0,), STOPS)
+    assert found is not None
+    assert found.beside
+    assert found.enough is None
+    partly = WalkLine("right edge", 10.0, 1.5)
+    for noticed in (True, False):
+        marks = [mark(1.0, noticed=noticed, line=partly), mark(2.0, noticed=False, line=partly)]
+        found = verdict(partly, marks, (1.0, 2.0), STOPS)
+        assert found is not None
+        assert found.enough is noticed
+
+
+def test_the_conclusion_fails_closed() -> None:
+    lines = (WalkLine("left side", -5.0, 9.0), AHEAD)
+    far = [mark(one) for one in (1.0, 2.0, 3.0)]
+    judged = [one for line in lines if (one := verdict(line, far, (1.0, 2.0, 3.0), STOPS)) is not None]
+    text, covers = conclusion(zone(*far), lines, judged)
+    assert covers is None, "a side was not measured"
+    assert "measure left side, too" in text
+    text, covers = conclusion(zone(*far), (AHEAD,), judged)
+    assert covers is True
+    assert "covers that, and up to" in text
+    near = [mark(1.0), mark(2.0, noticed=False), mark(3.0, noticed=False)]
+    short = verdict(AHEAD, near, (1.0, 2.0, 3.0), STOPS)
+    assert short is not None
+    text, covers = conclusion(zone(*near), (AHEAD,), [short])
+    assert covers is False
+    assert "too short (ahead): drive at most 0.69 m/s" in text
+    assert slowest([short]) == short.speed
+    rows = list(table(zone(*near), (AHEAD,), [short]))
+    assert "yes    30 %    30 %" in rows[1]
+    assert "TOO SHORT" in rows[1]
+
+
+def test_the_sides_of_a_vehicle_of_unknown_width_are_not_judged() -> None:
+    lines = walk_lines(replace(MOUNTED, mount=replace(MOUNTED.mount, width=None)), 2.0)
+    distances = walk_distances(lines, STOPS.needs, None, None)
+    marks = [mark(one, line=line) for line in lines for one in distances]
+    judged = [one for line in lines if (one := verdict(line, marks, distances, STOPS)) is not None]
+    assert [one.enough for one in judged] == [None, None, True, None, None]
+    text, covers = conclusion(zone(*marks, distances=distances), lines, judged)
+    assert covers is None
+    assert "set [mount] width" in text
+
+
+def test_nothing_is_concluded_where_the_stopping_distance_is_not_known() -> None:
+    found = verdict(AHEAD, [mark(1.0)], (1.0,), None)
+    assert found is not None
+    assert (found.enough, found.beside) == (None, False)
+    told = replace(zone(mark(1.0)), stop={"speed": None, "needs": None})
+    assert conclusion(told, (AHEAD,), [found])[1] is None

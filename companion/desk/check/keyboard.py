@@ -36,6 +36,8 @@ class Keyboard:
             read = os.read(self._descriptor, _LONGEST)
             if not read:
                 raise EOFError
-            self._typed = (self._typed + read)[-_LONGEST:]
+            self._typed += read
+            if b"\n" not in self._typed:
+                self._typed = self._typed[-_LONGEST:]
         line, _, self._typed = self._typed.partition(b"\n")
         return line.decode(errors="replace").strip()

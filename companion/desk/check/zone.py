@@ -197,9 +197,9 @@ class ZoneWalk:
                 f"({', '.join(sorted(found.reasons))}): turn it to ground that its words describe, or see "
                 "`companion setup`, page Words"
             )
-        self._empty = found
-        self._zone = replace(self._zone, empty=ZoneLook(**found.looked(), at=utc_now()))
-        print(f"  nothing there, in {found.count} frames; {light_text(self._zone.empty)}")
+        self._empty, empty = found, ZoneLook(**found.looked(), at=utc_now())
+        self._zone = replace(self._zone, empty=empty)
+        print(f"  nothing there, in {found.count} frames; {light_text(empty)}")
 
     def _measure(self, line: WalkLine, at: float) -> str:
         """Measure a mark until that succeeds, and return the key that was pressed."""
@@ -229,7 +229,8 @@ class ZoneWalk:
 
     def _keep(self, line: WalkLine, at: float, found: ZoneFrames) -> None:
         assert self._empty is not None
-        in_picture, foot = self._judge.shown(found, self._empty)
+        thing = self._judge.new_thing(found, self._empty)
+        metres, degrees, cell = thing or (None, None, None)
         mark = ZoneMark(
             **found.looked(),
             at=utc_now(),
@@ -237,15 +238,16 @@ class ZoneWalk:
             bearing_deg=line.bearing,
             distance_m=at,
             noticed=found.stops,
-            in_picture=in_picture,
-            ground_m=None if foot is None else round(foot[0], 2),
-            ground_deg=None if foot is None else round(foot[1], 1),
+            in_picture=thing is not None,
+            ground_m=None if metres is None else round(metres, 2),
+            ground_deg=None if degrees is None else round(degrees, 1),
         )
         others = (one for one in self._zone.marks if (one.line, one.distance_m) != (line.name, at))
         self._zone = replace(self._zone, marks=(*others, mark))
         self._write()
-        by_mount = "" if foot is None else f", by the mount at {foot[0]:.1f} m, {foot[1]:.0f}°"
-        shown = f"in the picture{by_mount}" if in_picture else "not seen in the picture"
+        where = "" if metres is None else f"{metres:.1f} m, {degrees:.0f}° (in cells of {cell:.1f} m)"
+        by_mount = f", by the mount at {where}" if where else ""
+        shown = "not seen in the picture" if thing is None else f"in the picture{by_mount}"
         word = "noticed" if mark.noticed else "NOT noticed"
         print(f"  {word}: {mark.noticed_frames} of {mark.frames} frames; {shown}; {light_text(mark)}")
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 
 from anytraverse.assessment import Assessment, Map, Reason
@@ -20,11 +19,11 @@ from anytraverse.frame import Image
 from anytraverse.light import Light
 from anytraverse.memory import Memory
 from companion.calls.reason_filter import PASSABLE, ReasonFilter
-from companion.calls.tracking import Mask
 from companion.cameras import open_camera
 from companion.cameras.newest import CameraState, CameraThread, Patience
 from companion.config import Config
 from companion.daemon.settings.runtime import call_numbers
+from companion.desk.check.new_thing import NewThing, find_new_thing
 from companion.vision.warm_up import load_and_warm_up
 from companion.vision.worker import Worker
 
@@ -35,8 +34,6 @@ LASTS, LONGEST = 2.0, 20.0
 SILENT = 5.0
 """Seconds without a frame after which a mark cannot be measured."""
 _WAIT = 0.1
-_LEAST = 2
-"""Cells of a map that a thing fills, at least, to be in the picture."""
 
 
 class NotMeasuredError(Exception):
@@ -101,7 +98,9 @@ class ZoneFrames:
     @property
     def strangeness(self) -> Map | None:
         """The mean of the frames' strangeness, (h, w), None without any."""
-        return None if self._strangeness is None else self._strangeness / max(1, self.count)
+        if self._strangeness is None:
+            return None
+        return np.asarray(self._strangeness / max(1, self.count), np.float32)
 
     def looked(self) -> dict[str, Any]:
         """Return what a `ZoneLook` holds, but the time."""
@@ -161,7 +160,8 @@ class ZoneJudge:
         if found.count < self.window:
             few = f"{found.count} frames in {longest:.0f} s are too few"
             raise NotMeasuredError(f"{few}: see `companion check`, rows frames and perceiver")
-        if self._before is not None and np.array_equal(self._before, picture):
+        same = self._before is not None and picture is not None and np.array_equal(self._before, picture)
+        if same:
             raise NotMeasuredError("the picture is the same as at the mark before: the camera is frozen")
         self._before = picture
         return found
@@ -187,33 +187,8 @@ class ZoneJudge:
                 rule.add_frame(seen, time.monotonic(), None)
             yield JudgedFrame(seen, bool(seen.reasons & PASSABLE), rule.shows_passable)
 
-    def shown(self, frames: ZoneFrames, empty: ZoneFrames) -> tuple[bool, tuple[float, float] | None]:
-        """Compare a mark's frames with those of the empty ground: is there anything new in the picture?
-
-        Returns that, and where the mount puts its foot: m from the middle of the vehicle's front, and degrees
-        clockwise from its nose; None where it is not known. Nothing is judged by it.
-        """
-        now, before = frames.strangeness, empty.strangeness
-        if now is None or before is None or now.shape != before.shape:
-            return False, None
+    def new_thing(self, frames: ZoneFrames, empty: ZoneFrames) -> NewThing | None:
+        """Return what the frames show that the empty ground did not. Nothing is judged by it."""
         limits = self.engine.settings.thresholds
-        new = (now - before > (limits.roi if limits.tile is None else limits.tile)).astype(np.uint8)
-        count, parts, figures, _ = cv2.connectedComponentsWithStats(new, connectivity=4)
-        if count < 2:
-            return False, None
-        largest = 1 + int(np.argmax(figures[1:, cv2.CC_STAT_AREA]))
-        if figures[largest, cv2.CC_STAT_AREA] < _LEAST:
-            return False, None
-        return True, self._foot(parts == largest)
-
-    def _foot(self, thing: Mask) -> tuple[float, float] | None:
-        """Return where the lowest row of a mask (h, w) meets the ground, as in `shown`."""
-        if self._ground is None:
-            return None
-        height, width = thing.shape
-        row = int(np.flatnonzero(thing.any(axis=1))[-1])
-        place = ((float(np.flatnonzero(thing[row]).mean()) + 0.5) / width, (row + 1.0) / height)
-        x, y = self._ground.to_ground(np.array([place]))[0] - (self._ground.front, 0.0)
-        if not np.isfinite(x + y):
-            return None
-        return float(np.hypot(x, y)), float(np.degrees(np.arctan2(-y, x)))
+        least = limits.roi if limits.tile is None else limits.tile
+        return find_new_thing(frames.strangeness, empty.strangeness, least, self._ground)

@@ -55,7 +55,8 @@ def _verdict_text(found: LineVerdict) -> str:
         return f"{reach}; not in its way"
     if found.enough is None or found.needs is None:
         return reach
-    return f"{reach}; {'enough' if found.enough else 'TOO SHORT'}, {found.needs:.1f} m are needed"
+    where = "in its way up to" if found.needs == found.line.way else "needed to"
+    return f"{reach}; {where} {found.needs:.1f} m: {'enough' if found.enough else 'TOO SHORT'}"
 
 
 def conclusion(

@@ -110,6 +110,7 @@ class Person(Keyboard):
             return self._walk()
         self.said += self._read()
         question = self.said.rpartition("\n")[2]
+        self.said += "\n"  # as a terminal shows what is typed
         if mark := _MARK.match(question):
             self.marks.append((mark[1], float(mark[2])))
             self._field.put(float(mark[3]), float(mark[4] or 0) * (-1 if mark[5] == "left" else 1))

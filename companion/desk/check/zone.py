@@ -7,20 +7,19 @@ from __future__ import annotations
 
 import signal
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from anytraverse.errors import AnyTraverseError
-from anytraverse.release import own_version, program_identity
 from companion.config import Config, ConfigError, load_config, state_folder
 from companion.config.stopping import Stopping
 from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.desk.check.here import status
-from companion.desk.check.keyboard import Keyboard
+from companion.desk.check.typed_lines import TypedLines
 from companion.desk.check.zone_file import (
     FOLDER,
     MOST_MARKS,
-    Zone,
     ZoneArc,
     ZoneLook,
     ZoneMark,
@@ -35,6 +34,7 @@ from companion.storage.database import JournalError
 from companion.storage.journal_copy import read_stored_memory
 from companion.system.as_owner import as_owner
 from companion.system.atomic_write import write_atomically
+from companion.system.computer import existing
 
 LONGEST = 3600.0
 """Seconds without a key after which it ends by itself."""
@@ -48,7 +48,7 @@ _RUNS = (
 _OPENING = """\
 Detection zone: carry a thing to marks on the ground; it says from which of them the rover would stop for it.
 The rover: disarmed, on low blocks, wheels off the ground, before such ground as it drives on.
-The marks: by tape, from the middle of its front. ahead / right of it, in m:"""
+The marks: by tape, from the middle of its front, along lines through these points:"""
 _KEYS = "Enter: measure; a number: wait so many seconds first; b: the mark before; n: the next line; q: end"
 
 
@@ -56,7 +56,7 @@ class _EndError(Exception):
     """The person ends the walk."""
 
 
-def measure_zone(file: str, keyboard: Keyboard | None = None) -> int:
+def measure_zone(file: str, typed: TypedLines | None = None) -> int:
     """Lead through the walk, and print what was noticed. Returns 1 where nothing could be measured.
 
     What was measured is kept after each mark, and after `q`, Ctrl-C and the end of input.
@@ -74,12 +74,13 @@ def measure_zone(file: str, keyboard: Keyboard | None = None) -> int:
         return 1
     walk = None
     try:
-        walk = ZoneWalk(config, folder, judge, keyboard or Keyboard())
+        walk = ZoneWalk(config, folder, judge, typed or TypedLines())
         walk.go()
     except (EOFError, KeyboardInterrupt, _EndError):
         print()
     except OSError as error:
-        print(f"{error.filename or folder}: {(error.strerror or str(error)).lower()}: type this with sudo")
+        why = (error.strerror or str(error)).lower()
+        print(f"{folder} cannot be written ({why}): check the disk, or type this with sudo")
     finally:
         judge.close()
     return 1 if walk is None else walk.conclude()
@@ -88,9 +89,9 @@ def measure_zone(file: str, keyboard: Keyboard | None = None) -> int:
 class ZoneWalk:
     """One walk of a person: its plan, and what was measured so far."""
 
-    def __init__(self, config: Config, folder: Path, judge: ZoneJudge, keyboard: Keyboard) -> None:
+    def __init__(self, config: Config, folder: Path, judge: ZoneJudge, typed: TypedLines) -> None:
         """folder: the data folder. Raises OSError where it cannot be written."""
-        self._folder, self._judge, self._keyboard = folder, judge, keyboard
+        self._folder, self._judge, self._typed = folder, judge, typed
         guides, settings = config.call.policy == "guide", judge.engine.settings
         judged = HoldGate(config).stopping(HoldConditions(settings, judge.step, guides=guides))
         self._stopping: Stopping | None = judged if isinstance(judged, Stopping) else None
@@ -101,16 +102,17 @@ class ZoneWalk:
         self._lines = walk_lines(config, needs)
         self._empty: ZoneFrames | None = None
         planned = walk_distances(self._lines, needs, near, far)
-        self._zone = replace(_described(config, judge, self._stopping), distances=planned)
-        self._write()
+        self._zone = replace(judge.described(self._stopping), distances=planned)
+        with as_owner(existing(folder)), TemporaryFile(dir=existing(folder / FOLDER)):
+            pass  # that it cannot be written must not turn out after the walk
 
     def go(self) -> None:
         """Ask for the thing, look at the empty ground, then go from mark to mark, and along an arc."""
-        print(_OPENING)
-        if self._unknown:
-            print(f"How far it must be noticed is not known: {self._unknown}")
         for notice in self._judge.notices:
             print(notice)
+        if self._unknown:
+            print(f"How far it must be noticed is not known: {self._unknown}")
+        print(_OPENING)
         self._distances()
         thing = self._ask("What is carried (for the record)?")
         self._zone = replace(self._zone, thing="".join(c for c in thing if c.isprintable())[:100])
@@ -154,9 +156,6 @@ class ZoneWalk:
         self._zone = replace(self._zone, verdict=text, covers=covers)
         self._folder.mkdir(parents=True, exist_ok=True)
         with as_owner(self._folder):
-            if not self._zone.marks:  # nothing is kept yet, but it must not turn out after the walk
-                (self._folder / FOLDER).mkdir(exist_ok=True)
-                return self._folder
             path = write_zone(self._folder, self._zone)
             write_atomically(path.with_suffix(".svg"), picture(self._zone, self._lines).encode())
             return path
@@ -166,8 +165,7 @@ class ZoneWalk:
         while True:
             planned = self._zone.distances
             for line in self._lines:
-                points = "  ".join("{:.2f} / {:.2f}".format(*line.point(one)) for one in planned)
-                print(f"  {line.name:<11} {line.bearing:>6.1f}°  {points}")
+                print(f"  {line.name:<11} {line.bearing:>6.1f}°  {_place(line, planned[-1])}")
             shown = " ".join(f"{one:g}" for one in planned)
             typed = self._ask(f"Distances in m [{shown}]:")
             if not typed:
@@ -203,10 +201,8 @@ class ZoneWalk:
 
     def _measure(self, line: WalkLine, at: float) -> str:
         """Measure a mark until that succeeds, and return the key that was pressed."""
-        ahead, right = line.point(at)
         while True:
-            aside = f", {abs(right):.2f} {'right' if right > 0 else 'left'}" if right else ""
-            key = self._ask(f"{line.name}, {at:g} m ({ahead:.2f} ahead{aside}):").lower()
+            key = self._ask(f"{line.name}, {at:g} m ({_place(line, at)}):").lower()
             if key in ("n", "b"):
                 return key
             if key and not self._waited(key):
@@ -263,7 +259,7 @@ class ZoneWalk:
             return
         print("  walk; Enter at the right end")
         try:
-            found = self._judge.watch(lambda: self._keyboard.line(0.0) is None, ARC_LONGEST)
+            found = self._judge.watch(lambda: self._typed.line(0.0) is None, ARC_LONGEST)
         except NotMeasuredError as error:
             print(f"  not measured: {error}")
             return
@@ -274,40 +270,15 @@ class ZoneWalk:
 
     def _ask(self, question: str) -> str:
         """Return what is typed. Raises _EndError for `q` and after `LONGEST` s, and EOFError."""
-        self._keyboard.forget()
+        self._typed.forget()
         print(question, end=" ", flush=True)
-        typed = self._keyboard.line(LONGEST)
+        typed = self._typed.line(LONGEST)
         if typed is None or typed.lower() in ("q", "quit"):
             raise _EndError
         return typed
 
 
-def _described(config: Config, judge: ZoneJudge, stopping: Stopping | None) -> Zone:
-    """Return a zone without marks: who judges, by which settings."""
-    engine = judge.engine
-    settings, ground = engine.settings, engine.settings.metres
-    limits, mount = settings.thresholds, config.mount
-    metres = {} if ground is None else {"near": ground.near, "far": ground.far, "width": ground.width}
-    return Zone(
-        at=utc_now(),
-        program=own_version(),
-        identity=program_identity(),
-        model=engine.perceiver.model_id,
-        words=dict(engine.memory.preferences),
-        thresholds={
-            **{name: getattr(limits, name) for name in ("roi", "scene", "tile", "trav", "margin")},
-            "votes": float(config.call.votes),
-            "window": float(config.call.window),
-        },
-        region={
-            **asdict(settings.region.bounds),
-            **metres,
-            "tile": ground.tile if ground is not None else settings.tile_side,
-        },
-        mount={**asdict(mount), "view": config.camera.view},
-        stop={
-            "speed": None if stopping is None else stopping.speed,
-            "needs": None if stopping is None else round(stopping.needs, 2),
-        },
-        thing="",
-    )
+def _place(line: WalkLine, at: float) -> str:
+    """Return a mark's place, in m."""
+    ahead, right = line.point(at)
+    return f"{ahead:.2f} ahead" + (f", {abs(right):.2f} {'right' if right > 0 else 'left'}" if right else "")

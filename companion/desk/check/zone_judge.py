@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,12 +18,15 @@ from anytraverse.assessment import Assessment, Map, Reason
 from anytraverse.frame import Image
 from anytraverse.light import Light
 from anytraverse.memory import Memory
+from anytraverse.release import own_version, program_identity
 from companion.calls.reason_filter import PASSABLE, ReasonFilter
 from companion.cameras import open_camera
 from companion.cameras.newest import CameraState, CameraThread, Patience
 from companion.config import Config
+from companion.config.stopping import Stopping
 from companion.daemon.settings.runtime import call_numbers
 from companion.desk.check.new_thing import NewThing, find_new_thing
+from companion.desk.check.zone_file import Zone, utc_now
 from companion.vision.warm_up import load_and_warm_up
 from companion.vision.worker import Worker
 
@@ -34,6 +37,7 @@ LASTS, LONGEST = 2.0, 20.0
 SILENT = 5.0
 """Seconds without a frame after which a mark cannot be measured."""
 _WAIT = 0.1
+_LIMITS = ("roi", "scene", "tile", "trav", "margin")
 
 
 class NotMeasuredError(Exception):
@@ -121,7 +125,7 @@ class ZoneJudge:
         self.engine, self.step, self.notices = ready.engine, ready.step, ready.notices
         self._worker = Worker(ready.engine, 0)
         self._numbers = call_numbers(config, ready.engine.settings)
-        self._ground = config.ground_camera
+        self._config, self._ground = config, config.ground_camera
         self._period = 1.0 / config.camera.rate
         self._before: Image | None = None
         """The last picture of the mark before."""
@@ -192,3 +196,26 @@ class ZoneJudge:
         limits = self.engine.settings.thresholds
         least = limits.roi if limits.tile is None else limits.tile
         return find_new_thing(frames.strangeness, empty.strangeness, least, self._ground)
+
+    def described(self, stopping: Stopping | None) -> Zone:
+        """Return a zone without marks: who judges, by which settings. stopping: None: not known."""
+        engine, config = self.engine, self._config
+        settings, ground = engine.settings, engine.settings.metres
+        limits, region = settings.thresholds, asdict(settings.region.bounds)
+        metres = {name: getattr(ground, name, None) for name in ("near", "far", "width", "tile")}
+        votes = {"votes": float(self._numbers.votes), "window": float(self._numbers.window)}
+        return Zone(
+            at=utc_now(),
+            program=own_version(),
+            identity=program_identity(),
+            model=engine.perceiver.model_id,
+            words=dict(engine.memory.preferences),
+            thresholds={name: getattr(limits, name) for name in _LIMITS} | votes,
+            region=region | metres,
+            mount=asdict(config.mount) | {"view": config.camera.view},
+            stop={
+                "speed": None if stopping is None else stopping.speed,
+                "needs": None if stopping is None else round(stopping.needs, 2),
+            },
+            thing="",
+        )

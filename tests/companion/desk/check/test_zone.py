@@ -19,9 +19,9 @@ import pytest
 from companion.config import load_config
 from companion.config.stopping import ground_region
 from companion.desk.check import zone_judge
-from companion.desk.check.keyboard import Keyboard
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.stopping import check_zone
+from companion.desk.check.typed_lines import TypedLines
 from companion.desk.check.zone import measure_zone
 from companion.desk.check.zone_file import Zone, read_zone_files
 from companion.sim.demo.config import write_config
@@ -90,7 +90,7 @@ def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
         assert not any(noticed[line, at] for at in (inside, outside)), "beside the region"
     for one in found.marks:
         assert one.in_picture, one
-        assert one.ground_m == pytest.approx(one.distance_m, rel=0.15, abs=0.2), "the mount is right"
+        assert one.ground_m == pytest.approx(one.distance_m, rel=0.15, abs=0.3), "the mount is right"
         assert one.ground_deg == pytest.approx(one.bearing_deg, abs=4.0)
         assert one.light is not None
     assert found.thing == "a drum"
@@ -182,7 +182,7 @@ def test_a_companion_that_runs_keeps_its_camera(tmp_path: Path, capsys: pytest.C
 
 def test_a_line_is_waited_for_no_longer_than_asked() -> None:
     reads, writes = os.pipe()
-    keys = Keyboard(reads)
+    keys = TypedLines(reads)
     assert keys.line(0.01) is None
     os.write(writes, b" two\r\nli")
     assert keys.line(1.0) == "two"

@@ -12,7 +12,7 @@ from types import TracebackType
 import numpy as np
 
 from companion.cameras.field import CapturedFrame
-from companion.desk.check.keyboard import Keyboard
+from companion.desk.check.typed_lines import TypedLines
 from companion.sim.field.frame_server import FrameServer
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.rover import Body
@@ -84,7 +84,7 @@ class StandingField(AbstractContextManager["StandingField"]):
             time.sleep(max(0.005, PERIOD - (time.monotonic() - at)))
 
 
-class Person(Keyboard):
+class Person(TypedLines):
     """Answers what is asked, and carries the drum to the marks.
 
     read: returns what was printed since it was asked last. answers: beginning of a question -> what is typed

@@ -12,7 +12,7 @@ _LONGEST = 1000
 """Bytes of a line."""
 
 
-class Keyboard:
+class TypedLines:
     """Reads lines of a file descriptor, by default of standard input. Raises EOFError at its end."""
 
     def __init__(self, descriptor: int = 0) -> None:

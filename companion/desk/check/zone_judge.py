@@ -60,11 +60,12 @@ class JudgedFrame(NamedTuple):
 class ZoneFrames:
     """Collects the frames of a mark.
 
-    count: without those with a fault. noticed: of these. stood: of those from the `window`-th on, for which
+    judged: all of them. count: without those with a fault. noticed: of these. stood: of those from the `window`-th on, for which
     the rule said that it stops the rover. raised: whether it ever said so. fault: of the last frame, or "".
     """
 
     window: int
+    judged: int = 0
     count: int = 0
     noticed: int = 0
     stood: int = 0
@@ -78,6 +79,7 @@ class ZoneFrames:
         """Take in a frame."""
         seen = one.seen
         broken = seen.finding(Reason.FAULT)
+        self.judged += 1
         self.fault = "" if broken is None else broken.figure
         if broken is not None:
             return
@@ -156,7 +158,7 @@ class ZoneJudge:
             if one is not None:
                 found.add(one)
                 picture = one.seen.frame.image
-            enough = time.monotonic() - began >= LASTS and found.count >= FRAMES
+            enough = time.monotonic() - began >= LASTS and found.judged >= FRAMES
             if enough if going is None else not going():
                 break
         if found.fault:

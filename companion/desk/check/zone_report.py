@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from anytraverse.light import light_name
-from companion.desk.check.zone_file import Zone, ZoneLook, ZoneMark
+from companion.desk.check.zone_file import Zone, ZoneArc, ZoneLook, ZoneMark
 from companion.desk.check.zone_plan import LineVerdict, WalkLine, slowest
 
 _SLOWEST = 0.05
@@ -32,9 +32,20 @@ def table(zone: Zone, lines: Sequence[WalkLine], verdicts: Sequence[LineVerdict]
         cells = "".join(f"{_cell(marks.get(one)):>8}" for one in zone.distances)
         yield f"{line.name:<11} {line.bearing:>6.1f}° {cells}   {_verdict_text(judged[line.name])}"
     yield "yes: it would stop the rover; a share: of the frames, which is too few; -: not measured"
+    lights = {one.light.mean: light_text(one) for one in zone.marks if one.light is not None}
+    if lights:
+        yield f"light: from {lights[min(lights)]} to {lights[max(lights)]}"
     for arc in zone.arcs:
-        span = f"{arc.from_deg:.0f}° to {arc.to_deg:.0f}°"
-        yield f"arc at {arc.distance_m:g} m, {span}: noticed in {_share(arc)} of the frames"
+        yield _arc_text(arc, zone.mount.get("width"))
+
+
+def _arc_text(arc: ZoneArc, width: float | None) -> str:
+    span, way = arc.to_deg - arc.from_deg, ""
+    if width is not None and span > 0.0 and arc.distance_m > 0.0:
+        in_way = 2 * math.degrees(math.asin(min(1.0, width / 2 / arc.distance_m)))
+        way = f"; the rover's way is {min(100.0, 100 * in_way / span):.0f} % of it"
+    bearings = f"{arc.from_deg:.0f}° to {arc.to_deg:.0f}°"
+    return f"arc at {arc.distance_m:g} m, {bearings}: noticed in {_share(arc)} of the frames{way}"
 
 
 def _cell(mark: ZoneMark | None) -> str:

@@ -90,12 +90,12 @@ def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
         assert not any(noticed[line, at] for at in (inside, outside)), "beside the region"
     for one in found.marks:
         assert one.in_picture, one
-        assert one.ground_m == pytest.approx(one.distance_m, rel=0.15, abs=0.3), "the mount is right"
+        assert one.ground_m == pytest.approx(one.distance_m, rel=0.18, abs=0.3), "to a cell"
         assert one.ground_deg == pytest.approx(one.bearing_deg, abs=4.0)
         assert one.light is not None
     assert found.thing == "a drum"
     assert found.covers is True, found.verdict
-    assert 0.0 < found.arcs[0].share < 1.0
+    assert 0.2 < found.arcs[0].share < 0.8, "in the middle"
     assert found.verdict in said
     (row,) = check_zone(CheckedRover(load_config(config), "", tmp_path / "state"))
     assert row.verdict.name == "PASS"
@@ -170,6 +170,20 @@ def test_a_camera_that_falls_silent_is_said_and_the_mark_is_asked_for_again(
     assert "not measured: the camera is silent" in person.said
     assert person.marks[1] == person.marks[2]
     assert len(kept(tmp_path).marks) == 2
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_frozen_camera_measures_no_mark(
+    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = configured(tmp_path, field)
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "0.png").write_bytes(field.png())
+    still = config.read_text().replace(field.source, f"folder:{tmp_path}/frames")
+    config.write_text(still.replace("[camera]", "[camera]\nloop = true"))
+    person = Person(field, lambda: capsys.readouterr().out, {"left edge": ["", "q"]})
+    assert measure_zone(str(config), person) == 1
+    assert "the camera is frozen" in person.said + capsys.readouterr().out
 
 
 def test_a_companion_that_runs_keeps_its_camera(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -12,7 +13,10 @@ from hypothesis import strategies as st
 from companion.config import Config
 from companion.config.schema import CameraSection, MountSection, StoppingSection
 from companion.config.stopping import Stopping
-from companion.desk.check.zone_file import Zone, ZoneMark, utc_now
+from companion.desk.check.rover import CheckedRover
+from companion.desk.check.rules import CheckFinding, Verdict
+from companion.desk.check.stopping import check_zone
+from companion.desk.check.zone_file import Zone, ZoneMark, utc_now, write_zone
 from companion.desk.check.zone_plan import WalkLine, slowest, verdict, walk_distances, walk_lines
 from companion.desk.check.zone_report import conclusion, table
 from companion.vehicle.brakes import Brakes
@@ -160,6 +164,25 @@ def test_the_sides_of_a_vehicle_of_unknown_width_are_not_judged() -> None:
     text, covers = conclusion(zone(*marks, distances=distances), lines, judged)
     assert covers is None
     assert "set [mount] width" in text
+
+
+def test_the_check_shows_the_newest_zone_and_warns_where_it_holds_no_more(tmp_path: Path) -> None:
+    def row(config: Config) -> CheckFinding:
+        (found,) = check_zone(CheckedRover(config, "", tmp_path))
+        return found
+
+    assert row(MOUNTED).verdict is Verdict.SKIP
+    measured = replace(zone(mark(1.0)), covers=True, verdict="the zone covers that")
+    path = write_zone(tmp_path, measured)
+    assert row(MOUNTED).verdict is Verdict.PASS
+    faster = replace(MOUNTED, stopping=StoppingSection(speed=2.0))
+    assert row(faster).verdict is Verdict.WARN
+    assert "now it drives 2 m/s: measure again" in row(faster).text
+    write_zone(tmp_path, replace(measured, covers=None))
+    assert row(MOUNTED).verdict is Verdict.WARN
+    path.write_text("rubbish")
+    assert row(MOUNTED).verdict is Verdict.WARN
+    assert "is left out" in row(MOUNTED).text
 
 
 def test_nothing_is_concluded_where_the_stopping_distance_is_not_known() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 import time
@@ -9,6 +10,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from types import TracebackType
 
+import cv2
 import numpy as np
 
 from companion.cameras.field import CapturedFrame
@@ -51,6 +53,12 @@ class StandingField(AbstractContextManager["StandingField"]):
     def source(self) -> str:
         """As [camera] source names it."""
         return f"field:127.0.0.1:{self._server.address[1]}"
+
+    def png(self) -> bytes:
+        """Return a picture."""
+        with self._lock:
+            picture, _ = self._camera.render(self._pose, 0.0)
+        return bytes(cv2.imencode(".png", picture[..., ::-1])[1])
 
     def take_away(self) -> None:
         """Take the drum out of the view."""
@@ -99,7 +107,7 @@ class Person(TypedLines):
         self._answers = answers
         self.said = ""
         self.marks: list[tuple[str, float]] = []
-        self._walked = -1.0
+        self._walked = 0.0
 
     def forget(self) -> None:
         """Nothing is typed too early."""
@@ -125,9 +133,10 @@ class Person(TypedLines):
         return ""
 
     def _walk(self) -> str | None:
-        """Go a step from the left to the right, 4 m ahead."""
-        self._walked += 0.04
-        if self._walked > 1.0:
-            return ""
-        self._field.put(4.0, 2.0 * self._walked)
-        return None
+        """Go a step along the circle that was asked for."""
+        asked = re.findall(r"a circle of ([\d.]+) m from (-?\d+)° to (-?\d+)°", self.said)[-1]
+        radius, first, last = map(float, asked)
+        self._walked += 0.02
+        bearing = math.radians(first + self._walked * (last - first))
+        self._field.put(radius * math.cos(bearing), radius * math.sin(bearing))
+        return "" if self._walked >= 1.0 else None

@@ -27,6 +27,7 @@ from companion.config.stopping import Stopping
 from companion.daemon.settings.runtime import call_numbers
 from companion.desk.check.new_thing import NewThing, find_new_thing
 from companion.desk.check.zone_file import Zone, utc_now
+from companion.vision.exposure import exposure_name
 from companion.vision.warm_up import load_and_warm_up
 from companion.vision.worker import Worker
 
@@ -47,11 +48,12 @@ class NotMeasuredError(Exception):
 class JudgedFrame(NamedTuple):
     """A judged frame.
 
-    noticed: whether it shows something in the region that stops the rover. stops: whether the daemon's rule
-    would stop it by now.
+    fault: why it shows nothing, "" where it does. noticed: whether it shows something in the region that
+    stops the rover. stops: whether the daemon's rule would stop it by now.
     """
 
     seen: Assessment
+    fault: str
     noticed: bool
     stops: bool
 
@@ -60,8 +62,9 @@ class JudgedFrame(NamedTuple):
 class ZoneFrames:
     """Collects the frames of a mark.
 
-    judged: all of them. count: without those with a fault. noticed: of these. stood: of those from the `window`-th on, for which
-    the rule said that it stops the rover. raised: whether it ever said so. fault: of the last frame, or "".
+    judged: all of them. count: without those with a fault. noticed: of these. stood: of those from the
+    `window`-th on, for which the rule said that it stops the rover. raised: whether it ever said so. fault:
+    the newest.
     """
 
     window: int
@@ -78,10 +81,9 @@ class ZoneFrames:
     def add(self, one: JudgedFrame) -> None:
         """Take in a frame."""
         seen = one.seen
-        broken = seen.finding(Reason.FAULT)
         self.judged += 1
-        self.fault = "" if broken is None else broken.figure
-        if broken is not None:
+        if one.fault:
+            self.fault = one.fault
             return
         self.count += 1
         self.noticed += one.noticed
@@ -158,10 +160,12 @@ class ZoneJudge:
             if one is not None:
                 found.add(one)
                 picture = one.seen.frame.image
-            enough = time.monotonic() - began >= LASTS and found.judged >= FRAMES
+            enough = (
+                time.monotonic() - began >= LASTS and max(found.count, found.judged - found.count) >= FRAMES
+            )
             if enough if going is None else not going():
                 break
-        if found.fault:
+        if 2 * found.count < found.judged:
             raise NotMeasuredError(f"the frames cannot be judged: {found.fault}")
         if found.count < self.window:
             few = f"{found.count} frames in {longest:.0f} s are too few"
@@ -188,10 +192,14 @@ class ZoneJudge:
             if now < due - self._period / 2:
                 continue
             due = max(due + self._period, now - self._period)
-            seen = self._worker.judge(frame).assessment
-            if Reason.FAULT not in seen.reasons:
+            judged = self._worker.judge(frame)
+            seen, fault = judged.assessment, judged.assessment.finding(Reason.FAULT)
+            # The daemon makes bad light a fault after T: no mark must be judged before.
+            dim = exposure_name(judged.luma, self.engine.settings.region)
+            why = dim if fault is None else fault.figure
+            if not why:
                 rule.add_frame(seen, time.monotonic(), None)
-            yield JudgedFrame(seen, bool(seen.reasons & PASSABLE), rule.shows_passable)
+            yield JudgedFrame(seen, why, bool(seen.reasons & PASSABLE), rule.shows_passable)
 
     def new_thing(self, frames: ZoneFrames, empty: ZoneFrames) -> NewThing | None:
         """Return what the frames show that the empty ground did not. Nothing is judged by it."""

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -240,12 +241,13 @@ class Terminal:
 
     def end(self) -> int:
         """Read to the end, and return the exit code."""
-        try:
-            while text := os.read(self._ours, 4096):
-                self.said += text.decode()
-        except OSError:  # the other end is closed
-            pass
+        deadline = time.monotonic() + 20.0
+        with suppress(OSError):  # the other end is closed
+            while time.monotonic() < deadline:
+                if select.select([self._ours], [], [], 0.2)[0]:
+                    self.said += os.read(self._ours, 4096).decode()
         os.close(self._ours)
+        assert time.monotonic() < deadline, self.said
         return self.process.wait(20.0)
 
 

@@ -10,6 +10,8 @@ import time
 
 _LONGEST = 1000
 """Bytes of a line."""
+_POLL = 0.5
+"""Seconds until a Ctrl-C counts that another thread of this process received."""
 
 
 class TypedLines:
@@ -31,8 +33,10 @@ class TypedLines:
         until = time.monotonic() + seconds
         while b"\n" not in self._typed:
             left = max(0.0, until - time.monotonic())
-            if not select.select([self._descriptor], [], [], left)[0]:
-                return None
+            if not select.select([self._descriptor], [], [], min(left, _POLL))[0]:
+                if left <= _POLL:
+                    return None
+                continue
             read = os.read(self._descriptor, _LONGEST)
             if not read:
                 raise EOFError

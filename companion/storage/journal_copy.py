@@ -1,18 +1,25 @@
-"""Reads the memory from a copy of the journal, since a companion that runs locks the journal itself."""
+"""Reads from a copy of the journal, since a companion that runs locks the journal itself."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from anytraverse.memory import Memory
 from anytraverse.regular_file import open_regular, read_regular
+from companion.storage.batch import from_json
 from companion.storage.database import Damaged, Database, JournalError
 from companion.storage.journal import LARGEST, number_of
 from companion.storage.memory_rows import read_memory
+from companion.wire.call_report import RECORD_MEMBERS, CallReport
+from companion.wire.json_values import DocumentError
 
 _TRIES = 5
 _PAUSE = 0.2
@@ -28,14 +35,46 @@ def read_stored_memory(folder: Path) -> Memory | None:
 
     Raises JournalError.
     """
+    with _stored(folder) as database:
+        return None if database is None else read_memory(database.rows)
+
+
+def read_stored_calls(folder: Path) -> list[CallReport] | None:
+    """Return the closed calls in the journal of `folder`, oldest first, None without one. Changes nothing.
+
+    Those that are damaged are left out. Raises JournalError.
+    """
+    with _stored(folder) as database:
+        if database is None:
+            return None
+        answers = defaultdict[int, list[dict[str, Any]]](list)
+        for call, at, record in database.rows(
+            "SELECT call_id, answered_at, record FROM answers ORDER BY number"
+        ):
+            answers[call].append({**(from_json(record) or {}), "at": at})
+        found = []
+        for call, at, outcome, record in database.rows(
+            "SELECT id, closed_at, outcome, record FROM calls ORDER BY number"
+        ):
+            told = {"id": call, "closed": at, "outcome": outcome, "answers": answers[call]}
+            with suppress(DocumentError):
+                found.append(CallReport.read({**(from_json(record) or {}), **told}, RECORD_MEMBERS))
+        return found
+
+
+@contextmanager
+def _stored(folder: Path) -> Iterator[Database | None]:
+    """Open a copy of the journal of `folder`, None without one. Raises JournalError."""
     path = folder / "journal.db"
     try:
         if not path.exists():
-            return None
+            yield None
+            return
         with TemporaryDirectory(prefix="companion-") as temporary:
             copy = _copied(path, Path(temporary))
             try:
-                return _read(copy)
+                with closing(Database(copy, 2 * LARGEST)) as database:
+                    yield database
             except Damaged as error:
                 raise JournalError(f"{path} is damaged: start the companion, which sets it aside") from error
             except JournalError as error:
@@ -57,14 +96,6 @@ def told_of_damage(folder: Path) -> str:
     except OSError:
         return ""
     return "".join(one for one in content.decode(errors="replace") if one.isprintable())
-
-
-def _read(path: Path) -> Memory | None:
-    database = Database(path, 2 * LARGEST)
-    try:
-        return read_memory(database.rows)
-    finally:
-        database.close()
 
 
 def _copied(path: Path, to: Path) -> Path:

@@ -15,8 +15,10 @@ from hypothesis import strategies as st
 from anytraverse.history import Place
 from anytraverse.memory import Memory, first_memory
 from anytraverse.preferences import Preferences
-from companion.storage import Batch, Journal, JournalError, journal_copy
-from companion.storage.journal_copy import read_stored_memory
+from companion.storage import Batch, Journal, JournalError, TableRow, journal_copy
+from companion.storage.journal_copy import read_stored_calls, read_stored_memory
+from companion.wire.call_report import CallReport
+from companion.wire.ids import Outcome
 
 
 def taught(memory: Memory, call_id: int) -> Memory:
@@ -126,3 +128,23 @@ def test_a_named_pipe_in_the_place_of_the_journal_is_not_waited_for(tmp_path: Pa
     os.mkfifo(tmp_path / name)
     with pytest.raises(JournalError, match="no regular file"):
         read_stored_memory(tmp_path)
+
+
+def test_closed_calls_are_read_with_their_answers_while_a_companion_runs(tmp_path: Path) -> None:
+    assert read_stored_calls(tmp_path) is None
+    journal = Journal(tmp_path)
+    assert read_stored_calls(tmp_path) == []
+    closed = [
+        TableRow.of_call(CallReport(number, outcome=Outcome.ANSWERED), 100.0 * number) for number in (7, 8)
+    ]
+    answer = TableRow.of_answer(7, {"motion": "go", "result": "applied"}, 650.0)
+    damaged = TableRow("calls", "id, closed_at, outcome, record", (70_000, 1.0, "x", "{"))
+    journal.commit(Batch(rows=(answer, *closed, damaged)))
+    found = read_stored_calls(tmp_path)
+    assert found is not None
+    assert [(one.id, one.closed, one.outcome) for one in found] == [
+        (7, 700.0, Outcome.ANSWERED),
+        (8, 800.0, Outcome.ANSWERED),
+    ]
+    assert [(one.at, one.motion) for one in found[0].answers] == [(650.0, "go")]
+    journal.close()

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from companion.config.link_settings import LinkSettingError
 from companion.desk.check.autopilot import silence, talking
 from companion.desk.check.here import status
 from companion.desk.check.interview import ARDUPILOT, Heartbeat
+from companion.desk.check.stop_file import write_stops
 from companion.vehicle import known_autopilot
 from companion.vehicle.brakes import Measured, fit
 
@@ -244,7 +246,18 @@ def measure(file: str, *, link: str | None = None, longest: float = LONGEST) -> 
     except (LinkSettingError, _NotMeasurableError) as error:
         print(error)
         return 1
+    _store(state_folder(config), recorder.stops, braking.stops)
     return _conclude(recorder.stops, braking.stops)
+
+
+def _store(folder: Path, holds: list[Measured], brakes: list[Measured]) -> None:
+    """Keep the stops for `companion evidence`."""
+    if not holds and not brakes:
+        return
+    try:
+        print(f"stored in {write_stops(folder, [('HOLD', holds), ('GUIDED', brakes)], time.time())}")
+    except OSError as error:
+        print(f"not stored in {folder}: {(error.strerror or str(error)).lower()}: you may have to use sudo")
 
 
 class _NotMeasurableError(Exception):

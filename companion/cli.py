@@ -16,6 +16,7 @@ from companion.cli_config import SERVICE, add_config, default_config
 from companion.cli_drives import add_drives
 from companion.cli_errors import UserError, error_text
 from companion.cli_memory import add_memory
+from companion.cli_recordings import add_recordings
 from companion.cli_settings import add_settings
 from companion.cli_setup import add_setup
 from companion.system.log_lines import dump_when_aborted, end_process, log_to_stderr, say_last
@@ -107,6 +108,7 @@ def parser() -> argparse.ArgumentParser:
 
     add_memory(commands)
     add_drives(commands)
+    add_recordings(commands)
     add_settings(commands)
     add_setup(commands, lambda folder: main(["init", folder]))
 

@@ -1,4 +1,4 @@
-"""The commands for drives at the desk, and for what a rover has recorded."""
+"""The commands for drives at the desk."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ if TYPE_CHECKING:
 
 
 def add_drives(commands: Commands) -> None:
-    """Add look-ground, costmap, rehearse, replay, tune, record and incident."""
+    """Add look-ground, costmap, rehearse, replay and tune."""
     _add_look_ground(commands)
     _add_costmap(commands)
     _add_rehearse(commands)
     _add_replay(commands)
     _add_tune(commands)
-    _add_recordings(commands)
 
 
 def _add_look_ground(commands: Commands) -> None:
@@ -122,26 +121,6 @@ def _add_tune(commands: Commands) -> None:
     )
     tune.add_argument("--write", metavar="FILE", help="with --take: write it into this companion.toml")
     tune.set_defaults(run=_tune)
-
-
-def _add_recordings(commands: Commands) -> None:
-    shared = argparse.ArgumentParser(add_help=False)
-    add_config(shared)
-    record = commands.add_parser("record", help="list or repair what was recorded")
-    actions = record.add_subparsers(dest="action", required=True, metavar="action")
-    each = actions.add_parser("list", help="one line for each recording")
-    add_config(each, alone=True)
-    each.add_argument("--json", action="store_true", help="the last line is one JSON object")
-    torn = actions.add_parser("repair", help="give a recording that was cut off its index again")
-    torn.add_argument("file", metavar="FILE", help="it is replaced once the new one is complete")
-    record.set_defaults(run=_record)
-    incident = commands.add_parser(
-        "incident", parents=[shared], help="put all about a call into one file to send to somebody"
-    )
-    incident.add_argument("call", nargs="?", metavar="CALL", help="C7, or H7 for a hold")
-    incident.add_argument("--last", metavar="TIME", help="the last 60s, 5m or 1h instead")
-    incident.add_argument("--out", metavar="FILE", help="by default incident-C7.zip here")
-    incident.set_defaults(run=_incident)
 
 
 def _look_ground(options: argparse.Namespace) -> int:
@@ -243,30 +222,3 @@ def _of_drives(act: Callable[[], int]) -> int:
 
     with told(AnyTraverseError, DriveError, MemoryCommandError, SceneFileError, OSError):
         return act()
-
-
-def _record(options: argparse.Namespace) -> int:
-    from companion.observers.recording import command
-
-    if options.action == "list":
-        return _of_recordings(lambda: command.show_list(options.config, as_json=options.json))
-    return _of_recordings(lambda: command.repair(options.file))
-
-
-def _incident(options: argparse.Namespace) -> int:
-    from companion.observers.recording import command
-
-    return _of_recordings(lambda: command.pack(options.config, options.call, options.last, options.out))
-
-
-def _of_recordings(act: Callable[[], int]) -> int:
-    from companion.observers.recording.command import RecordError
-
-    try:
-        with told(RecordError):
-            return act()
-    except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise UserError(
-            f"{error.filename or 'the disk'}: {why}: you may have to type this with sudo"
-        ) from error

@@ -1,0 +1,77 @@
+"""Runs `companion check --json` in a process that is ended when it takes too long, and tells its rows."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from companion.desk.evidence.parts import Basis, EvidencePart, EvidenceTable, NotKnown, figures
+from companion.desk.evidence.sources import Sources
+from companion.wire.json_values import list_of, mapping_of, text_of
+from companion.wire.packing import clean
+
+LONGEST = 180.0
+"""Seconds. Without a companion that runs, a check may wait 40 s for each connection."""
+_VERDICTS = ("fail", "warn", "skip", "pass")
+
+
+def run_check(file: str, longest: float = LONGEST) -> tuple[list[Mapping[str, str]], str]:
+    """Return the rows of a check with this configuration, and why there are none, "" where there are.
+
+    longest: seconds after which it is ended.
+    """
+    command = [sys.executable, "-m", "companion", "check", "--json", "--config", file]
+    try:
+        running = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        return [], f"companion check cannot be run: {error.strerror}"
+    with running:
+        try:
+            said, _ = running.communicate(timeout=longest)
+        except subprocess.TimeoutExpired:
+            return [], f"companion check did not end within {longest:g} s"
+        finally:
+            if running.poll() is None:
+                os.killpg(running.pid, signal.SIGKILL)
+    rows = [_row(one) for one in list_of(_read(said).get("checks"))]
+    return rows, "" if rows else "companion check said nothing that can be read"
+
+
+def check_part(sources: Sources) -> EvidencePart:
+    """List what the check found."""
+    if not sources.checked:
+        lacking = NotKnown("what companion check finds", sources.no_check, "companion check")
+        return EvidencePart("check", "Check", unknown=(lacking,))
+    counts = Counter(one["verdict"] for one in sources.checked)
+    basis = Basis("companion check", len(sources.checked), sources.now, sources.now)
+    found = figures(basis, ((f"rows: {verdict}", counts[verdict], "") for verdict in _VERDICTS))
+    rows = [(one["verdict"], one["check"], one["text"]) for one in sources.checked]
+    unknown = [
+        NotKnown(f"check: {one['check']}", one["text"], "companion check")
+        for one in sources.checked
+        if one["verdict"] == "skip"
+    ]
+    table = EvidenceTable.of("What companion check says now", ("verdict", "check", "what"), rows)
+    return EvidencePart("check", "Check", found, (table,), tuple(unknown))
+
+
+def _row(raw: Any) -> Mapping[str, str]:
+    told = mapping_of(raw)
+    return {name: clean(text_of(told.get(name))) for name in ("verdict", "check", "text")}
+
+
+def _read(said: bytes) -> Mapping[str, Any]:
+    lines = said.decode(errors="replace").splitlines()
+    try:
+        return mapping_of(json.loads(lines[-1])) if lines else {}
+    except (ValueError, RecursionError):
+        return {}

@@ -1,0 +1,80 @@
+"""Runs `companion evidence`: collects, signs and packs, or checks a file of somebody's."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+
+from companion.config import format_config, load_config, state_folder
+from companion.desk.evidence.collect import evidence, read_sources
+from companion.desk.evidence.package import CONFIG, DATA, PAGE, PackageTooLargeError, write_package
+from companion.desk.evidence.page import page
+from companion.desk.evidence.signature import (
+    NoToolError,
+    SignatureError,
+    allowed_signers,
+    fingerprint,
+    rover_key,
+)
+from companion.desk.evidence.verify import NotEvidenceError, verify
+
+
+class EvidenceError(Exception):
+    """The command cannot be carried out. The text says what to do."""
+
+
+def write(file: str, out: str | None, *, checks: bool = True) -> int:
+    """Write the file. Returns 0. checks: whether `companion check` is run for it.
+
+    Raises EvidenceError, ConfigError, OSError.
+    """
+    now = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    path = Path(out or f"evidence-{now}.zip")
+    if path.exists():
+        raise EvidenceError(f"{path}: is there already: name another one with --out")
+    if not os.access(path.parent, os.W_OK):  # known before what takes minutes
+        raise EvidenceError(f"{path.parent} cannot be written: name another place with --out")
+    try:
+        key = rover_key(state_folder(load_config(file)))
+        signers = allowed_signers(key)
+        mark = fingerprint(signers)
+        sources = read_sources(file, checks=checks)
+        told, parts, unknown = evidence(sources, mark)
+        config = format_config(sources.config)
+        members = {
+            PAGE: page(told, parts, unknown, config).encode("utf-8", "replace"),
+            DATA: json.dumps(told, indent=1, allow_nan=False).encode(),
+            CONFIG: config.encode(),
+        }
+        size = write_package(path, key, signers, mark, members)
+    except FileExistsError:
+        raise EvidenceError(f"{path}: is there already: name another one with --out") from None
+    except (NoToolError, PackageTooLargeError, SignatureError) as error:
+        raise EvidenceError(str(error)) from error
+    count = sum(len(part.figures) for part in parts)
+    print(f"{path}: {count} figures, {size / 1e6:.2f} MB, signed by {mark}")
+    print(f"  {len(unknown)} things are not known: evidence.html in it lists them, with what would tell each")
+    print("  times, modes and the configuration are in it: look through it before you give it to others")
+    return 0
+
+
+def check(path: str) -> int:
+    """Check a file, and say which key signed it. Returns 0, or 1 where it differs. Raises EvidenceError."""
+    try:
+        found = verify(Path(path))
+    except NoToolError as error:
+        raise EvidenceError(str(error)) from error
+    except NotEvidenceError as error:
+        print(f"{path}: NOT as it was signed: {error}")
+        return 1
+    except SignatureError as error:
+        print(f"{path}: NOT signed by a rover's key: {error}")
+        return 1
+    print(f"{path}: nothing has changed since it was signed")
+    print(f"  rover  {found.rover}, {found.made}, as it says itself")
+    print(
+        f"  key    {found.fingerprint}: compare it with that of an earlier file, or with what its owner tells"
+    )
+    return 0

@@ -1,0 +1,123 @@
+"""Shows evidence as a page that opens anywhere, without a network and without scripts. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from typing import Any
+
+from anytraverse.html_page import document
+from companion.desk.evidence.package import PROVES
+from companion.desk.evidence.parts import EvidenceFigure, EvidencePart, EvidenceTable, NotKnown, Value
+
+_STYLE = """
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0; min-width: 100%; }
+th { white-space: nowrap; } caption { text-align: left; font-weight: 600; padding: .4rem 0; }
+td, th { text-align: left; padding: .25rem 1rem .25rem 0; border-bottom: 1px solid var(--line);
+  vertical-align: top; overflow-wrap: break-word; }
+td.n { font-weight: 600; overflow-wrap: anywhere; } .wide { overflow-x: auto; }
+.fail { color: var(--red); font-weight: 600; } .warn { font-weight: 600; }
+code, pre { overflow-wrap: anywhere; }
+pre { white-space: pre-wrap; border: 1px solid var(--line); padding: .6rem; }
+summary { min-height: 2.75rem; padding: .6rem 0; cursor: pointer; }
+nav a { display: inline-block; padding: .6rem 1rem .6rem 0; }
+@media (max-width: 40rem) {
+  table.figures, .figures tbody, .figures tr, .figures td { display: block; }
+  .figures thead { display: none; } .figures tr { border-bottom: 1px solid var(--line); padding: .4rem 0; }
+  .figures td { border: 0; padding: 0; }
+}
+"""
+_NOT_KNOWN = "unknown"
+
+
+def page(
+    told: Mapping[str, Any], parts: Sequence[EvidencePart], unknown: Sequence[NotKnown], config: str
+) -> str:
+    """Return the page. told: the document for a program. config: without secrets."""
+    title = f"Evidence of a rover, {told['rover']}"
+    named = [(part.key, part.title) for part in parts]
+    links = " ".join(
+        f'<a href="#{key}">{escape(name)}</a>'
+        for key, name in (*named, (_NOT_KNOWN, "What is not known"), ("config", "Configuration"))
+    )
+    recorded = told["recordings"]
+    span = f", from {recorded['from']} to {recorded['to']}" if recorded["from"] else ""
+    head = [
+        f"<h1>{escape(title)}</h1>",
+        f"<p>Made {escape(str(told['made_at']))} of {recorded['files']} recordings{escape(span)}. "
+        f"Signed by the key <code>{escape(told['key'])}</code>.</p>",
+        f"<p>{escape(PROVES)} README.txt has the commands that check it.</p>",
+        "<p>Every figure says where it was read, over how many samples, and from when to when, in UTC. "
+        f'<a href="#{_NOT_KNOWN}">What is not known</a> is listed with what would tell it. '
+        "What this software did in simulations is in docs/risks.md of the project.</p>",
+        f"<nav>{links}</nav>",
+    ]
+    body = [line for part in parts for line in _part(part)]
+    lacking = _table(
+        "", ("what", "why", "what would tell it"), [(one.what, one.why, one.command) for one in unknown]
+    )
+    tail = [
+        f'<h2 id="{_NOT_KNOWN}">What is not known</h2>',
+        lacking if unknown else "<p>Nothing that is asked for here.</p>",
+        '<h2 id="config">Configuration</h2>',
+        f"<details><summary>without passwords and tokens</summary><pre>{escape(config)}</pre></details>",
+    ]
+    return document(title, _STYLE, [*head, *body, *tail])
+
+
+def _part(part: EvidencePart) -> Iterator[str]:
+    yield f'<h2 id="{part.key}">{escape(part.title)}</h2>'
+    if part.figures:
+        rows = "".join(map(_figure, part.figures))
+        head = "<thead><tr><th>what</th><th>figure</th><th>on what it rests</th></tr></thead>"
+        yield f'<table class="figures">{head}<tbody>{rows}</tbody></table>'
+    elif not part.tables:
+        yield "<p>Nothing is known.</p>"
+    for table in part.tables:
+        yield _of(table)
+    if part.note:
+        yield f'<p class="faint">{escape(part.note)}</p>'
+
+
+def _figure(one: EvidenceFigure) -> str:
+    basis = one.document()
+    span = " to ".join(dict.fromkeys(filter(None, (basis["from"], basis["to"]))))
+    samples = "" if one.basis.samples is None else f"{one.basis.samples} samples"
+    rests = ", ".join(filter(None, (one.basis.source, samples, span)))
+    figure = f"{_cell(one.value)} {one.unit}".strip()
+    return (
+        f'<tr><td>{escape(one.name)}</td><td class="n">{escape(figure)}</td>'
+        f'<td class="faint">{escape(rests)}</td></tr>'
+    )
+
+
+def _of(table: EvidenceTable) -> str:
+    more = (
+        f" (the last {len(table.rows)}; {table.left_out} earlier ones are left out)" if table.left_out else ""
+    )
+    return _table(f"{table.title}{more}", table.columns, table.rows)
+
+
+def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Value | None]]) -> str:
+    caption = f"<caption>{escape(title)}</caption>" if title else ""
+    head = "".join(f"<th>{escape(one)}</th>" for one in columns)
+    body = "".join(f"<tr>{''.join(map(_td, row))}</tr>" for row in rows)
+    return (
+        f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
+
+
+def _td(value: Value | None) -> str:
+    kind = f' class="{value}"' if value in ("fail", "warn") else ""
+    return f"<td{kind}>{escape(_cell(value))}</td>"
+
+
+def _cell(value: Value | None) -> str:
+    match value:
+        case None:
+            return ""
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+    return str(value)

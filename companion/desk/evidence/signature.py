@@ -1,0 +1,129 @@
+"""Signs with the rover's own key, and checks a signature, by OpenSSH's ssh-keygen."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import contextlib
+import os
+import re
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+KEY = "evidence_key"
+"""The rover's private key, in its data folder."""
+NAMESPACE = "anytraverse-evidence"
+SIGNER = "rover"
+"""The name in `allowed_signers` that the key stands for."""
+_SIGNERS = re.compile(rf'{SIGNER} namespaces="{NAMESPACE}" ssh-ed25519 [A-Za-z0-9+/]{{68}}\n', re.ASCII)
+_FINGERPRINT = re.compile(r"key (SHA256:[A-Za-z0-9+/]{43})", re.ASCII)
+_BEGIN, _END = b"-----BEGIN SSH SIGNATURE-----", b"-----END SSH SIGNATURE-----"
+_COLUMNS = 70
+_PATIENCE = 20.0
+_INSTALL = "ssh-keygen is not installed: sudo apt install openssh-client"
+
+
+class SignatureError(Exception):
+    """Nothing can be signed, or a signature is not good. The text says what to do."""
+
+
+class NoToolError(Exception):
+    """OpenSSH is not installed. The text says what to install."""
+
+
+def rover_key(folder: Path) -> Path:
+    """Return the rover's private key; makes it, readable by its owner alone, where there is none.
+
+    folder: the companion's state. Raises SignatureError, OSError.
+    """
+    path = folder / KEY
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{KEY}-", dir=folder) as made:
+            new = Path(made, "key")
+            _run("-q", "-t", "ed25519", "-N", "", "-C", NAMESPACE, "-f", str(new))
+            with contextlib.suppress(FileExistsError):  # another command was faster
+                os.link(new, path)
+    with path.open("rb"):  # who may not read it is told so, and not to move it away
+        return path
+
+
+def allowed_signers(key: Path) -> str:
+    """Return the public key as a line for `ssh-keygen -Y verify`. Raises SignatureError."""
+    told = _run("-y", "-P", "", "-f", str(key), what=f"{key} cannot be used: move it away, to have a new one")
+    words = told.decode(errors="replace").split()
+    line = f'{SIGNER} namespaces="{NAMESPACE}" {" ".join(words[:2])}\n'
+    if not _SIGNERS.fullmatch(line):
+        raise SignatureError(f"{key} is no ed25519 key: move it away, to have a new one")
+    return line
+
+
+def sign(key: Path, content: bytes) -> bytes:
+    """Return the signature of some bytes, armoured. Raises SignatureError."""
+    return _run("-Y", "sign", "-f", str(key), "-n", NAMESPACE, content=content)
+
+
+def check(signers: bytes, signature: bytes, content: bytes) -> str:
+    """Check that content was signed by the key in `signers`; return the key's fingerprint.
+
+    signers: as of `allowed_signers`. Raises SignatureError for a signature that is not good, or that is
+    written otherwise than ssh-keygen writes one.
+    """
+    if not _SIGNERS.fullmatch(signers.decode("ascii", "replace")):
+        raise SignatureError("allowed_signers is not one ed25519 key of a rover")
+    if not _is_armoured(signature):
+        raise SignatureError("the signature is damaged")
+    with tempfile.TemporaryDirectory(prefix="companion-") as folder:
+        paths = Path(folder, "signers"), Path(folder, "signature")
+        for path, written in zip(paths, (signers, signature), strict=True):
+            path.write_bytes(written)
+        asked = ("-f", str(paths[0]), "-I", SIGNER, "-n", NAMESPACE, "-s", str(paths[1]))
+        told = _run("-Y", "verify", *asked, content=content, what="the signature is not good")
+    found = _FINGERPRINT.search(told.decode(errors="replace"))
+    if found is None:
+        raise SignatureError("ssh-keygen does not name the key: install a newer openssh-client")
+    return found[1]
+
+
+def fingerprint(signers: str) -> str:
+    """Return the fingerprint of the key in `signers`, as ssh-keygen prints it. Raises SignatureError."""
+    told = _run("-l", "-f", "-", content=f"{signers.split(' ', 2)[2]}".encode()).decode(errors="replace")
+    return next((word for word in told.split() if word.startswith("SHA256:")), "")
+
+
+def _is_armoured(signature: bytes) -> bool:
+    """Whether this is one signature as ssh-keygen writes it: no byte may change unnoticed."""
+    lines = signature.split(b"\n")
+    try:
+        blob = base64.b64decode(b"".join(lines[1:-2]), validate=True)
+    except binascii.Error:
+        return False
+    text = base64.b64encode(blob)
+    rows = [text[place : place + _COLUMNS] for place in range(0, len(text), _COLUMNS)]
+    return lines == [_BEGIN, *rows, _END, b""]
+
+
+def _run(*asked: str, content: bytes = b"", what: str = "ssh-keygen failed") -> bytes:
+    """Run ssh-keygen, and return what it says. what: begins the error. Raises SignatureError."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("SSH_")}
+    command: Sequence[str] = ("ssh-keygen", *asked)
+    try:
+        done = subprocess.run(
+            command,
+            input=content,
+            capture_output=True,
+            timeout=_PATIENCE,
+            check=False,
+            env={**environment, "LC_ALL": "C"},
+            start_new_session=True,  # it can ask for a passphrase nowhere
+        )
+    except FileNotFoundError:
+        raise NoToolError(_INSTALL) from None
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise SignatureError(f"{what}: {error}") from error
+    if done.returncode:
+        said = " ".join(done.stderr.decode(errors="replace").split())[:200]
+        raise SignatureError(f"{what}{f' ({said})' if said else ''}")
+    return done.stdout

@@ -1,0 +1,50 @@
+"""Holds all that evidence is made from: what is stored, and what was read now. Each part takes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from companion.config import Config
+from companion.desk.evidence.drives import DrivenFacts
+from companion.desk.evidence.log import LogFacts
+from companion.wire.call_report import CallReport
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What evidence is made from.
+
+    file: the configuration's, of `config`. folder: the companion's state. now: seconds since 1970.
+    age, status: of status.json: seconds since it was written, None without one, and its content.
+    running: whether a companion runs with this folder now.
+    driven: what the recordings tell. logged: what the log tells. journal: closed calls with their answers,
+    None where the journal could not be read: `no_journal` says why. checked: rows of `companion check`;
+    `no_check` says why there are none.
+    """
+
+    config: Config
+    file: str
+    folder: Path
+    now: float
+    age: float | None = None
+    status: Mapping[str, Any] = field(default_factory=dict)
+    running: bool = False
+    journal: Sequence[CallReport] | None = None
+    no_journal: str = ""
+    driven: DrivenFacts = field(default_factory=DrivenFacts)
+    logged: LogFacts = field(default_factory=LogFacts)
+    checked: Sequence[Mapping[str, str]] = ()
+    no_check: str = ""
+
+    @property
+    def written(self) -> float | None:
+        """When the status was written, seconds since 1970."""
+        return None if self.age is None else self.now - self.age
+
+    def told(self, name: str) -> Mapping[str, Any]:
+        """Return a table of the status, {} where it has none."""
+        found = self.status.get(name)
+        return found if isinstance(found, Mapping) else {}

@@ -1,0 +1,51 @@
+"""Evidence of a companion that runs in processes of its own, while it runs and after it was killed."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mcap")
+
+from anytraverse.perception import KINDS
+from companion.cli import main
+from tests.companion.desk.evidence.test_evidence_command import figure
+from tests.companion.observers.recording.test_beside_a_daemon import PAINTED
+from tests.companion.processes import Companion
+
+pytestmark = pytest.mark.slow
+
+
+def packed(companion: Companion, out: Path) -> dict[str, Any]:
+    assert main(["evidence", "--no-check", str(companion.config), "--out", str(out)]) == 0
+    assert main(["evidence", "--verify", str(out)]) == 0
+    with zipfile.ZipFile(out) as found:
+        told = json.loads(found.read("evidence.json"))
+    assert isinstance(told, dict)
+    return told
+
+
+def test_it_reads_what_runs_and_disturbs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(KINDS, "painted", PAINTED)
+    (tmp_path / "rover").mkdir()
+    with closing(Companion(tmp_path / "rover", recorded="20")) as companion:
+        companion.until(lambda: companion.told().get("current_id"))
+        companion.until(lambda: companion.told().get("recording", {}).get("written", 0) > 100)
+        frames = companion.told()["frames"]
+        told = packed(companion, tmp_path / "running.zip")
+        assert figure(told, "versions", "model") == "painted"
+        assert told["recordings"]["files"] >= 1
+        companion.until(lambda: companion.told()["frames"] > frames + 5)
+        assert companion.told()["vision"]["restarts"] == 0
+        companion.process.kill()
+        companion.process.wait()
+        told = packed(companion, tmp_path / "killed.zip")
+        assert (
+            figure(told, "faults", "ends without being told to stop: killed, crashed, or without power") == 1
+        )
+        assert figure(told, "faults", "starts of the companion") == 1

@@ -1,0 +1,231 @@
+"""`companion evidence` as it is typed: what is in the file, and what is typed to check it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.cli import main
+from companion.desk.evidence.package import LARGEST, README, SIGNED, SIGNERS, SUMS
+from companion.desk.evidence.signature import KEY
+from tests.companion.desk.evidence.driven import ANSWERED_AFTER, SECRETS, SILENT_FOR, configured
+
+
+def typed(capsys: pytest.CaptureFixture[str], *words: str | Path) -> tuple[int, str]:
+    code = main([*map(str, words)])
+    return code, "".join(capsys.readouterr())
+
+
+def document(path: Path) -> dict[str, Any]:
+    with zipfile.ZipFile(path) as packed:
+        told = json.loads(packed.read("evidence.json"))
+    assert isinstance(told, dict)
+    return told
+
+
+def figure(told: dict[str, Any], part: str, name: str) -> Any:
+    (found,) = [one for one in told["parts"][part]["figures"] if one["name"] == name]
+    return found["value"]
+
+
+def row(told: dict[str, Any], part: str, table: str, first: str) -> dict[str, Any]:
+    (found,) = [one for one in told["parts"][part]["tables"] if one["title"] == table]
+    (rows,) = [one for one in found["rows"] if first in one.values()]
+    assert isinstance(rows, dict)
+    return rows
+
+
+def test_a_drive_becomes_figures_with_their_samples_and_times(package: Path) -> None:
+    told = document(package)
+    assert told["evidence"] == 1
+    assert told["rover"] == "system 1"
+    assert figure(told, "calls", "calls") == figure(told, "calls", "calls answered") == 1
+    assert figure(told, "calls", "from call to first answer, median") == pytest.approx(
+        ANSWERED_AFTER, abs=0.3
+    )
+    assert figure(told, "calls", "closed: answered") == 1
+    assert figure(told, "calls", "holds") >= 2, "of the call and of the fault"
+    assert figure(told, "calls", "of these, a mode of ours within 2 s") == 0
+    assert figure(told, "camera", "times that it was lost") == 1
+    assert figure(told, "camera", "source") == "rtsp://camera.local/..."
+    assert figure(told, "link", "autopilot") == "system 1, ArduPilot"
+    for part in told["parts"].values():
+        for one in part["figures"]:
+            assert one["source"]
+            assert one["samples"] is None or one["from"] is None or one["from"] <= one["to"]
+    counted = [one["samples"] for one in told["parts"]["camera"]["figures"] if one["source"] == "recordings"]
+    assert min(counted) > 20
+
+
+def test_a_lost_camera_is_told_with_the_bounds_of_its_absence_and_the_faults_limit(package: Path) -> None:
+    told = document(package)
+    (table,) = [one for one in told["parts"]["camera"]["tables"] if one["title"] == "Camera lost"]
+    (lost,) = table["rows"]
+    assert lost["back after, s, at least"] <= SILENT_FOR <= lost["at most"] + 0.2
+    assert lost["at most"] - lost["back after, s, at least"] <= 2.5
+    seen = row(told, "faults", "Kinds of faults", "no pictures from the camera")
+    assert seen["seen"] == 1
+    assert 1.0 <= seen["noticed, at most, s"] <= seen["limit, s"] == 2.0
+    assert SILENT_FOR - 2.0 <= seen["stood, at most, s"] <= SILENT_FOR + 1.0
+    assert row(told, "faults", "Kinds of faults", "camera frozen")["seen"] == "never"
+
+
+def test_what_is_not_known_names_what_would_tell_it(package: Path) -> None:
+    told = document(package)
+    lacking = {one["what"]: one for one in told["unknown"]}
+    assert lacking["how far it rolls after HOLD"]["command"] == "companion check --measure"
+    assert lacking["where a thing before the rover is noticed"]["command"] == "companion check --zone"
+    assert "metres" not in lacking["calls and operator's seconds per kilometre"]
+    assert "are needed" in lacking["calls and operator's seconds per kilometre"]["why"]
+    assert lacking["what companion check finds"]["why"] == "it was left out by --no-check"
+    assert all(one["why"] and one["command"] for one in told["unknown"])
+
+
+def test_no_secret_of_the_configuration_is_in_any_member(package: Path) -> None:
+    with zipfile.ZipFile(package) as packed:
+        content = b"".join(packed.read(name) for name in packed.namelist()) + package.read_bytes()
+    assert [secret for secret in SECRETS if secret.encode() in content] == []
+    assert b"camera.local" in content
+
+
+def test_the_commands_of_the_readme_check_it(package: Path, tmp_path: Path) -> None:
+    copy = shutil.copy(package, tmp_path)
+    with zipfile.ZipFile(package) as packed:
+        readme = packed.read(README).decode()
+    lines = [line.strip() for line in readme.splitlines() if line.startswith("  ")]
+    commands = [line for line in lines if line.startswith(("sha256sum", "ssh-keygen"))]
+    assert len(commands) == 2
+    with zipfile.ZipFile(copy) as packed:
+        packed.extractall(tmp_path)
+    for command in commands:
+        done = subprocess.run(
+            ["sh", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    assert 'Good "anytraverse-evidence" signature for rover' in done.stdout
+    mark = re.search(r"fingerprint: (SHA256:\S+)", readme)
+    assert mark is not None
+    assert mark[1] in done.stdout
+    (tmp_path / "evidence.json").write_text("{}")
+    changed = subprocess.run(["sh", "-c", commands[0]], cwd=tmp_path, capture_output=True, check=False)
+    assert changed.returncode != 0
+
+
+def test_verify_says_rover_time_and_key(package: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = typed(capsys, "evidence", "--verify", package)
+    told = document(package)
+    assert code == 0
+    assert f"rover  system 1, {told['made_at']}" in said
+    assert told["key"] in said
+
+
+def test_two_files_of_a_rover_have_one_key_which_its_owner_alone_reads(
+    driven: Path, package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "second.zip"
+    assert typed(capsys, "evidence", "--no-check", "--config", driven, "--out", out)[0] == 0
+    assert document(out)["key"] == document(package)["key"]
+    key = driven.parent / "state" / KEY
+    assert key.stat().st_mode & 0o777 == 0o600
+    assert not list(key.parent.glob(f".{KEY}-*"))
+    assert b"PRIVATE" not in out.read_bytes()
+
+
+def test_with_an_empty_data_folder_everything_is_unknown_and_it_is_signed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, out = configured(tmp_path), tmp_path / "it.zip"
+    code, said = typed(capsys, "evidence", "--no-check", config, "--out", out)
+    assert code == 0, said
+    told = document(out)
+    lacking = {one["what"] for one in told["unknown"]}
+    assert {
+        "how the companion does",
+        "which faults were seen",
+        "which autopilot was heard",
+        "calls in the journal",
+        "the light in which it drove",
+        "how far it rolls after HOLD",
+        "where a thing before the rover is noticed",
+        "the model that judged",
+    } <= lacking
+    assert figure(told, "computer", "cores") >= 1
+    assert typed(capsys, "evidence", "--verify", out)[0] == 0
+    assert out.stat().st_size < LARGEST
+
+
+def test_the_page_opens_without_a_network_and_without_scripts(package: Path) -> None:
+    with zipfile.ZipFile(package) as packed:
+        page = packed.read("evidence.html").decode()
+    assert "<script" not in page
+    assert all(link.startswith("#") for link in re.findall(r'(?:src|href)="([^"]*)"', page))
+    assert "://" not in page.replace("rtsp://", "")
+    assert "It does not prove that what they say is true." in page
+    for part in document(package)["parts"]:
+        assert f'<a href="#{part}">' in page
+        assert f'<h2 id="{part}">' in page
+
+
+def test_a_file_that_is_there_is_not_overwritten(
+    driven: Path, package: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = package.read_bytes()
+    code, said = typed(capsys, "evidence", "--no-check", driven, "--out", package)
+    assert (code, "is there already: name another one with --out" in said) == (2, True)
+    assert package.read_bytes() == before
+
+
+def test_without_openssh_it_says_what_to_install(
+    driven: Path,
+    package: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    out = tmp_path / "none.zip"
+    for words in (("--no-check", "--config", str(driven), "--out", str(out)), ("--verify", str(package))):
+        code, said = typed(capsys, "evidence", *words)
+        assert (code, "sudo apt install openssh-client" in said) == (2, True), said
+    assert not out.exists()
+
+
+def test_a_key_that_is_none_is_told_and_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = configured(tmp_path)
+    key = tmp_path / "state" / KEY
+    key.parent.mkdir()
+    key.write_text("rubbish")
+    key.chmod(0o600)
+    code, said = typed(capsys, "evidence", "--no-check", config, "--out", tmp_path / "it.zip")
+    assert (code, "cannot be used: move it away" in said) == (2, True)
+    assert key.read_text() == "rubbish"
+    key.unlink()
+    subprocess.run(["ssh-keygen", "-q", "-t", "ecdsa", "-N", "", "-f", str(key)], check=True)
+    code, said = typed(capsys, "evidence", "--no-check", config, "--out", tmp_path / "it.zip")
+    assert (code, "is no ed25519 key" in said) == (2, True)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_who_may_not_read_the_key_is_told_of_sudo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config, out = configured(tmp_path), tmp_path / "it.zip"
+    assert typed(capsys, "evidence", "--no-check", config, "--out", out)[0] == 0
+    (tmp_path / "state" / KEY).chmod(0)
+    code, said = typed(capsys, "evidence", "--no-check", config, "--out", tmp_path / "other.zip")
+    assert (code, "you may have to type this with sudo" in said) == (2, True)
+
+
+def test_the_sums_list_all_but_themselves(package: Path) -> None:
+    with zipfile.ZipFile(package) as packed:
+        names = set(packed.namelist())
+        listed = {line.split("  ")[1] for line in packed.read(SUMS).decode().splitlines()}
+        assert packed.read(SIGNERS).startswith(b'rover namespaces="anytraverse-evidence" ssh-ed25519 ')
+    assert listed == set(SIGNED)
+    assert names == listed | {SUMS, f"{SUMS}.sig"}

@@ -1,0 +1,437 @@
+"""What each part of evidence is made of: each is a pure function of what is stored."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.faults.table import ROWS
+from companion.config import Config
+from companion.config.schema import JournalSection
+from companion.desk.check.stop_file import read_stops, write_stops
+from companion.desk.check.zone_file import Zone, ZoneArc, ZoneLook, ZoneMark, write_zone
+from companion.desk.evidence.calls import call_times, calls_part
+from companion.desk.evidence.camera import camera_losses, camera_part
+from companion.desk.evidence.checked import check_part, run_check
+from companion.desk.evidence.collect import evidence, read_sources
+from companion.desk.evidence.computer import computer_part
+from companion.desk.evidence.drives import (
+    AnswerSample,
+    CameraSample,
+    DecisionSample,
+    DrivenFacts,
+    ModeSample,
+    read_drives,
+)
+from companion.desk.evidence.faults import FAULTS, faults_part
+from companion.desk.evidence.link import link_part
+from companion.desk.evidence.log import read_log
+from companion.desk.evidence.page import page
+from companion.desk.evidence.parts import (
+    MOST_ROWS,
+    Basis,
+    EvidenceFigure,
+    EvidencePart,
+    EvidenceTable,
+    NotKnown,
+    share,
+    utc,
+)
+from companion.desk.evidence.sources import Sources
+from companion.desk.evidence.stopping import stopping_part
+from companion.desk.evidence.versions import versions_part
+from companion.desk.evidence.zone import zone_part
+from companion.storage.log_file import FOLDER as LOGS
+from companion.storage.log_file import NAME as LOG
+from companion.vehicle.brakes import Measured
+
+DOCS = Path(__file__).parents[4] / "docs"
+NOON = 1_790_000_000.0
+
+
+def sources(folder: Path, **more: Any) -> Sources:
+    config = replace(Config(), journal=JournalSection(folder=str(folder)))
+    return Sources(config, "companion.toml", folder, NOON, **more)
+
+
+def figures(part: EvidencePart) -> dict[str, Any]:
+    return {one.name: one.value for one in part.figures}
+
+
+@given(
+    st.lists(st.tuples(st.floats(3, 30), st.floats(0.3, 20)), max_size=5),
+    st.floats(0, 0.99),
+    st.floats(0.8, 1.2),
+)
+def test_the_bounds_of_a_loss_contain_its_length(
+    spans: list[tuple[float, float]], phase: float, period: float
+) -> None:
+    """spans: seconds with pictures and without, in turn. Losses between two samples are not seen."""
+    lost, at = [], 0.0
+    for here, gone in spans:
+        lost.append((at + here, at + here + gone))
+        at += here + gone
+    end = at + 3.0
+    times = [phase + number * period for number in range(int((end - phase) / period))]
+    samples = [
+        CameraSample(
+            one,
+            7,
+            "failed" if any(begin <= one < over for begin, over in lost) else "delivering",
+            10.0,
+            (640, 480),
+        )
+        for one in times
+    ]
+    for found in camera_losses(samples):
+        if found.most is None:
+            continue
+        (length,) = [over - begin for begin, over in lost if found.at <= begin <= found.at + period + 1e-9][
+            :1
+        ]
+        assert found.least is not None
+        assert found.least - 1e-6 <= length <= found.most + 1e-6
+        assert found.most - found.least <= 2.0 * period + 1e-6
+    seen = sum(any(begin <= one < over for one in times[1:]) for begin, over in lost)
+    assert len(camera_losses(samples)) >= seen - sum(begin < phase + period for begin, _ in lost)
+
+
+def test_a_loss_that_a_restart_cuts_off_has_no_end() -> None:
+    samples = [
+        CameraSample(1.0, 7, "delivering", None, (0, 0)),
+        CameraSample(2.0, 7, "failed", None, (0, 0)),
+        CameraSample(3.0, 8, "delivering", None, (0, 0)),
+        CameraSample(4.0, 8, "failed", None, (0, 0)),
+        CameraSample(60.0, 8, "delivering", None, (0, 0)),
+    ]
+    assert camera_losses(samples) == [(1.0, None, None), (3.0, None, None)]
+
+
+def logged(folder: Path, *lines: tuple[float, str], name: str = LOG) -> None:
+    (folder / LOGS).mkdir(parents=True, exist_ok=True)
+    text = ""
+    for at, line in lines:
+        stamp = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(at))
+        text += f"{stamp},{round(at % 1 * 1000):03d} WARNING companion.daemon.health: {line}\n"
+    (folder / LOGS / name).write_text(text)
+
+
+def table(part: EvidencePart, title: str) -> list[dict[str, Any]]:
+    (found,) = [one.document() for one in part.tables if one.title == title]
+    return list(found["rows"])
+
+
+def test_the_log_alone_tells_each_fault_and_how_long_it_stood(tmp_path: Path) -> None:
+    logged(tmp_path, (NOON, "ready: policy hold"), (NOON + 1, "fault: camera frozen"), name=f"{LOG}.1")
+    logged(
+        tmp_path,
+        (NOON + 9.5, "the fault is over"),
+        (NOON + 20, "fault: camera silent: no good frame for 5 s: check cable"),
+        (NOON + 21, "fault: autopilot silent: check its power"),
+        (NOON + 24, "the autopilot is heard again"),
+        (NOON + 30, "link lost: gone"),
+        (NOON + 33, "link is back"),
+        (NOON + 40, "the companion was stalled for 1.2 s: check the load"),
+        (NOON + 41, "fault: something new"),
+        (NOON + 50, "ready: policy hold"),
+    )
+    part = faults_part(sources(tmp_path, logged=read_log(tmp_path)))
+    kinds = {one["fault"]: one for one in table(part, "Kinds of faults")}
+    assert kinds["camera frozen"]["seen"] == 1
+    assert kinds["camera frozen"]["stood, at most, s"] == pytest.approx(6.5)
+    assert kinds["camera frozen"]["noticed, at most, s"] is None, "nothing is recorded"
+    assert kinds["no pictures from the camera"]["seen"] == 1
+    assert kinds["no pictures from the camera"]["stood, at most, s"] is None, "it stood as it ended"
+    assert kinds["autopilot silent"]["stood, at most, s"] == pytest.approx(3.0)
+    assert kinds["link lost"]["stood, at most, s"] == pytest.approx(3.0)
+    assert kinds["main loop stopped"]["seen"] == 1
+    assert kinds["vision hangs"]["seen"] == "never"
+    told = figures(part)
+    assert told["faults of other kinds"] == 0, "the third began while one stood"
+    assert told["starts of the companion"] == 2
+    assert told["ends without being told to stop: killed, crashed, or without power"] == 2
+
+
+def test_a_fault_is_noticed_after_the_last_good_frame_since_the_start(tmp_path: Path) -> None:
+    logged(tmp_path, (NOON, "ready: policy hold"), (NOON + 10.9, "fault: camera silent: gone"))
+    driven = DrivenFacts(files=1)
+    for at, faulty in ((NOON - 5, False), (NOON + 9.6, False), (NOON + 9.9, True)):
+        driven.judged.append(at)
+        driven.ages.append(0.1)
+        driven.faulty.append(faulty)
+    read = read_log(tmp_path)
+    part = faults_part(sources(tmp_path, logged=read, driven=driven))
+    (row,) = table(part, "Each fault")
+    assert row["noticed, s"] == pytest.approx(1.3, abs=0.01)
+    early = replace(read, starts=(NOON + 10.0,))
+    (row,) = table(faults_part(sources(tmp_path, logged=early, driven=driven)), "Each fault")
+    assert row["noticed, s"] is None
+
+
+def test_a_log_of_rubbish_tells_nothing(tmp_path: Path) -> None:
+    (tmp_path / LOGS).mkdir()
+    (tmp_path / LOGS / LOG).write_bytes(
+        bytes(range(256)) * 50 + b"\n2026-99-99 99:99:99,999 ERROR a: fault: x\n"
+    )
+    read = read_log(tmp_path)
+    assert (read.lines, read.faults) == ((), ())
+    assert faults_part(sources(tmp_path, logged=read)).unknown[0].what == "which faults were seen"
+
+
+def test_the_faults_are_rows_of_the_page_with_its_limits() -> None:
+    page_text = (DOCS / "faults.md").read_text()
+    rows = {row.fault: row for row in ROWS}
+    for kind in FAULTS:
+        for name in kind.rows:
+            assert f"| {name} |" in page_text
+            if name in rows and kind.noticed is not None:
+                assert (rows[name].hold_within or 0.0) <= kind.noticed, name
+            if name in rows and kind.back is not None:
+                assert (rows[name].return_within or 0.0) <= kind.back, name
+        limits = [rows[name].hold_within for name in kind.rows if name in rows]
+        assert kind.noticed is None or kind.noticed in limits, kind.name
+        limits = [rows[name].return_within for name in kind.rows if name in rows]
+        assert kind.back is None or kind.back in limits, kind.name
+
+
+def decided(at: float, what: str, number: int = 0, **more: Any) -> DecisionSample:
+    return DecisionSample(NOON + at, what, number, {"decision": what, "id": number, **more})
+
+
+def test_operators_seconds_are_those_to_the_first_answer_that_counts(tmp_path: Path) -> None:
+    driven = DrivenFacts(files=3, begin=NOON, end=NOON + 100, metres=500.0)
+    driven.decisions += [
+        decided(0, "call opened", 7),
+        decided(20, "call closed", 7),
+        decided(30, "call opened", 8),
+        decided(40, "call closed", 8),
+    ]
+    driven.answers += [
+        AnswerSample(NOON + 2, 7, "refused"),
+        AnswerSample(NOON + 5, 7, "not_covered"),
+        AnswerSample(NOON + 9, 7, "applied"),
+        AnswerSample(NOON + 41, 8, "applied"),
+    ]
+    assert [one.first for one in call_times(driven)] == [5.0, None]
+    told = figures(calls_part(sources(tmp_path, driven=driven)))
+    assert told["calls per km"] == 4.0
+    assert told["operator's seconds per km"] == 10.0
+    assert told["calls answered"] == 1
+
+
+def test_a_takeover_and_a_mode_of_ours_after_it_are_told(tmp_path: Path) -> None:
+    driven = DrivenFacts(files=1, begin=NOON, end=NOON + 100)
+    driven.decisions += [
+        decided(0, "set mode", 7, mode=4),
+        decided(0, "hold started", 7),
+        decided(0.4, "hold moved", 7, event="confirmed"),
+        decided(5, "hold moved", 7, event="taken_over"),
+        decided(6, "set mode", 8, mode=4),
+        decided(30, "hold moved", 8, event="taken_over"),
+    ]
+    driven.modes += [
+        ModeSample(NOON - 1, 10, armed=True),
+        ModeSample(NOON + 0.3, 4, armed=True),
+        ModeSample(NOON + 5, 0, armed=True),
+        ModeSample(NOON + 6.2, 4, armed=True),
+        ModeSample(NOON + 30, 0, armed=True),
+        ModeSample(NOON + 31, 0, armed=False),
+    ]
+    told = figures(calls_part(sources(tmp_path, driven=driven)))
+    assert told["holds that a human's mode ended"] == 2
+    assert told["of these, a mode of ours within 2 s"] == 1
+    assert told["changes of mode that the companion had not commanded"] == 2
+    assert told["from order to hold until the autopilot shows it, longest"] == pytest.approx(0.4)
+
+
+def test_heartbeats_that_did_not_come_are_told(tmp_path: Path) -> None:
+    driven = DrivenFacts(files=1, vehicles={(1, 3, 10), (2, 99, 1)}, senders={(255, 190)})
+    driven.heard.extend([10.0, 11.0, 12.0, 16.0, 1.0, 2.0])
+    told = link_part(sources(tmp_path, driven=driven))
+    gaps = [one for one in told.figures if one.name == "between two heartbeats of the autopilot, longest"]
+    assert (gaps[0].value, gaps[0].basis.samples) == (4.0, 4)
+    names = [one.value for one in told.figures if one.name == "autopilot"]
+    assert names == ["system 1, ArduPilot", "system 2, MAV_AUTOPILOT 99, MAV_TYPE 1"]
+    assert figures(told)["who sent answers and settings"] == "255/190"
+
+
+def test_counts_of_the_link_are_those_of_all_runs(tmp_path: Path) -> None:
+    def said(lost: int, sent: Any) -> dict[str, Any]:
+        return {"pid": 9, "link": {"lost": lost, "sent": sent, "rejected": {"sender": 1}}}
+
+    driven = DrivenFacts(files=1, statuses={8: (NOON, said(2, {"asked": 100})), 9: (NOON, said(1, "x"))})
+    told = link_part(sources(tmp_path, driven=driven, age=5.0, status=said(4, {"asked": 11, "own": "y"})))
+    assert figures(told)["frames that waited too long, or found the queue full"] == 6
+    assert table(told, "Sent by budget") == [
+        {"budget": "asked", "bytes": 111},
+        {"budget": "own", "bytes": 0},
+    ]
+    assert table(told, "Requests refused") == [{"why": "sender", "times": 2}]
+
+
+def test_stops_are_stored_read_and_fitted(tmp_path: Path) -> None:
+    path = write_stops(tmp_path, [("HOLD", [Measured(0.5, 1.0), Measured(1.5, 3.9)]), ("GUIDED", [])], NOON)
+    (path.parent / "20260101T000000Z.json").write_text("{}")
+    (path.parent / "20260102T000000Z.json").write_text("rubbish")
+    found, unread = read_stops(tmp_path)
+    assert [(one.at, one.mode, len(one.stops)) for one in found] == [(NOON, "HOLD", 2)]
+    assert [name for name, _ in unread] == ["20260101T000000Z.json", "20260102T000000Z.json"]
+    part = stopping_part(sources(tmp_path))
+    told = figures(part)
+    assert told["slowest stop measured by HOLD"] == 0.5
+    assert told["time constant fitted, HOLD"] > 0.0
+    assert len(part.unknown) == 2
+    assert table(part, f"Stops by HOLD, {utc(NOON)}")[1] == {"speed, m/s": 1.5, "way to standstill, m": 3.9}
+
+
+@given(st.binary(max_size=200))
+def test_a_file_of_stops_may_hold_anything(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    folder = tmp_path_factory.mktemp("stops")
+    (folder / "stops").mkdir()
+    (folder / "stops" / "20260101T000000Z.json").write_bytes(content)
+    found, unread = read_stops(folder)
+    assert len(unread) + len(found) <= 1
+
+
+def test_a_measured_zone_is_told_with_its_marks(tmp_path: Path) -> None:
+    look: dict[str, Any] = {"frames": 10, "at": "20261127T234500Z"}
+    marks = (
+        ZoneMark(
+            **look,
+            noticed_frames=10,
+            line="middle",
+            bearing_deg=0,
+            distance_m=1,
+            noticed=True,
+            in_picture=True,
+        ),
+        ZoneMark(**look, noticed_frames=1, line="middle", bearing_deg=0, distance_m=2, noticed=False),
+    )
+    zone = Zone(
+        at="20261127T234500Z",
+        program="0.1.0",
+        identity="abc",
+        model="builtin",
+        words={"grass": 1.0},
+        thresholds={"roi": 0.3},
+        region={"near": 0.3},
+        mount={"height": 0.5},
+        stop={"speed": 1.0, "needs": 1.5},
+        thing="a crate <b>",
+        distances=(1.0, 2.0, 3.0),
+        marks=marks,
+        arcs=(ZoneArc(**look, noticed_frames=5, distance_m=1, from_deg=-30, to_deg=30),),
+        empty=ZoneLook(**look, noticed_frames=2),
+    )
+    write_zone(tmp_path, zone)
+    (tmp_path / "zone" / "20261128T000000Z.json").write_text("rubbish")
+    part = zone_part(sources(tmp_path))
+    told = figures(part)
+    assert told["20261127T234500Z: marks measured"] == 2
+    assert told["20261127T234500Z: farthest mark at which it was noticed"] == 1.0
+    assert told["20261127T234500Z: frames with nothing there that would have stopped it"] == 20.0
+    assert [one["noticed"] for one in table(part, "Marks of 20261127T234500Z")] == [True, False]
+    assert [one.what for one in part.unknown] == [
+        "a measured zone",
+        "whether the zone covers the stop",
+        "1 marks of the newest zone",
+    ]
+
+
+def test_with_no_time_left_all_recordings_are_unread_and_that_is_told(driven: Path) -> None:
+    found = read_drives(driven.parent / "state", longest=-1.0)
+    assert (found.files, found.unread) == (0, 1)
+    _, _, unknown = evidence(sources(driven.parent / "state", driven=found), "SHA256:x")
+    assert "1 older recordings" in [one.what for one in unknown]
+
+
+def test_damaged_recordings_are_no_error(driven: Path, tmp_path: Path) -> None:
+    (tmp_path / "recordings").mkdir()
+    (whole,) = (driven.parent / "state" / "recordings").glob("*.mcap")
+    content = whole.read_bytes()
+    (tmp_path / "recordings" / "000001.mcap").write_bytes(content[:-200])
+    (tmp_path / "recordings" / "000002.mcap").write_bytes(content[: len(content) // 2])
+    (tmp_path / "recordings" / "000003.mcap").write_bytes(b"rubbish")
+    found = read_drives(tmp_path)
+    assert (found.files, found.unread) == (3, 0)
+    assert len(found.judged) == len(found.ages) == len(found.faulty) > 0
+
+
+@given(st.dictionaries(st.sampled_from(["camera", "link", "perceiver", "pid", "computer"]), st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)))  # fmt: skip
+def test_a_status_may_hold_anything(tmp_path_factory: pytest.TempPathFactory, said: dict[str, Any]) -> None:
+    folder = tmp_path_factory.mktemp("status")
+    told, parts, unknown = evidence(sources(folder, age=1.0, status=said, no_journal="x"), "SHA256:x")
+    json.dumps(told, allow_nan=False)
+    assert page(told, parts, unknown, "")
+
+
+def test_all_that_is_shown_is_text(tmp_path: Path) -> None:
+    told, _, _ = evidence(sources(tmp_path), "SHA256:<x>")
+    evil = "<script>alert(1)</script>"
+    part = EvidencePart(
+        "x",
+        evil,
+        (EvidenceFigure(evil, evil, Basis(evil), evil),),
+        (EvidenceTable.of(evil, (evil,), [(evil,)]),),
+        note=evil,
+    )
+    shown = page(told, [part], [NotKnown(evil, evil, evil)], evil)
+    assert "<script" not in shown
+    assert shown.count("&lt;script&gt;") == 14
+
+
+def test_a_long_table_has_its_last_rows_and_counts_the_others() -> None:
+    made = EvidenceTable.of("t", ("n",), [(number,) for number in range(MOST_ROWS + 5)])
+    assert (len(made.rows), made.left_out, made.rows[-1]) == (MOST_ROWS, 5, (MOST_ROWS + 4,))
+
+
+@given(st.lists(st.floats(0, 100), min_size=1), st.floats(0.01, 1))
+def test_a_share_of_all_values_is_no_greater(values: list[float], least: float) -> None:
+    found = share(values, least)
+    assert sum(value <= found for value in values) >= least * len(values) - 1e-9
+
+
+@given(st.floats(allow_nan=True))
+def test_any_time_is_formatted_or_none(at: float) -> None:
+    told = utc(at)
+    assert told is None or told.endswith("Z")
+
+
+def test_each_part_is_made_of_nothing(tmp_path: Path) -> None:
+    for part in (
+        *(computer_part, camera_part, stopping_part, zone_part, faults_part),
+        *(link_part, calls_part, versions_part, check_part),
+    ):
+        made = part(sources(tmp_path, no_journal="there is none", no_check="not now"))
+        assert made.title
+        assert made.unknown or part is versions_part
+
+
+def test_a_check_that_does_not_end_is_ended(tmp_path: Path) -> None:
+    began = time.monotonic()
+    assert run_check(str(tmp_path / "companion.toml"), 0.01) == (
+        [],
+        "companion check did not end within 0.01 s",
+    )
+    assert time.monotonic() - began < 5.0
+
+
+@pytest.mark.slow
+def test_what_companion_check_says_now_is_in_it(driven: Path) -> None:
+    found = read_sources(str(driven))
+    rows = {one["check"]: one["verdict"] for one in found.checked}
+    assert rows["config"] == "pass", found.no_check
+    assert rows["camera"] == "fail"
+    part = check_part(found)
+    assert figures(part)["rows: fail"] >= 1

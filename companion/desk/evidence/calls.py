@@ -61,9 +61,9 @@ def calls_part(sources: Sources) -> EvidencePart:
     found += figures(
         Basis("recordings", driven.files, driven.begin, driven.end),
         (
-            ("time recorded", driven.seconds / 3600.0, "h"),
+            ("time recorded", driven.seconds / 60.0, "min"),
             ("way driven", driven.metres, "m"),
-            ("time in motion", driven.moved / 3600.0, "h"),
+            ("time in motion", driven.moved / 60.0, "min"),
             ("calls", len(calls), ""),
             ("calls answered", len(answered), ""),
         ),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from statistics import median
 from typing import NamedTuple
 
-from companion.cameras.newest import CameraState
 from companion.cameras.shown import shown
 from companion.desk.evidence.drives import CameraSample
 from companion.desk.evidence.parts import (
@@ -24,20 +24,21 @@ from companion.desk.evidence.sources import Sources
 from companion.vision.exposure import DARK
 from companion.wire.json_values import number_of, text_of
 
-_DELIVERING = CameraState.DELIVERING.value
 _GAP = 5.0
 """Seconds between two samples beyond which it is not known what the camera did."""
 
 
 class CameraLoss(NamedTuple):
-    """A time without pictures. at: seconds since 1970 of the last sample with pictures.
+    """A time without a new picture. at: seconds since 1970 by when the last one had come.
 
-    least, most: bounds of its seconds, None where it did not end in what was recorded.
+    least, most: bounds of its seconds; most None where it did not end in what was recorded.
+    by_vision: whether the process that reads the camera was in trouble meanwhile.
     """
 
     at: float
-    least: float | None
+    least: float
     most: float | None
+    by_vision: bool
 
 
 def camera_part(sources: Sources) -> EvidencePart:
@@ -56,22 +57,26 @@ def camera_part(sources: Sources) -> EvidencePart:
     if samples := driven.camera:
         over = Basis("recordings", len(samples), samples[0].at, samples[-1].at)
         sizes = Counter(f"{one.size[0]} x {one.size[1]}" for one in samples if all(one.size))
-        rates = [one.rate for one in samples if one.rate is not None and one.state == _DELIVERING]
-        losses = camera_losses(samples)
+        rates = [one.rate for one in samples if one.rate is not None]
+        limit = sources.config.freshness
+        losses = camera_losses(samples, limit)
         found += figures(
             over,
             (
                 ("size", ", ".join(sizes) or None, "pixels"),
                 ("frames per second, median", median(rates) if rates else None, "1/s"),
                 ("frames per second, 1 %", share(rates, 0.01) if rates else None, "1/s"),
-                ("times that it was lost", len(losses), ""),
+                (f"times without a picture for {limit:g} s", len(losses), ""),
+                ("of these, with trouble of the vision process", sum(one.by_vision for one in losses), ""),
             ),
         )
         if losses:
-            rows = [(utc(one.at), one.least, one.most) for one in losses]
+            rows = [(utc(one.at), one.least, one.most, one.by_vision) for one in losses]
             tables = (
                 EvidenceTable.of(
-                    "Camera lost", ("last seen delivering", "back after, s, at least", "at most"), rows
+                    "Times without a picture",
+                    ("last picture by", "back after, s, at least", "at most", "vision in trouble"),
+                    rows,
                 ),
             )
     elif sources.status:
@@ -88,7 +93,7 @@ def camera_part(sources: Sources) -> EvidencePart:
             ),
         )
     if not driven.camera:
-        unknown.append(_not_recorded(sources, "how often the camera was lost, and its rate while it drove"))
+        unknown.append(_not_recorded(sources, "how often no picture came, and their rate while it drove"))
     if driven.ages:
         over = Basis("recordings", len(driven.ages), driven.judged[0], driven.judged[-1])
         found += spread("from capture to judged", [1e3 * one for one in driven.ages], "ms", over)
@@ -111,26 +116,36 @@ def camera_part(sources: Sources) -> EvidencePart:
         )
     else:
         unknown.append(_not_recorded(sources, "the light in which it drove"))
-    note = "The camera's state is sampled once a second: that bounds how long it was lost."
+    note = "The count of pictures is stored once a second: that bounds how long none came."
     return EvidencePart("camera", "Camera", found, tables, tuple(unknown), note)
 
 
-def camera_losses(samples: Sequence[CameraSample]) -> list[CameraLoss]:
-    """Find the times without pictures between samples that rise in time."""
-    found, last, lost = list[CameraLoss](), None, None
-    for one in samples:
-        here = one.state == _DELIVERING
-        if last is not None and (one.at - last.at > _GAP or one.pid != last.pid):
-            if lost is not None:
-                found.append(CameraLoss(lost[0], None, None))
-            lost = None
-        elif last is not None and last.state == _DELIVERING and not here:
-            lost = last.at, one.at
-        elif last is not None and lost is not None and here:
-            found.append(CameraLoss(lost[0], last.at - lost[1], one.at - lost[0]))
-            lost = None
-        last = one
-    return found if lost is None else [*found, CameraLoss(lost[0], None, None)]
+def camera_losses(samples: Sequence[CameraSample], least: float) -> list[CameraLoss]:
+    """Find the times without a new picture, of at least so many seconds. samples: rising in time.
+
+    Where the count of pictures has not risen from one sample to the next, none came between them.
+    """
+    found, gone, earliest = list[CameraLoss](), list[CameraSample](), 0.0
+
+    def lost(until: float | None) -> None:
+        if gone and gone[-1].at - gone[0].at >= least:
+            most = None if until is None else until - earliest
+            by_vision = any(one.trouble for one in gone[1:])
+            found.append(CameraLoss(gone[0].at, gone[-1].at - gone[0].at, most, by_vision))
+        gone.clear()
+
+    known = samples[0].at if samples else 0.0
+    for before, one in pairwise(samples):
+        if one.pid != before.pid or one.at - before.at > _GAP:
+            lost(None)
+        elif one.read > (before.read if one.read >= before.read else 0):
+            lost(one.at)
+        else:
+            earliest = earliest if gone else known
+            gone += [one] if gone else [before, one]
+        known = before.at
+    lost(None)
+    return found
 
 
 def _not_recorded(sources: Sources, what: str) -> NotKnown:

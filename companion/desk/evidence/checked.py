@@ -13,11 +13,12 @@ from typing import Any
 
 from companion.desk.evidence.parts import Basis, EvidencePart, EvidenceTable, NotKnown, figures
 from companion.desk.evidence.sources import Sources
-from companion.wire.json_values import list_of, mapping_of, text_of
+from companion.wire.json_values import list_of, mapping_of
 from companion.wire.packing import clean
 
 LONGEST = 180.0
 """Seconds. Without a companion that runs, a check may wait 40 s for each connection."""
+_LONGEST_TEXT = 1000
 _VERDICTS = ("fail", "warn", "skip", "pass")
 
 
@@ -66,7 +67,7 @@ def check_part(sources: Sources) -> EvidencePart:
 
 def _row(raw: Any) -> Mapping[str, str]:
     told = mapping_of(raw)
-    return {name: clean(text_of(told.get(name))) for name in ("verdict", "check", "text")}
+    return {name: clean(str(told.get(name, ""))[:_LONGEST_TEXT]) for name in ("verdict", "check", "text")}
 
 
 def _read(said: bytes) -> Mapping[str, Any]:

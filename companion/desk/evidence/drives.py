@@ -32,13 +32,18 @@ _READ = frozenset(
 
 
 class CameraSample(NamedTuple):
-    """The camera's state and frames per second at a moment. at: seconds since 1970. pid: of the companion."""
+    """What the companion said of its camera. at: seconds since 1970. pid: of the companion.
+
+    read: frames since the camera was opened by this vision process. rate: frames per second over ten seconds.
+    trouble: whether vision itself was in trouble.
+    """
 
     at: float
     pid: int
-    state: str
-    rate: float | None
-    size: tuple[int, int]
+    read: int
+    rate: float | None = None
+    size: tuple[int, int] = (0, 0)
+    trouble: bool = False
 
 
 class DecisionSample(NamedTuple):
@@ -224,8 +229,9 @@ class _Taking:
         pid = whole_of(told.get("pid"), 1, 2**31) or 0
         facts.statuses[pid] = at, told
         size = whole_of(camera.get("width"), 0, 1e5) or 0, whole_of(camera.get("height"), 0, 1e5) or 0
-        rate = number_of(camera.get("rate"), 0.0, 1e4)
-        facts.camera.append(CameraSample(at, pid, text_of(camera.get("state")), rate, size))
+        rate, read = number_of(camera.get("rate"), 0.0, 1e4), whole_of(camera.get("read"), 0, 1e15) or 0
+        trouble = bool(mapping_of(told.get("vision")).get("trouble"))
+        facts.camera.append(CameraSample(at, pid, read, rate, size, trouble))
         if (degrees := number_of(computer.get("temperature"), -50.0, 150.0)) is not None:
             facts.temperatures.append(degrees)
         if isinstance(computer.get("throttled"), bool):

@@ -121,7 +121,9 @@ def faults_part(sources: Sources) -> EvidencePart:
     for kind in FAULTS:
         seen = _seen(sources, kind)
         known += len(seen) if kind.ends is None else 0
-        rows = [(one, _noticed(sources, one) if kind.ends is None else None, _stood(one)) for one in seen]
+        rows = [
+            (one, _noticed(sources, one) if kind.noticed is not None else None, _stood(one)) for one in seen
+        ]
         summed.append(
             (
                 kind.name,
@@ -171,9 +173,9 @@ def faults_part(sources: Sources) -> EvidencePart:
         ),
     )
     note = (
-        "Noticed: from the capture of the last frame that was no fault to the line in the log; empty where "
-        "that was not recorded. Stood: until the log says that it is over, with the time in which its cause "
-        "lasted. What is never seen was not tried on this rover, and is not proven on it."
+        "Noticed: from the capture of the last frame that was judged well to the line in the log; empty "
+        "where that was not recorded. Stood: until the log says that it is over, with the time in which its "
+        "cause lasted. What is never seen was not tried on this rover, and is not proven on it."
     )
     return EvidencePart("faults", "Faults", found, tables, unknown, note)
 
@@ -194,8 +196,10 @@ def _noticed(sources: Sources, fault: LoggedFault) -> float | None:
     since = max((one for one in sources.logged.starts if one <= fault.at), default=0.0)
     since = max(since, fault.at - _BEFORE)
     for number in range(bisect_right(driven.judged, fault.at) - 1, -1, -1):
-        if driven.judged[number] < since:
+        captured = driven.judged[number]
+        if captured < since:
             return None
-        if not driven.faulty[number]:
-            return fault.at - driven.judged[number]
+        # What was judged only after the fault was not known by then.
+        if not driven.faulty[number] and captured + driven.ages[number] <= fault.at:
+            return fault.at - captured
     return None

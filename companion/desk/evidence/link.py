@@ -58,7 +58,7 @@ def link_part(sources: Sources) -> EvidencePart:
         ),
         NotKnown(
             "the link's round trip",
-            "the companion measures it for its commands, and stores it nowhere",
+            "it is not stored; the part on calls has how long an order to hold took to show",
             "companion check --dry-run",
         ),
     )

@@ -8,6 +8,7 @@ import time
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 
 from companion.desk.evidence.signature import NAMESPACE, SIGNER, sign
 
@@ -70,7 +71,7 @@ def write_package(out: Path, key: Path, signers: str, fingerprint: str, members:
         namespace=NAMESPACE,
         signature=SIGNATURE,
         sums=SUMS,
-        proves=PROVES,
+        proves=fill(PROVES, 100),
         fingerprint=fingerprint,
     )
     signed = {README: readme.encode(), **members, SIGNERS: signers.encode()}

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from itertools import groupby
 from typing import Any
 
 from anytraverse.html_page import document
 from companion.desk.evidence.package import PROVES
-from companion.desk.evidence.parts import EvidenceFigure, EvidencePart, EvidenceTable, NotKnown, Value
+from companion.desk.evidence.parts import EvidenceFigure, EvidencePart, EvidenceTable, NotKnown, Value, utc
 
 _STYLE = """
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0; min-width: 100%; }
-th { white-space: nowrap; } caption { text-align: left; font-weight: 600; padding: .4rem 0; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0 1.4rem; width: 100%; }
+th { vertical-align: bottom; } caption { text-align: left; font-weight: 600; padding: .4rem 0; }
 td, th { text-align: left; padding: .25rem 1rem .25rem 0; border-bottom: 1px solid var(--line);
   vertical-align: top; overflow-wrap: break-word; }
-td.n { font-weight: 600; overflow-wrap: anywhere; } .wide { overflow-x: auto; }
+.wide { overflow-x: auto; } .figures { max-width: 52rem; table-layout: fixed; }
+.figures caption { color: var(--faint); font-weight: normal; }
+td.n { font-weight: 600; overflow-wrap: anywhere; }
 .fail { color: var(--red); font-weight: 600; } .warn { font-weight: 600; }
 code, pre { overflow-wrap: anywhere; }
 pre { white-space: pre-wrap; border: 1px solid var(--line); padding: .6rem; }
 summary { min-height: 2.75rem; padding: .6rem 0; cursor: pointer; }
-nav a { display: inline-block; padding: .6rem 1rem .6rem 0; }
-@media (max-width: 40rem) {
-  table.figures, .figures tbody, .figures tr, .figures td { display: block; }
-  .figures thead { display: none; } .figures tr { border-bottom: 1px solid var(--line); padding: .4rem 0; }
-  .figures td { border: 0; padding: 0; }
-}
+nav a { display: inline-block; padding: .6rem 1rem .6rem 0; } a { color: var(--blue); }
 """
+_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", re.ASCII)
 _NOT_KNOWN = "unknown"
 
 
@@ -41,10 +41,10 @@ def page(
         for key, name in (*named, (_NOT_KNOWN, "What is not known"), ("config", "Configuration"))
     )
     recorded = told["recordings"]
-    span = f", from {recorded['from']} to {recorded['to']}" if recorded["from"] else ""
+    span = f", from {_when(recorded['from'])} to {_when(recorded['to'])}" if recorded["from"] else ""
     head = [
         f"<h1>{escape(title)}</h1>",
-        f"<p>Made {escape(str(told['made_at']))} of {recorded['files']} recordings{escape(span)}. "
+        f"<p>Made {_when(str(told['made_at']))} of {recorded['files']} recordings{escape(span)}. "
         f"Signed by the key <code>{escape(told['key'])}</code>.</p>",
         f"<p>{escape(PROVES)} README.txt has the commands that check it.</p>",
         "<p>Every figure says where it was read, over how many samples, and from when to when, in UTC. "
@@ -67,11 +67,10 @@ def page(
 
 def _part(part: EvidencePart) -> Iterator[str]:
     yield f'<h2 id="{part.key}">{escape(part.title)}</h2>'
-    if part.figures:
-        rows = "".join(map(_figure, part.figures))
-        head = "<thead><tr><th>what</th><th>figure</th><th>on what it rests</th></tr></thead>"
-        yield f'<table class="figures">{head}<tbody>{rows}</tbody></table>'
-    elif not part.tables:
+    for rests, group in groupby(part.figures, key=_rests):
+        rows = "".join(map(_figure, group))
+        yield f'<table class="figures"><caption>{escape(rests)}</caption><tbody>{rows}</tbody></table>'
+    if not part.figures and not part.tables:
         yield "<p>Nothing is known.</p>"
     for table in part.tables:
         yield _of(table)
@@ -79,16 +78,21 @@ def _part(part: EvidencePart) -> Iterator[str]:
         yield f'<p class="faint">{escape(part.note)}</p>'
 
 
+def _rests(one: EvidenceFigure) -> str:
+    """Say on what a figure rests."""
+    source, samples, begin, end = one.basis
+    span = " to ".join(dict.fromkeys(_when(at) for at in (utc(begin), utc(end)) if at is not None))
+    return ", ".join(filter(None, (source, "" if samples is None else f"samples: {samples}", span)))
+
+
+def _when(at: str) -> str:
+    """Format a time for a person."""
+    return at.replace("T", " ").removesuffix("Z")
+
+
 def _figure(one: EvidenceFigure) -> str:
-    basis = one.document()
-    span = " to ".join(dict.fromkeys(filter(None, (basis["from"], basis["to"]))))
-    samples = "" if one.basis.samples is None else f"{one.basis.samples} samples"
-    rests = ", ".join(filter(None, (one.basis.source, samples, span)))
     figure = f"{_cell(one.value)} {one.unit}".strip()
-    return (
-        f'<tr><td>{escape(one.name)}</td><td class="n">{escape(figure)}</td>'
-        f'<td class="faint">{escape(rests)}</td></tr>'
-    )
+    return f'<tr><td>{escape(one.name)}</td><td class="n">{escape(figure)}</td></tr>'
 
 
 def _of(table: EvidenceTable) -> str:
@@ -120,4 +124,4 @@ def _cell(value: Value | None) -> str:
             return "yes" if value else "no"
         case float():
             return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
-    return str(value)
+    return _when(value) if isinstance(value, str) and _TIME.fullmatch(value) else str(value)

@@ -17,6 +17,7 @@ from companion.observers.recording.ring_writer import RingWriter
 from companion.storage.log_file import FOLDER as LOGS
 from companion.storage.log_file import NAME as LOG
 from companion.wire.ids import Motion, Policy
+from tests.anytraverse.conftest import HEIGHT, WIDTH
 from tests.companion.daemon.rig import Rig
 
 SECRETS = ("sesame-open-sesame", "hunter2", "s3cretkey", "ntfy-topic-of-mine", "page-token-in-a-link")
@@ -98,6 +99,8 @@ def drive(state: Path) -> None:
         def seconds(count: float, thing: str = "") -> None:
             for _ in range(round(count)):
                 rig.see(1.0, thing)
+                rig.camera.status = replace(rig.camera.status, read=rig.frame_id, width=WIDTH, height=HEIGHT)
+                rig.wait(0.1)
                 rig.daemon.write_status(web={})
 
         try:

@@ -54,7 +54,7 @@ def test_a_drive_becomes_figures_with_their_samples_and_times(package: Path) -> 
     assert figure(told, "calls", "closed: answered") == 1
     assert figure(told, "calls", "holds") >= 2, "of the call and of the fault"
     assert figure(told, "calls", "of these, a mode of ours within 2 s") == 0
-    assert figure(told, "camera", "times that it was lost") == 1
+    assert figure(told, "camera", "times without a picture for 1 s") == 1
     assert figure(told, "camera", "source") == "rtsp://camera.local/..."
     assert figure(told, "link", "autopilot") == "system 1, ArduPilot"
     for part in told["parts"].values():
@@ -67,7 +67,7 @@ def test_a_drive_becomes_figures_with_their_samples_and_times(package: Path) -> 
 
 def test_a_lost_camera_is_told_with_the_bounds_of_its_absence_and_the_faults_limit(package: Path) -> None:
     told = document(package)
-    (table,) = [one for one in told["parts"]["camera"]["tables"] if one["title"] == "Camera lost"]
+    (table,) = [one for one in told["parts"]["camera"]["tables"] if one["title"] == "Times without a picture"]
     (lost,) = table["rows"]
     assert lost["back after, s, at least"] <= SILENT_FOR <= lost["at most"] + 0.2
     assert lost["at most"] - lost["back after, s, at least"] <= 2.5

@@ -69,49 +69,44 @@ def figures(part: EvidencePart) -> dict[str, Any]:
     st.lists(st.tuples(st.floats(3, 30), st.floats(0.3, 20)), max_size=5),
     st.floats(0, 0.99),
     st.floats(0.8, 1.2),
+    st.booleans(),
 )
 def test_the_bounds_of_a_loss_contain_its_length(
-    spans: list[tuple[float, float]], phase: float, period: float
+    spans: list[tuple[float, float]], phase: float, period: float, restarted: bool
 ) -> None:
-    """spans: seconds with pictures and without, in turn. Losses between two samples are not seen."""
-    lost, at = [], 0.0
+    """spans: seconds with ten pictures a second and without any, in turn. restarted: counts begin anew."""
+    pictures, gaps, at = list[float](), list[tuple[float, float]](), 0.0
     for here, gone in spans:
-        lost.append((at + here, at + here + gone))
-        at += here + gone
-    end = at + 3.0
-    times = [phase + number * period for number in range(int((end - phase) / period))]
-    samples = [
-        CameraSample(
-            one,
-            7,
-            "failed" if any(begin <= one < over for begin, over in lost) else "delivering",
-            10.0,
-            (640, 480),
-        )
-        for one in times
-    ]
-    for found in camera_losses(samples):
-        if found.most is None:
-            continue
-        (length,) = [over - begin for begin, over in lost if found.at <= begin <= found.at + period + 1e-9][
-            :1
-        ]
-        assert found.least is not None
-        assert found.least - 1e-6 <= length <= found.most + 1e-6
-        assert found.most - found.least <= 2.0 * period + 1e-6
-    seen = sum(any(begin <= one < over for one in times[1:]) for begin, over in lost)
-    assert len(camera_losses(samples)) >= seen - sum(begin < phase + period for begin, _ in lost)
+        pictures += [at + number / 10 for number in range(int(here * 10))]
+        begin, at = pictures[-1], at + here + gone
+        gaps.append((begin, at))
+    pictures += [at + number / 10 for number in range(30)]
+    times = [phase + number * period for number in range(int((at + 3 - phase) / period))]
+    samples = []
+    for one in times:
+        count = sum(picture <= one for picture in pictures)
+        before = [sum(picture <= begin for picture in pictures) for begin, over in gaps if over <= one]
+        samples.append(CameraSample(one, 7, count - (before[-1] if restarted and before else 0)))
+    found = camera_losses(samples, 1.0)
+    for loss in found:
+        (gap,) = [gap for gap in gaps if gap[0] <= loss.at < gap[1]]
+        assert loss.most is not None
+        assert loss.least - 1e-6 <= gap[1] - gap[0] <= loss.most + 1e-6
+        assert loss.most - loss.least <= 2.0 * period + 1e-6
+    assert len(found) >= sum(over - begin > 1.0 + 2.0 * period and begin > times[1] for begin, over in gaps)
 
 
 def test_a_loss_that_a_restart_cuts_off_has_no_end() -> None:
     samples = [
-        CameraSample(1.0, 7, "delivering", None, (0, 0)),
-        CameraSample(2.0, 7, "failed", None, (0, 0)),
-        CameraSample(3.0, 8, "delivering", None, (0, 0)),
-        CameraSample(4.0, 8, "failed", None, (0, 0)),
-        CameraSample(60.0, 8, "delivering", None, (0, 0)),
+        CameraSample(float(at), pid, read, trouble=trouble)
+        for at, pid, read, trouble in (
+            *((1, 7, 10, False), (2, 7, 20, False), (3, 7, 20, False), (4, 7, 20, True), (5, 8, 0, False)),
+            *((6, 8, 10, False), (7, 8, 10, False), (8, 8, 10, False), (60, 8, 99, False)),
+        )
     ]
-    assert camera_losses(samples) == [(1.0, None, None), (3.0, None, None)]
+    assert camera_losses(samples, 1.5) == [(2.0, 2.0, None, True), (6.0, 2.0, None, False)]
+    assert camera_losses(samples, 2.5) == []
+    assert camera_losses([], 1.0) == []
 
 
 def logged(folder: Path, *lines: tuple[float, str], name: str = LOG) -> None:
@@ -162,9 +157,10 @@ def test_the_log_alone_tells_each_fault_and_how_long_it_stood(tmp_path: Path) ->
 def test_a_fault_is_noticed_after_the_last_good_frame_since_the_start(tmp_path: Path) -> None:
     logged(tmp_path, (NOON, "ready: policy hold"), (NOON + 10.9, "fault: camera silent: gone"))
     driven = DrivenFacts(files=1)
-    for at, faulty in ((NOON - 5, False), (NOON + 9.6, False), (NOON + 9.9, True)):
-        driven.judged.append(at)
-        driven.ages.append(0.1)
+    frames = ((-5, 0.1, False), (9.6, 0.1, False), (9.9, 0.1, True), (10.4, 0.8, False))
+    for at, age, faulty in frames:
+        driven.judged.append(NOON + at)
+        driven.ages.append(age)
         driven.faulty.append(faulty)
     read = read_log(tmp_path)
     part = faults_part(sources(tmp_path, logged=read, driven=driven))

@@ -46,8 +46,10 @@ def rover_key(folder: Path) -> Path:
             _run("-q", "-t", "ed25519", "-N", "", "-C", NAMESPACE, "-f", str(new))
             with contextlib.suppress(FileExistsError):  # another command was faster
                 os.link(new, path)
-    with path.open("rb"):  # who may not read it is told so, and not to move it away
-        return path
+    with path.open("rb") as file:  # who may not read it is told so, and not to move it away
+        if os.fstat(file.fileno()).st_mode & 0o077:
+            raise SignatureError(f"{path} may be read by others: chmod 600 {path}")
+    return path
 
 
 def allowed_signers(key: Path) -> str:

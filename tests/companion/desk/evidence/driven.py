@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -123,6 +124,7 @@ def drive(state: Path) -> None:
                 rig.wait(0.1)
         finally:
             rig.kill()
+    os.utime(state / "status.json", (BEGAN, BEGAN))  # no companion runs
     ring = RingWriter(state / FOLDER, 20_000_000)
     ring.begin(0.0)
     for number, one in enumerate(messages):

@@ -213,6 +213,15 @@ def test_a_key_that_is_none_is_told_and_stays(tmp_path: Path, capsys: pytest.Cap
     assert (code, "is no ed25519 key" in said) == (2, True)
 
 
+def test_a_key_that_others_may_read_is_not_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config, out = configured(tmp_path), tmp_path / "it.zip"
+    assert typed(capsys, "evidence", "--no-check", config, "--out", out)[0] == 0
+    key = tmp_path / "state" / KEY
+    key.chmod(0o640)
+    code, said = typed(capsys, "evidence", "--no-check", config, "--out", tmp_path / "other.zip")
+    assert (code, f"chmod 600 {key}" in said) == (2, True)
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
 def test_who_may_not_read_the_key_is_told_of_sudo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config, out = configured(tmp_path), tmp_path / "it.zip"

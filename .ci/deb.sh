@@ -45,6 +45,7 @@ Architecture: $architecture
 Maintainer: The AnyTraverse companion developers
 Installed-Size: $(du -sk "$stage" | cut -f1)
 Depends: $pythons, passwd, systemd, udev
+Recommends: openssh-client
 Section: misc
 Priority: optional
 Description: companion of an off-road rover: which ground is drivable, and who to ask

@@ -25,6 +25,7 @@ from companion.desk.check.autopilot import silence, talking
 from companion.desk.check.here import status
 from companion.desk.check.interview import ARDUPILOT, Heartbeat
 from companion.desk.check.stop_file import write_stops
+from companion.system.as_owner import as_owner
 from companion.vehicle import known_autopilot
 from companion.vehicle.brakes import Measured, fit
 
@@ -255,7 +256,9 @@ def _store(folder: Path, holds: list[Measured], brakes: list[Measured]) -> None:
     if not holds and not brakes:
         return
     try:
-        print(f"stored in {write_stops(folder, [('HOLD', holds), ('GUIDED', brakes)], time.time())}")
+        folder.mkdir(parents=True, exist_ok=True)
+        with as_owner(folder):
+            print(f"stored in {write_stops(folder, [('HOLD', holds), ('GUIDED', brakes)], time.time())}")
     except OSError as error:
         print(f"not stored in {folder}: {(error.strerror or str(error)).lower()}: you may have to use sudo")
 

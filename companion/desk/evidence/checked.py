@@ -11,13 +11,14 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from companion.desk.evidence.parts import Basis, EvidencePart, EvidenceTable, NotKnown, figures
+from companion.desk.evidence.parts import Basis, EvidencePart, EvidenceTable, NotKnown, figures, utc
 from companion.desk.evidence.sources import Sources
 from companion.wire.json_values import list_of, mapping_of
 from companion.wire.packing import clean
 
 LONGEST = 180.0
 """Seconds. Without a companion that runs, a check may wait 40 s for each connection."""
+_LOGGED = "check: "
 _LONGEST_TEXT = 1000
 _VERDICTS = ("fail", "warn", "skip", "pass")
 
@@ -51,7 +52,10 @@ def check_part(sources: Sources) -> EvidencePart:
     """List what the check found."""
     if not sources.checked:
         lacking = NotKnown("what companion check finds", sources.no_check, "companion check")
-        return EvidencePart("check", "Check", unknown=(lacking,))
+        lines = [one for one in sources.logged.lines if one.text.startswith(_LOGGED)]
+        told = [(utc(one.at), clean(one.text.removeprefix(_LOGGED))) for one in lines]
+        last = EvidenceTable.of("What the companion logged of its checks", ("at", "what"), told)
+        return EvidencePart("check", "Check", (), (last,) if told else (), (lacking,))
     counts = Counter(one["verdict"] for one in sources.checked)
     basis = Basis("companion check", len(sources.checked), sources.now, sources.now)
     found = figures(basis, ((f"rows: {verdict}", counts[verdict], "") for verdict in _VERDICTS))

@@ -52,7 +52,7 @@ def link_part(sources: Sources) -> EvidencePart:
         unknown.append(NotKnown("what was sent and lost", "no status is stored", "companion run"))
     unknown += (
         NotKnown(
-            "messages lost on the way, by their sequence numbers",
+            "messages received, and lost on the way by their sequence numbers",
             "the companion does not count them",
             "type link in MAVProxy beside it",
         ),

@@ -234,3 +234,20 @@ def test_the_daemon_records_and_logs_no_secret(
     assert not any(found.values()), found
     assert {"status.json", LOG, "recording.mcap", "config.toml"} <= set(found)
     assert leaks("".join(capfd.readouterr())) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["user-pw", "curl -u"])
+def test_evidence_with_what_a_check_says_has_no_secret(
+    name: str, closed: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = '[link]\nurl = "udpin:127.0.0.1:0"\n'
+    path, out = written(tmp_path, PIPES[name].source.replace(ADDRESS, closed), more), tmp_path / "it.zip"
+    code, said = typed(capsys, "evidence", str(path), "--out", str(out))
+    assert (code, leaks(said)) == (0, [])
+    found = {name: data.decode(errors="replace") for name, data in contents(tmp_path)}
+    assert not any(leaks(content) for content in found.values())
+    rows = json.loads(found["evidence.json"])["parts"]["check"]["tables"][0]["rows"]
+    (camera,) = [row for row in rows if row["check"] == "camera"]
+    assert camera["verdict"] == "fail"
+    assert "exit code 3" in camera["what"]

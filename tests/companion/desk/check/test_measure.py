@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from bench.stopping.ground import SecondPort
 from companion.desk.check.measure import ENOUGH, StopRecorder, _conclude, too_seldom
+from companion.desk.check.stop_file import read_stops
 from companion.sim.demo.child import LoggedProcess
 from companion.sim.field.control import FieldControl
 from companion.sim.field.modes import Mode
@@ -322,3 +323,5 @@ def test_a_person_s_holds_on_the_field_become_lines_for_the_configuration(
     told = [line for _, line in check.lines()]
     assert told[-3] == "[stopping]"
     assert [line.split(" = ")[0] for line in told[-2:]] == ["time_constant", "braking"]
+    ((_, mode, stops),), unread = read_stops(tmp_path / "state")
+    assert (mode, len(stops), unread) == ("HOLD", 2, [])

@@ -414,6 +414,14 @@ def test_each_part_is_made_of_nothing(tmp_path: Path) -> None:
         assert made.unknown or part is versions_part
 
 
+def test_without_a_check_there_is_what_the_companion_logged_of_its_own(tmp_path: Path) -> None:
+    logged(tmp_path, (NOON, "ready: policy hold"), (NOON + 9, "check: warn  load  CPU 100 %"))
+    part = check_part(sources(tmp_path, logged=read_log(tmp_path), no_check="not now"))
+    assert table(part, "What the companion logged of its checks") == [
+        {"at": utc(NOON + 9), "what": "warn  load  CPU 100 %"}
+    ]
+
+
 def test_a_check_that_does_not_end_is_ended(tmp_path: Path) -> None:
     began = time.monotonic()
     assert run_check(str(tmp_path / "companion.toml"), 0.01) == (

@@ -34,7 +34,8 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
     """
     options = parser().parse_args(arguments)
     options.vision = vision
-    if getattr(options, "config", "") is None:
+    verifies = getattr(options, "verify", None) is not None  # somebody's file, by no configuration
+    if getattr(options, "config", "") is None and not verifies:
         options.config = default_config()
         if os.path.exists(options.config):
             print(f"companion {options.command}: by {options.config}", file=sys.stderr)

@@ -10,7 +10,17 @@ import pytest
 from companion import cli_config
 from companion.cli import main, parser
 
-ALONE = ("run", "check", "cameras", "setup", "status", "config check", "memory list", "record list")
+ALONE = (
+    "run",
+    "check",
+    "cameras",
+    "setup",
+    "status",
+    "config check",
+    "memory list",
+    "record list",
+    "evidence",
+)
 BESIDE = (
     "memory show 1",
     "memory forget 1 2",

@@ -30,7 +30,7 @@ def write(file: str, out: str | None, *, checks: bool = True) -> int:
 
     Raises EvidenceError, ConfigError, OSError.
     """
-    now = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    now = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(time.time()))
     path = Path(out or f"evidence-{now}.zip")
     if path.exists():
         raise EvidenceError(f"{path}: is there already: name another one with --out")

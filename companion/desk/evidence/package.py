@@ -46,6 +46,9 @@ or, where the companion is installed, which also refuses files that the sums do 
 The key is this one, by its fingerprint: {fingerprint}
 """
 
+_EARLIEST = (1980, 1, 1, 0, 0, 0)
+"""No zip has an earlier time, and a rover without a clock begins in 1970."""
+
 
 class PackageTooLargeError(Exception):
     """The zip would be larger than `LARGEST`."""
@@ -79,7 +82,7 @@ def write_package(out: Path, key: Path, signers: str, fingerprint: str, members:
     packed = {**signed, SUMS: sums, SIGNATURE: sign(key, sums)}
     if sum(map(len, packed.values())) > LARGEST:
         raise PackageTooLargeError(f"it would be larger than {LARGEST // 1_000_000} MB")
-    now = time.gmtime()[:6]
+    now = max(time.gmtime(time.time())[:6], _EARLIEST)
     try:
         with out.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as written:
             for name, content in packed.items():

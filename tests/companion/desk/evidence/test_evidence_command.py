@@ -162,6 +162,18 @@ def test_with_an_empty_data_folder_everything_is_unknown_and_it_is_signed(
     assert out.stat().st_size < LARGEST
 
 
+def test_a_rover_without_a_clock_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("time.time", lambda: 5.0)
+    config, out = configured(tmp_path), tmp_path / "it.zip"
+    assert typed(capsys, "evidence", "--no-check", config, "--out", out)[0] == 0
+    told = document(out)
+    assert told["made_at"] == "1970-01-01T00:00:05Z"
+    assert "when this was made" in {one["what"] for one in told["unknown"]}
+    assert typed(capsys, "evidence", "--verify", out)[0] == 0
+
+
 def test_the_page_opens_without_a_network_and_without_scripts(package: Path) -> None:
     with zipfile.ZipFile(package) as packed:
         page = packed.read("evidence.html").decode()

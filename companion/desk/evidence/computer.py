@@ -49,10 +49,9 @@ def computer_part(sources: Sources) -> EvidencePart:
     if limited := driven.throttled:
         over = Basis("recordings", len(limited), driven.begin, driven.end)
         found += figures(over, [("CPU slowed down while it was recorded", _percent(limited), "%")])
-    lacking = [name for name, value, _ in (*fixed, *states) if value is None]
-    why = "this computer does not tell it in /sys"
-    unknown = tuple(NotKnown(name, why, "read it with the board maker's own tool") for name in lacking)
-    return EvidencePart("computer", "Computer", found, (), unknown)
+    lacking = ", ".join(name for name, value, _ in (*fixed, *states) if value is None)
+    told = NotKnown(lacking, "this computer does not tell it in /sys", "the board maker's own tool")
+    return EvidencePart("computer", "Computer", found, (), (told,) if lacking else ())
 
 
 def _percent(states: list[bool]) -> float:

@@ -24,6 +24,12 @@ td.n { font-weight: 600; overflow-wrap: anywhere; }
 code, pre { overflow-wrap: anywhere; }
 pre { white-space: pre-wrap; border: 1px solid var(--line); padding: .6rem; }
 summary { min-height: 2.75rem; padding: .6rem 0; cursor: pointer; }
+@media (max-width: 40rem) {
+  .wide thead, .wide td:empty { display: none; }
+  .wide tr { display: block; padding: .4rem 0; border-bottom: 1px solid var(--line); }
+  .wide td { display: block; border: 0; padding: 0; overflow-wrap: anywhere; }
+  .wide td::before { content: attr(data-of) ": "; color: var(--faint); font-weight: normal; }
+}
 nav a { display: inline-block; padding: .6rem 1rem .6rem 0; } a { color: var(--blue); }
 """
 _TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", re.ASCII)
@@ -105,15 +111,15 @@ def _of(table: EvidenceTable) -> str:
 def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Value | None]]) -> str:
     caption = f"<caption>{escape(title)}</caption>" if title else ""
     head = "".join(f"<th>{escape(one)}</th>" for one in columns)
-    body = "".join(f"<tr>{''.join(map(_td, row))}</tr>" for row in rows)
+    body = "".join(f"<tr>{''.join(map(_td, row, columns))}</tr>" for row in rows)
     return (
         f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
     )
 
 
-def _td(value: Value | None) -> str:
+def _td(value: Value | None, column: str) -> str:
     kind = f' class="{value}"' if value in ("fail", "warn") else ""
-    return f"<td{kind}>{escape(_cell(value))}</td>"
+    return f'<td data-of="{escape(column)}"{kind}>{escape(_cell(value))}</td>'
 
 
 def _cell(value: Value | None) -> str:

@@ -21,19 +21,25 @@ _PATIENCE = 5.0
 def versions_part(sources: Sources) -> EvidencePart:
     """Describe what is installed."""
     commit, digest, unknown = _commit(), _bundle_digest(sources.config.perceiver.name), list[NotKnown]()
-    model = clean(text_of(sources.told("perceiver").get("model"))) or sources.driven.model
+    model, driven = clean(text_of(sources.told("perceiver").get("model"))), sources.driven
+    told = Basis("status.json", None, sources.written, sources.written)
+    if not model:
+        model, told = driven.model, Basis("recordings", driven.files, driven.begin, driven.end)
     found = figures(
         Basis("this computer", None, sources.now, sources.now),
         (
-            *((f"version of {name}", told, "") for name, told in versions().items() if name != "computer"),
+            *(
+                (f"version of {name}", number, "")
+                for name, number in versions().items()
+                if name != "computer"
+            ),
             ("commit", commit or None, ""),
             ("digest of the judging code and its libraries", program_identity(), ""),
             ("digest of the bundle's manifest", digest or None, ""),
         ),
     )
     if model:
-        source = "status.json" if sources.told("perceiver").get("model") else "recordings"
-        found += figures(Basis(source, None, sources.written, sources.written), [("model", model, "")])
+        found += figures(told, [("model", model, "")])
     else:
         unknown.append(
             NotKnown("the model that judged", "no companion has run with this folder", "companion run")

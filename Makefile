@@ -1,6 +1,6 @@
 # What a newcomer types. Each target does its own set-up, in .venv (interop: .venv-interop) and nowhere else.
 .DEFAULT_GOAL := help
-.PHONY: help demo console docs test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-ground bench-field bench-mutants bench-modes bench-calls bench-attack house faults service vm deb clean
+.PHONY: help demo console docs test test-slow lint types check interop bench bench-clipseg bench-link bench-power bench-stopping bench-vision bench-cameras bench-perception bench-ground bench-field bench-mutants bench-modes bench-calls bench-attack house faults service vm deb image image-check clean
 .PHONY: ready-sim ready-dev ready-export ready-interop
 
 # A sourced ROS sets PYTHONPATH, and its packages and pytest plug-ins would come before ours.
@@ -102,6 +102,12 @@ vm: ready-dev ## as root: cameras, autopilot and OAK in an emulated machine, eac
 
 deb: ## build a Debian package of the service in dist/, for this system's Python
 	@sh .ci/deb.sh
+
+image: ## build an OCI image of the service in dist/, for podman (root); ARCH=arm64 takes the package of such a computer
+	@sh .ci/image.sh
+
+image-check: ready-dev ## prove that image by podman: start, stop, kill, hang, devices, data (five minutes, root)
+	@$(PYTHON_IN_VENV) -m bench.service.image $(ARGS)
 
 clean: ## remove both .venv, caches and builds (what a demo or a bench wrote stays)
 	@rm -rf .venv .venv-interop build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

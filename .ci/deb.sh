@@ -44,7 +44,7 @@ Version: $version
 Architecture: $architecture
 Maintainer: The AnyTraverse companion developers
 Installed-Size: $(du -sk "$stage" | cut -f1)
-Depends: $pythons, passwd, systemd, udev
+Depends: $pythons, libstdc++6, passwd, systemd, udev
 Recommends: openssh-client
 Section: misc
 Priority: optional

@@ -24,9 +24,8 @@ from bench.commit import commit_of
 from bench.service.apart import stand_in, vision
 from bench.service.container import ROOT, Container, ContainerError, base, require, wheel, wheels
 from bench.service.rover import FieldProcess
+from bench.service.service import Figures, Service
 from bench.service.steps import (
-    Figures,
-    Service,
     crash_loop,
     hang,
     install,

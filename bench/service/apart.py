@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.service.container import ContainerError
-from bench.service.steps import CONFIG, Figures, Service
+from bench.service.service import CONFIG, Figures, Service
 
 VISION_BACK_WITHIN = 8.0
 _UNITS = ("companion-vision@", "companion-network-vision@")
@@ -34,10 +34,10 @@ def vision(service: Service) -> Figures:
         service.sh("sleep 3")
         before = service.status()["vision"]["restarts"]
         begun = time.monotonic()
-        service.sh("pkill -STOP -f '[-]m companion.vision'")
+        service.freeze_vision()
         service.until("vision is back", partial(_judges_again, service, before), 20.0)
         times.append(round(time.monotonic() - begun, 2))
-        service.sh("systemctl restart companion")  # so that the next restart does not wait longer
+        service.restart()  # so that the next restart does not wait longer
     if max(times) > VISION_BACK_WITHIN:
         raise ContainerError(f"vision came back after {times} s")
     return {"back_s": times, "limit_s": VISION_BACK_WITHIN}

@@ -121,7 +121,7 @@ class Container:
             )
         said = ""
         while time.monotonic() - begun < _BOOTS_WITHIN:
-            self._leader = _only_child(self._process.pid)
+            self._leader = only_child(self._process.pid)
             if self._leader:
                 said = self.run("systemctl is-system-running", check=False).strip()
                 if said == "running":
@@ -178,7 +178,7 @@ class Container:
 
     def _kill(self) -> None:
         assert self._process is not None
-        leader = self._leader or _only_child(self._process.pid)
+        leader = self._leader or only_child(self._process.pid)
         if leader:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(int(leader), signal.SIGKILL)
@@ -186,7 +186,8 @@ class Container:
         self._process.wait(_ENDS_WITHIN)
 
 
-def _only_child(pid: int) -> str:
+def only_child(pid: int) -> str:
+    """Return the number of the process's child, "" for none."""
     try:
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     except OSError:

@@ -35,11 +35,16 @@ class FieldProcess:
         """The url at which the operator reaches the rover's radio."""
         return str(self._ports["gcs"])
 
+    @property
+    def link(self) -> str:
+        """The url of the companion's link."""
+        return str(self._ports["companion"])
+
     def config(self, policy: str) -> str:
         """Return a companion.toml for this field, the service's state folder and a free port of the page."""
         with tempfile.TemporaryDirectory() as folder:
-            camera, link = f"field:{self._ports['frames']}", self._ports["companion"]
-            path = write_config(Path(folder), camera=camera, link=link, policy=policy, speed=SPEED)
+            camera = f"field:{self._ports['frames']}"
+            path = write_config(Path(folder), camera=camera, link=self.link, policy=policy, speed=SPEED)
             text = re.sub(r"\[journal\]\nfolder = .*\n", "", path.read_text())
             return text.replace('listen = ""', 'listen = "127.0.0.1:0"')
 

@@ -2,105 +2,31 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
-from bench.service.container import Container, ContainerError
+from bench.service.container import ContainerError
 from bench.service.rover import FieldProcess, answer
+from bench.service.service import CONFIG, STATE, Figures, Service
 
-CONFIG = "etc/anytraverse/companion.toml"
-STATE = "var/lib/anytraverse"
 INSTALL = "PIP_NO_INDEX=1 PIP_FIND_LINKS=/wheels sh /checkout/systemd/install.sh"
 BACK_WITHIN = 12.0
 ENDS_WITHIN = 2.0
 LONGEST_PAUSE = 60.0
-_WAITS = re.compile(r"failed \d+ times in a row: waits \d+ s before it starts")
 KILLS = 3
 _NEWER = """dpkg-deb --raw-extract /root/first.deb /root/second
 sed -i 's/^Version: .*/&+newer/' /root/second/DEBIAN/control
 dpkg-deb -Zzstd -z1 --build /root/second /root/second.deb"""
 _INSTALLS_WITHIN = 400.0
-_STEP = 0.05
 _STEADY = 11.0
 
 _LEFT = r"""find / -xdev \( -path /root -o -path /own -o -path /checkout \) -prune \
 -o \( -iname '*anytraverse*' -o -lname '/opt/anytraverse/*' \) -print
 getent passwd anytraverse"""
-
-Figures = dict[str, Any]
-
-
-class Service:
-    """The service in the container."""
-
-    def __init__(self, container: Container, field: FieldProcess) -> None:
-        self.container, self.field = container, field
-
-    def sh(self, command: str, *, timeout: float = 60.0, check: bool = True) -> str:
-        """Run a command in the container."""
-        return self.container.run(command, timeout=timeout, check=check)
-
-    def show(self, name: str) -> str:
-        """Return a property of the unit."""
-        return self.sh(f"systemctl show --property={name} --value companion").strip()
-
-    @property
-    def pid(self) -> int:
-        """The supervisor, as numbered in the container; 0 when none runs."""
-        return int(self.show("MainPID"))
-
-    def status(self) -> Figures:
-        """Return the status file, {} where it is missing or older than 3 s."""
-        path = self.container.root / STATE / "status.json"
-        try:
-            if time.time() - path.stat().st_mtime > 3.0:
-                return {}
-            read = json.loads(path.read_text())
-        except (OSError, ValueError):
-            return {}
-        return read if isinstance(read, dict) else {}
-
-    def until(self, what: str, fits: Callable[[], object], within: float) -> float:
-        """Wait, and return the seconds that it took."""
-        begun = time.monotonic()
-        while not fits():
-            if time.monotonic() - begun > within:
-                log = self.sh("journalctl -u companion --no-pager -n 30", check=False)
-                raise ContainerError(f"not within {within:.0f} s: {what}\n{self.status()}\n{log}")
-            time.sleep(_STEP)
-        return round(time.monotonic() - begun, 2)
-
-    def judges(self, since: int = 0) -> bool:
-        """Whether another process than `since` runs, is ready and judges frames."""
-        said = self.status()
-        pid = self.pid
-        return (
-            pid not in (0, since)
-            and said.get("pid") == pid
-            and said.get("frames", 0) > 0
-            and said.get("state") not in ("fault", "starting", None)
-            and self.show("ActiveState") == "active"
-        )
-
-    def waits(self) -> bool:
-        """Whether it waits before a start. Between two starts the text is that of the one before."""
-        return self.show("SubState") == "start" and bool(_WAITS.match(self.show("StatusText")))
-
-    def page_is_well(self) -> bool:
-        """Whether /healthz of the page answers with 200, as somebody on the rover's computer asks."""
-        url = self.status().get("web", {}).get("url", "")
-        ask = f"python3 -c 'import urllib.request as r; print(r.urlopen(\"{url}healthz\", timeout=5).status)'"
-        return bool(url) and "200" in self.sh(ask, check=False)
-
-    def configure(self) -> None:
-        """Write companion.toml for the field. The owner allows holds."""
-        (self.container.root / CONFIG).write_text(self.field.config("hold"))
 
 
 def install(service: Service) -> Figures:
@@ -138,11 +64,10 @@ def sigterm(service: Service) -> Figures:
     service.until("it judges", service.judges, 20.0)
     before = service.status().get("words")
     begun = time.monotonic()
-    service.sh("systemctl stop companion")
+    service.stop()
     seconds = round(time.monotonic() - begun, 2)
-    result = service.show("Result")
-    log = service.sh("journalctl -u companion --no-pager -n 5")
-    service.sh("systemctl start companion")
+    result, log = service.show("Result"), service.log(5)
+    service.start()
     service.until("it judges again", service.judges, 20.0)
     if result != "success" or "told to stop, and stopped" not in log or seconds > ENDS_WITHIN:
         raise ContainerError(f"stopped with {result} after {seconds} s: {log}")
@@ -169,25 +94,25 @@ def reboot(service: Service) -> Figures:
 
 def kill(service: Service) -> Figures:
     """SIGKILL, some times."""
-    times = [_back(service, "KILL") for _ in range(KILLS)]
+    times = [_back(service, service.kill) for _ in range(KILLS)]
     return {"kills": KILLS, "back_s": times, "limit_s": BACK_WITHIN}
 
 
 def hang(service: Service) -> Figures:
-    """SIGSTOP: systemd's watchdog ends the supervisor that does not turn."""
-    seconds = _back(service, "STOP")
-    log = service.sh("journalctl -u companion --no-pager -n 200")
-    if "Watchdog timeout" not in log:
+    """The supervisor does not turn: the watchdog ends it."""
+    seconds = _back(service, service.freeze)
+    log = service.log(200)
+    if service.watchdog_says not in log:
         raise ContainerError(f"not the watchdog ended it: {log[-3000:]}")
     return {"back_s": seconds, "limit_s": BACK_WITHIN, "traceback": "most recent call first" in log}
 
 
-def _back(service: Service, signal: str) -> float:
+def _back(service: Service, harm: Callable[[], None]) -> float:
     service.until("it judges", service.judges, 20.0)
     service.sh(f"sleep {_STEADY}")  # as after a failure that stands alone
     pid = service.pid
     begun = time.monotonic()
-    service.sh(f"kill -{signal} {pid}")
+    harm()
     service.until("it is back", lambda: service.judges(since=pid), BACK_WITHIN)
     return round(time.monotonic() - begun, 2)
 
@@ -231,11 +156,11 @@ def upgrade(service: Service, wheel: Path) -> Figures:
     """Install a wheel over it while a call is open: call, words and configuration are as before."""
     # In the steps before, the autopilot's script held the rover: a new one drives from the trail's beginning.
     # The companion is stopped meanwhile: a fault's hold would come first.
-    service.sh("systemctl stop companion")
+    service.stop()
     service.field.close()
     service.field = FieldProcess()
     service.configure()
-    service.sh("systemctl start companion")
+    service.start()
     service.until("it judges", service.judges, 20.0)
     service.until("a call holds the rover", lambda: _called(service.status()), 120.0)
     before, old = service.status(), service.pid

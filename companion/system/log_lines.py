@@ -116,13 +116,16 @@ def dump_when_aborted() -> None:
 
     Where stderr is a socket, as that of systemd's journal, systemd kills the process that waits.
     """
-    if sys.__stderr__ is None:
-        return
-    descriptor = _STDERR
+    if sys.__stderr__ is not None:
+        faulthandler.enable(unread_stderr())
+
+
+def unread_stderr() -> int:
+    """Return a descriptor of stderr; where that is a pipe, writing to it waits for no reader."""
     if stat.S_ISFIFO(os.fstat(_STDERR).st_mode):
         with contextlib.suppress(OSError):  # opened anew, since others that share it may wait for its reader
-            descriptor = os.open(f"/proc/self/fd/{_STDERR}", os.O_WRONLY | os.O_NONBLOCK)
-    faulthandler.enable(descriptor)
+            return os.open(f"/proc/self/fd/{_STDERR}", os.O_WRONLY | os.O_NONBLOCK)
+    return _STDERR
 
 
 def end_process(code: int) -> NoReturn:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import logging
 import os
 import signal
@@ -10,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from companion.system.log_lines import unread_stderr
 from companion.system.watchdog import back_off
 
 log = logging.getLogger(__name__)
@@ -28,6 +30,8 @@ _LEAVE_WITHIN = 15.0
 class ServiceManager:
     """Sends what systemd wants to know, as datagrams to $NOTIFY_SOCKET. Without it, it is silent.
 
+    In a container nobody hears it: with $WATCHDOG_USEC alone the process watches itself. When it is ready
+    and was not `alive` for so long, it says on stderr where each thread is, and ends with 1.
     Nothing here blocks, except `pause`. While the daemon starts, call `starting` in every turn, then `ready`
     once, then `alive` in every sound turn, then `stopping`.
     """
@@ -43,6 +47,7 @@ class ServiceManager:
         folder = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
         self._failures = Path(folder, _FAILURES) if folder else None
         self._period = _watchdog_period(environment)
+        self._stderr = unread_stderr() if self._socket is None and self._period else None
         self._due = float("-inf")
         self._steady_at = float("inf")
         self._status = ""
@@ -76,6 +81,7 @@ class ServiceManager:
     def ready(self, now: float) -> None:
         """Report that the start is over: the watchdog counts from now on."""
         self._ready_sent = self._send("READY=1")
+        self._watch(self._period)
         self._due = now
         self._steady_at = now + STEADY_AFTER
 
@@ -85,6 +91,7 @@ class ServiceManager:
             self._due = now + self._period / 4
             self._ready_sent = self._ready_sent or self._send("READY=1")
             self._send("WATCHDOG=1")
+            self._watch(self._period)
         if now >= self._steady_at:
             self._steady_at = float("inf")
             self._write_failures(0)
@@ -98,7 +105,13 @@ class ServiceManager:
     def stopping(self) -> None:
         """Report an orderly end, which is no failure. It may take longer than the watchdog's period."""
         self._send(f"STOPPING=1\nWATCHDOG=1\nWATCHDOG_USEC={_microseconds(_LEAVE_WITHIN)}")
+        self._watch(_LEAVE_WITHIN)
         self._write_failures(0)
+
+    def _watch(self, seconds: float | None) -> None:
+        """End this process after so long unless called again, also while Python's lock is held."""
+        if self._stderr is not None and seconds is not None:
+            faulthandler.dump_traceback_later(seconds, exit=True, file=self._stderr)
 
     def _send(self, line: str) -> bool:
         if self._socket is None:

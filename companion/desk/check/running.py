@@ -50,7 +50,7 @@ def _verdict(folder: Path, age: float | None, said: Mapping[str, Any]) -> tuple[
     if age is None:
         return NOT_RUNNING, f"no companion runs with {folder}, or it is still starting: see its log"
     pid = said.get("pid")
-    began = _started(pid)
+    began = started_at(pid)
     # A process that was started after the file was written is another one with the same number.
     another = began is not None and began > time.time() - age + RUNNING
     if another or not is_alive(pid):
@@ -115,7 +115,7 @@ def _rows(folder: Path, said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     live = _table(said, "live")
     viewers = f"{live.get('url') or 'nowhere'}, {live.get('clients', 0)} viewers"
     yield "live view", str(live.get("trouble") or viewers)
-    since = _started(said.get("pid"))
+    since = started_at(said.get("pid"))
     if since is not None:
         at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(since))
         yield "since", f"{at}, for {_duration(time.time() - since)}"
@@ -146,7 +146,7 @@ def _table(said: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _started(pid: object) -> float | None:
+def started_at(pid: object) -> float | None:
     """Return when the process was started, in seconds since 1970; None when /proc does not say."""
     try:
         ticks = int(Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -64,6 +67,54 @@ def test_without_a_watchdog_of_ours_none_is_fed(systemd: Systemd, environment: d
     service = ServiceManager({**os.environ, **environment})
     service.alive(100.0)
     assert systemd.heard() == []
+
+
+def run_alone(code: str) -> subprocess.CompletedProcess[str]:
+    """Run code in a process that nobody but itself watches, for a fifth of a second."""
+    head = "import time\nfrom companion.system.service_manager import ServiceManager as Manager\n"
+    head += "service = Manager()\n"
+    environment = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
+    return subprocess.run(
+        [sys.executable, "-c", head + code],
+        env={**environment, "WATCHDOG_USEC": "200000"},
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+
+
+def test_where_nobody_watches_it_a_process_that_hangs_says_where_and_ends() -> None:
+    done = run_alone("service.ready(time.monotonic())\ntime.sleep(30)")
+    assert done.returncode == 1
+    assert "Timeout (0:00:00.200000)!" in done.stderr
+    assert 'File "<string>", line 5' in done.stderr
+
+
+def test_it_may_start_and_end_for_as_long_as_it_needs() -> None:
+    done = run_alone(
+        "time.sleep(0.4)\nservice.ready(0.0)\nservice.stopping()\ntime.sleep(0.4)\nprint('ended')"
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ended\n", "")
+
+
+def test_each_sign_of_life_gives_it_the_whole_period_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[float] = []
+    monkeypatch.setattr(faulthandler, "dump_traceback_later", lambda seconds, **_: given.append(seconds))
+    service = ServiceManager({"WATCHDOG_USEC": "2000000"})
+    service.ready(100.0)
+    for turn in range(200):
+        service.alive(100.0 + 0.02 * turn)
+    assert given == [2.0] * 9
+
+
+def test_with_systemd_it_does_not_watch_itself(systemd: Systemd, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(faulthandler, "dump_traceback_later", None)
+    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
+    service = ServiceManager()
+    service.ready(100.0)
+    service.alive(101.0)
+    assert systemd.heard() == ["READY=1", "WATCHDOG=1"]
 
 
 def test_a_long_start_asks_for_time_once_a_second(systemd: Systemd) -> None:

@@ -128,6 +128,9 @@ def test_inside_the_companion_no_program_is_started(tmp_path: Path, monkeypatch:
     verdict, text = only(check_service(rover(tmp_path, {"service": False}, inside=True)))
     assert verdict == "warn"
     assert "started by hand" in text
+    monkeypatch.setenv("container", "oci")
+    verdict, text = only(check_service(rover(tmp_path, {"service": False}, inside=True)))
+    assert (verdict, "what runs it has to start it" in text) == ("skip", True)
 
 
 @pytest.fixture

@@ -124,9 +124,8 @@ def _terminal(url: str) -> Iterator[str]:
     with socket(AF_INET, SOCK_DGRAM) as field:
         field.settimeout(0.2)
         field.connect((host, int(port)))
-        # The field sends to who was heard, and the companion to an autopilot that was.
         companion = MAVLink(None, srcSystem=1, srcComponent=_ONBOARD_COMPUTER)
-        field.send(companion.heartbeat_encode(18, 8, 0, 0, 0).pack(companion))
+        heartbeat = companion.heartbeat_encode(18, 8, 0, 0, 0).pack(companion)
         over = threading.Event()
 
         def to_field() -> None:
@@ -138,9 +137,9 @@ def _terminal(url: str) -> Iterator[str]:
                         field.send(frame.get_msgbuf())
 
         def to_companion() -> None:
-            while not over.is_set():
-                with contextlib.suppress(OSError):
-                    os.write(ours, field.recv(2048))
+            with contextlib.suppress(OSError):
+                while not over.is_set():
+                    os.write(ours, _received(field, heartbeat))
 
         for one in (to_field, to_companion):
             threading.Thread(target=one, daemon=True).start()
@@ -150,6 +149,15 @@ def _terminal(url: str) -> Iterator[str]:
             over.set()
             os.write(theirs, b"\n")  # so that `to_field` ends
             os.close(theirs)
+
+
+def _received(field: socket, heartbeat: bytes) -> bytes:
+    """Hear the field, which sends to who was heard; the companion sends to an autopilot that was."""
+    try:
+        return field.recv(2048)
+    except TimeoutError:
+        field.send(heartbeat)
+        return b""
 
 
 def camera(service: ContainedService) -> Figures:

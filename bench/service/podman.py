@@ -108,8 +108,8 @@ class PodmanContainer:
         podman("stop", self.name)
 
     def remove(self) -> None:
-        """Remove the container, whatever it does; settings and volume stay."""
-        podman("rm", "--force", "--ignore", "--time=0", self.name)
+        """Stop and remove the container; settings and volume stay."""
+        podman("rm", "--force", "--ignore", "--time=10", self.name)
 
 
 class ContainedService(Service):

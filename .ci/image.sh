@@ -34,7 +34,7 @@ trap '[ -z "$container" ] || buildah rm "$container" >/dev/null; rm -rf "$work"'
 release=$(. /etc/os-release && echo "$VERSION_CODENAME")
 echo "image: a Debian root of $release for $architecture"
 # There is no systemd in it: what would be for that, and for udev, is left out. catatonit is process 1, and reaps.
-mmdebstrap --quiet --variant=essential --architectures="$architecture" --include=ca-certificates,catatonit,libstdc++6,passwd,python3 \
+mmdebstrap --quiet --variant=essential --architectures="$architecture" --include=ca-certificates,catatonit,libstdc++6,openssh-client,passwd,python3 \
     --dpkgopt="path-exclude=/usr/lib/systemd/*" --dpkgopt="path-exclude=/usr/lib/udev/*" \
     --dpkgopt="path-exclude=/usr/share/man/*" --dpkgopt="path-exclude=/usr/share/locale/*" \
     --dpkgopt="path-exclude=/usr/share/doc/*" --dpkgopt="path-include=/usr/share/doc/*/copyright" \

@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import astuple
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -145,12 +146,20 @@ def shown_kind(labels: Labels, box: Box) -> str:
 
 
 def _outline(labels: Labels, kind: str, box: Box) -> list[float] | None:
-    """Return the box of all pixels of a kind, None where a box holds most of them or is mostly of them."""
-    is_kind = labels == LABELS.index(kind)
-    inside = is_kind[box.slices(*labels.shape)]
-    if inside.sum() >= LEAST_PART * min(is_kind.sum(), inside.size):
+    """Return the box of the thing of a kind that a box shows most of, None where most of it is in the box.
+
+    Things of a kind are told apart where the picture shows something else between them.
+    """
+    _, parts = cv2.connectedComponents((labels == LABELS.index(kind)).astype(np.uint8))
+    counts = np.bincount(parts.ravel())
+    about, inside = (
+        np.bincount(parts[one.slices(*labels.shape)].ravel(), minlength=counts.size)
+        for one in (box.grown(WIDER), box)
+    )
+    part = 1 + int(np.argmax(about[1:])) if about[1:].any() else 0
+    if not part or inside[part] >= LEAST_PART * counts[part]:
         return None
-    whole = Box.around(is_kind)
+    whole = Box.around(parts == part)
     return None if whole is None else [round(side, 4) for side in astuple(whole)]
 
 

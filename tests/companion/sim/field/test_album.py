@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from anytraverse.regions import Box
-from companion.sim.field.album import Album
+from companion.sim.field.album import Album, _outline
 from companion.sim.field.control import FieldError
 from companion.sim.field.motion import LEVEL, Tilt
-from companion.sim.field.render import PinholeCamera
+from companion.sim.field.render import LABELS, PinholeCamera
 from companion.sim.field.things import World
 from companion.sim.field.trail import TrailPose
 from companion.sim.field.view import View
@@ -71,6 +71,22 @@ def test_a_corner_of_a_thing_on_the_path_is_enough_and_its_own_box_is_told() -> 
     left, top, right, bottom = seen["outline"]
     assert box.left < left < right < box.right
     assert box.top <= top < bottom <= box.bottom
+
+
+def test_a_thing_that_is_larger_than_the_box_has_its_outline() -> None:
+    scene = Scene("log")
+    scene.draw(3.0)
+    seen = scene.album.look(Box(0.45, 0.55, 0.5, 0.6), 1.0)
+    assert seen["thing"] == "log-1"
+    left, _, right, _ = seen["outline"]
+    assert right - left > 0.2, "a person frames all of it, not what the box happens to have"
+
+
+def test_the_outline_is_of_one_thing_where_two_of_a_kind_are_seen() -> None:
+    labels = np.zeros((100, 100), np.uint8)
+    labels[40:80, 10:30] = labels[40:80, 60:90] = LABELS.index("drum")
+    assert _outline(labels, "drum", Box(0.65, 0.5, 0.7, 0.6)) == [0.6, 0.4, 0.9, 0.8]
+    assert _outline(labels, "drum", Box(0.05, 0.4, 0.35, 0.8)) is None
 
 
 def test_a_thing_that_begins_where_the_box_ends_is_what_it_is_about() -> None:

@@ -242,11 +242,14 @@ class Guide:
         return in_a_row and all(plan.arcs and plan.clear >= needed for plan in self._plans)
 
     def _is_shut(self, now: float) -> bool:
-        """Whether something is known to stand right before the vehicle, maybe below the picture."""
+        """Whether something is known to stand right before the vehicle, maybe below the picture or beside it.
+
+        A way round it counts where a take-over would be possible at once: until then the mission drives.
+        """
         newest = self._plans[-1] if self._plans else None
         if newest is None or now - newest.at > self._freshness:
             return False
-        return newest.route_blocked and not newest.arcs and newest.route_clear < _NEAR
+        return newest.route_blocked and newest.route_clear < _NEAR and not self._plans_clear(_AMBLES, now)
 
     def _passes(self, c: Circumstances) -> bool:
         if self.stuck or not c.allowed:

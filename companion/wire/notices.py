@@ -126,6 +126,16 @@ def fault_slow(seconds: float | None) -> str:
     return fit(f"FAULT: {_seconds(seconds)} a frame: faster, or AT_POLICY 0")
 
 
+def guide_slow(rate: float | None) -> str:
+    """Refuses policy guide, because too few pictures are judged. rate: a second."""
+    return fit(f"GUIDE refused: judges {_fast(rate)}/s: too few")
+
+
+def fault_guide_slow(rate: float | None) -> str:
+    """Reports the fault that policy guide is in force and too few pictures are judged for it."""
+    return fit(f"FAULT: judges {_fast(rate)}/s: faster, or AT_POLICY 2")
+
+
 def outruns(speed: float | None, fits: float | None) -> str:
     """Says that the vehicle cannot stop within what its camera shows. m/s; fits: speed at which it can."""
     return f"{_fast(speed)} m/s outruns eyes, {_fast(fits)} fits"

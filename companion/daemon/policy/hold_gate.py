@@ -15,6 +15,11 @@ from companion.vision.infrared import REMEDY, TEXT
 from companion.vision.warm_up import too_slow
 from companion.wire import notices
 
+GUIDES_FROM = 4.0
+"""Judged pictures a second that policy guide needs. With fewer, on busy computers, the simulated rover has
+touched things: picture, pose and order came apart."""
+_ROUNDING = 1e-6
+
 
 @dataclass(frozen=True)
 class HoldRefusal:
@@ -79,6 +84,9 @@ class HoldGate:
         pace = Pace(now.step, 1.0 / self._config.camera.rate, now.judging.freshness)
         if not pace.keeps:
             return _too_slow(pace)
+        rate = 1.0 / max(pace.step, pace.period)
+        if now.guides and rate < GUIDES_FROM - _ROUNDING:
+            return _too_slow_to_guide(rate)
         outruns = self.outruns(now)
         return _infrared() if outruns is None and now.misled_by_infrared else outruns
 
@@ -96,6 +104,15 @@ class HoldGate:
 def _too_slow(pace: Pace) -> HoldRefusal:
     short, reminder = notices.hold_refused(pace.step), notices.fault_slow(pace.step)
     return HoldRefusal(too_slow(pace), short, reminder, "perceiver too slow for HOLD", "judges too slowly")
+
+
+def _too_slow_to_guide(rate: float) -> HoldRefusal:
+    short, reminder = notices.guide_slow(rate), notices.fault_guide_slow(rate)
+    why = (
+        f"guide cannot be given: {rate:.2g} pictures are judged a second, and it needs {GUIDES_FROM:g}: "
+        "raise [camera] rate, use a smaller bundle or a faster computer, or set policy hold"
+    )
+    return HoldRefusal(why, short, reminder, "judges too seldom for GUIDE", "judges too seldom")
 
 
 def _unchecked(missing: str) -> HoldRefusal:

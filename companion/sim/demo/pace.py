@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
+
+from companion.daemon.policy.hold_gate import GUIDES_FROM
 
 SPEED = 1.5
 """m/s that the simulated rover drives where the computer is fast enough."""
@@ -70,27 +72,35 @@ class Judging(NamedTuple):
         )
 
 
-def pace_for(judging: Judging) -> DemoPace:
-    """Return the fastest pace that this computer keeps, the slowest where it keeps none."""
+def pace_for(judging: Judging, *, guide: bool = False) -> DemoPace:
+    """Return the fastest pace that this computer keeps, the slowest where it keeps none.
+
+    guide: only paces with which policy guide is given.
+    """
     if judging.rate >= _FULL_RATE and judging.latency <= _FULL_LATENCY:
         return PACES[0]
-    for pace in PACES[1:]:
+    paces = _paces(guide=guide)
+    for pace in paces[1:]:
         if pace.rate <= _SHARE * judging.rate and pace.freshness >= _LATENCIES * judging.latency:
             return pace
-    return PACES[-1]
+    return paces[-1]
 
 
-def slower(pace: DemoPace, judging: Judging | None) -> DemoPace | None:
+def slower(pace: DemoPace, judging: Judging | None, *, guide: bool = False) -> DemoPace | None:
     """Return the pace to go on at where this one was not kept, None after the slowest.
 
     judging: what was measured at this pace, None: nothing. It may have been a moment only, so that no more
-    than one pace is left out for it.
+    than one pace is left out for it. guide: as for `pace_for`.
     """
-    after = [one for one in PACES if one.rate < pace.rate][:2]
+    after = [one for one in _paces(guide=guide) if one.rate < pace.rate][:2]
     if judging is None:
         return after[0] if after else None
-    kept = pace_for(judging)
+    kept = pace_for(judging, guide=guide)
     return next((one for one in after if one.rate <= kept.rate), after[-1] if after else None)
+
+
+def _paces(*, guide: bool) -> Sequence[DemoPace]:
+    return [one for one in PACES if one.rate >= GUIDES_FROM] if guide else PACES
 
 
 class JudgingMeter:

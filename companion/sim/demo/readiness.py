@@ -51,7 +51,7 @@ class Readiness:
             self._wait(until_measured=True)
             judging = self.meter.settled(self._clock())
             if judging is not None:
-                wanted = pace_for(judging)
+                wanted = pace_for(judging, guide=self._stage.setup.guide)
                 self._story.plain(
                     _sentence(f"this computer judges {judging}: the rover drives at {self.speed(wanted)}")
                 )
@@ -74,7 +74,7 @@ class Readiness:
 
     def slower(self) -> DemoPace | None:
         """Return the pace to go on at where this one cannot be kept, None after the slowest."""
-        return slower(self._stage.pace, self.meter.judging(self._clock()))
+        return slower(self._stage.pace, self.meter.judging(self._clock()), guide=self._stage.setup.guide)
 
     def refusal(self) -> str:
         """Says that the policy is refused, and why, with the speed that would do."""

@@ -512,6 +512,16 @@ def test_what_stands_right_before_it_keeps_it_in_our_hold_though_the_region_does
     assert rover.stuck == ""
 
 
+def test_so_does_what_has_a_way_round_it_that_is_too_short_to_take_over() -> None:
+    rover = Rover()
+    rover.plan = {"route_clear": 0.2, "route_blocked": True, "clear": 0.4}
+    rover.turn(1.0, held=True, mode=HOLD, driven=0.0)
+    assert rover.stuck.startswith("no way"), "the mission would drive into it"
+    rover.plan = {"route_clear": 0.2, "route_blocked": True, "clear": 6.0}
+    rover.turn(1.0)
+    assert rover.stuck == ""
+
+
 modes = st.sampled_from([MANUAL, HOLD, AUTO, GUIDED])
 steps = st.fixed_dictionaries(
     {

@@ -12,7 +12,7 @@ import pytest
 
 from anytraverse.perception import make_perceiver
 from companion.config import load_config
-from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
+from companion.daemon.policy.hold_gate import GUIDES_FROM, HoldConditions, HoldGate
 from companion.sim.demo.child import ChildError
 from companion.sim.demo.config import write_config
 from companion.sim.demo.director import Director, allowed
@@ -204,6 +204,9 @@ def test_paces_fall_and_the_next_one_is_skipped_where_the_computer_is_known_to_b
     assert slower(PACES[1], Judging(0.1, 9.9)) is PACES[3], "which may have been a moment"
     assert slower(PACES[4], Judging(0.1, 9.0)) is None
     assert pace_for(Judging(9.9, 3.0)) is PACES[4], "late pictures are as bad as few"
+    assert pace_for(Judging(0.4, 3.0), guide=True) is PACES[1], "guide is refused at the slower ones"
+    assert slower(PACES[0], Judging(0.1, 9.9), guide=True) is PACES[1]
+    assert slower(PACES[1], Judging(0.1, 9.9), guide=True) is None
     assert allowed(PACES[4], 0.3) > 4 * allowed(PACES[0], SPEED)
 
 
@@ -224,7 +227,33 @@ def test_at_each_pace_the_rover_stops_in_time(tmp_path: Path, pace: DemoPace, gu
     step = 0.9 / pace.rate
     now = HoldConditions(judging_settings(config, make_perceiver("builtin")), step, guides=guide)
     refused = HoldGate(config).refuses(now)
-    assert refused is None, refused
+    if guide and pace.rate < GUIDES_FROM:
+        assert refused is not None
+        assert "needs 4" in refused.why
+    else:
+        assert refused is None, refused
+
+
+@pytest.mark.parametrize(("step", "given"), [(0.2, True), (0.25, True), (0.26, False)])
+def test_guide_is_given_from_four_judged_pictures_a_second(
+    tmp_path: Path, step: float, *, given: bool
+) -> None:
+    pace = PACES[1]
+    path = write_config(
+        tmp_path,
+        camera="field:127.0.0.1:1",
+        link="udpout:127.0.0.1:14550",
+        policy="guide",
+        speed=0.3,
+        rate=10.0,
+        freshness=pace.freshness,
+        guide=True,
+    )
+    config = load_config(str(path))
+    now = HoldConditions(judging_settings(config, make_perceiver("builtin")), step, guides=True)
+    gate = HoldGate(config)
+    assert (gate.refuses(now) is None) == given
+    assert gate.refuses(now._replace(guides=False)) is None
 
 
 @pytest.mark.parametrize(("mode", "speed"), [("AUTO", 0.0), ("HOLD", 0.9), ("HOLD", 0.1)])

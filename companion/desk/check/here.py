@@ -56,7 +56,7 @@ def is_alive(pid: object) -> bool:
         return True
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):  # the file may hold any number
         return False
     except OSError:
         pass

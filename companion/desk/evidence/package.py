@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import shlex
-import time
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,11 +13,13 @@ from textwrap import fill
 from companion.desk.evidence.signature import NAMESPACE, SIGNER, sign
 
 LARGEST = 20_000_000
-"""Bytes of the zip, and of each member."""
+"""Bytes of the zip."""
 PAGE, DATA, CONFIG, README = "evidence.html", "evidence.json", "config.toml", "README.txt"
 SIGNERS, SUMS, SIGNATURE = "allowed_signers", "SHA256SUMS", "SHA256SUMS.sig"
 SIGNED = (README, PAGE, DATA, CONFIG, SIGNERS)
-"""The members that the sums list. The two others are the sums and their signature."""
+"""The members that the sums list."""
+MEMBERS = (*SIGNED, SUMS, SIGNATURE)
+"""All members, in their order."""
 
 PROVES = (
     "The signature proves that nothing in this file has changed since it was signed, and that two such files "
@@ -38,16 +40,18 @@ To check it, with coreutils and OpenSSH 8.2 or newer:
   sha256sum --check --strict SHA256SUMS
   ssh-keygen -Y verify -f {signers} -I {signer} -n {namespace} -s {signature} < {sums}
 
-or, where the companion is installed, which also refuses files that the sums do not list:
+or, where the companion is installed, which also refuses what unzip might show otherwise:
 
   companion evidence --verify {name}
 
 {proves}
-The key is this one, by its fingerprint: {fingerprint}
+Which key it was, only the output of these commands tells: compare that with what the owner told you, or with
+that of an earlier file. What these files say of a key, anybody can write.
 """
 
-_EARLIEST = (1980, 1, 1, 0, 0, 0)
-"""No zip has an earlier time, and a rover without a clock begins in 1970."""
+_TIME = (1980, 1, 1, 0, 0, 0)
+"""Of each member: that the members alone decide each byte of the zip."""
+_UNIX = 3
 
 
 class PackageTooLargeError(Exception):
@@ -60,7 +64,18 @@ def sums_of(members: Mapping[str, bytes]) -> bytes:
     return "".join(lines).encode()
 
 
-def write_package(out: Path, key: Path, signers: str, fingerprint: str, members: Mapping[str, bytes]) -> int:
+def pack(members: Mapping[str, bytes]) -> bytes:
+    """Return the zip with these members. The same ones are always packed the same."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_STORED) as written:
+        for name in MEMBERS:
+            entry = zipfile.ZipInfo(name, _TIME)
+            entry.create_system, entry.external_attr = _UNIX, 0o644 << 16
+            written.writestr(entry, members[name], zipfile.ZIP_STORED)
+    return made.getvalue()
+
+
+def write_package(out: Path, key: Path, signers: str, members: Mapping[str, bytes]) -> int:
     """Write the zip, and return its size in bytes.
 
     key: the private one. signers: as of `allowed_signers`. members: by name, without README, signers, sums
@@ -75,23 +90,19 @@ def write_package(out: Path, key: Path, signers: str, fingerprint: str, members:
         signature=SIGNATURE,
         sums=SUMS,
         proves=fill(PROVES, 100),
-        fingerprint=fingerprint,
     )
-    signed = {README: readme.encode(), **members, SIGNERS: signers.encode()}
+    all_signed = {**members, README: readme.encode(), SIGNERS: signers.encode()}
+    signed = {name: all_signed[name] for name in SIGNED}
     sums = sums_of(signed)
-    packed = {**signed, SUMS: sums, SIGNATURE: sign(key, sums)}
-    if sum(map(len, packed.values())) > LARGEST:
+    content = pack({**signed, SUMS: sums, SIGNATURE: sign(key, sums)})
+    if len(content) > LARGEST:
         raise PackageTooLargeError(f"it would be larger than {LARGEST // 1_000_000} MB")
-    now = max(time.gmtime(time.time())[:6], _EARLIEST)
     try:
-        with out.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as written:
-            for name, content in packed.items():
-                entry = zipfile.ZipInfo(name, now)
-                entry.external_attr = 0o644 << 16
-                written.writestr(entry, content, zipfile.ZIP_DEFLATED)
+        with out.open("xb") as file:
+            file.write(content)
     except FileExistsError:
         raise
     except BaseException:
         out.unlink(missing_ok=True)
         raise
-    return out.stat().st_size
+    return len(content)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
-import shutil
 import stat
+import struct
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -17,11 +16,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.cli import main
-from companion.desk.evidence.package import DATA, SIGNATURE, SIGNED, SIGNERS, SUMS, sums_of
-from companion.desk.evidence.signature import SignatureError, allowed_signers, rover_key, sign
+from companion.desk.evidence.package import (
+    DATA,
+    MEMBERS,
+    PAGE,
+    SIGNATURE,
+    SIGNED,
+    SIGNERS,
+    SUMS,
+    pack,
+    sums_of,
+)
+from companion.desk.evidence.signature import SignatureError, allowed_signers, fingerprint, rover_key, sign
 from companion.desk.evidence.verify import NotEvidenceError, verify
-
-MEMBERS = (*SIGNED, SUMS, SIGNATURE)
 
 
 def members(path: Path) -> dict[str, bytes]:
@@ -30,7 +37,11 @@ def members(path: Path) -> dict[str, bytes]:
 
 
 def packed(content: Mapping[str, bytes], path: Path) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as written:
+    """Pack these members as ours are, others as they come."""
+    if set(content) == set(MEMBERS):
+        path.write_bytes(pack(content))
+        return path
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as written:
         for name, each in content.items():
             written.writestr(name, each)
     return path
@@ -65,18 +76,15 @@ def test_each_bit_of_the_signature_counts(package: Path, tmp_path: Path) -> None
 
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
-def test_a_flipped_byte_of_the_file_is_noticed_or_changes_no_member(
+def test_a_flipped_byte_of_the_file_is_noticed(
     package: Path, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     content = bytearray(package.read_bytes())
     content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
     path = tmp_path_factory.mktemp("flipped") / "it.zip"
     path.write_bytes(content)
-    try:
+    with pytest.raises((NotEvidenceError, SignatureError)):
         verify(path)
-    except (NotEvidenceError, SignatureError):
-        return
-    assert members(path) == members(package)
 
 
 @given(content=st.binary(max_size=400))
@@ -104,12 +112,9 @@ def test_a_missing_member_is_named(
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("more.html", "more.html is not in SHA256SUMS"),
-        ("../evil.sh", "a member is called '../evil.sh'"),
-        ("/etc/passwd", "a member is called '/etc/passwd'"),
-        ("folder/", "a member is called 'folder/'"),
-        ("a\x1b[2Jb", "a member is called 'a\\x1b[2Jb'"),
-        (".hidden", "a member is called '.hidden'"),
+        ("more.html", "'more.html' is in it"),
+        ("../evil.sh", "'../evil.sh' is in it"),
+        ("a\x1b[2Jb", "'a\\x1b[2Jb' is in it"),
     ],
 )
 def test_a_member_that_was_added_is_named(
@@ -125,48 +130,58 @@ def test_a_name_that_comes_twice_is_refused(
     path = packed(members(package), tmp_path / "it.zip")
     with zipfile.ZipFile(path, "a") as written:
         written.writestr(DATA, b"{}")
-    refused(path, "evidence.json is in it 2 times", capsys)
+    refused(path, "a member is in it twice", capsys)
 
 
-def test_a_bomb_is_not_unpacked(package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = packed({**members(package), "bomb": bytes(60_000_000)}, tmp_path / "it.zip")
-    assert path.stat().st_size < 1_000_000
-    refused(path, "unpacked it is larger than 20 MB", capsys)
-
-
-def test_a_bomb_that_lies_about_its_size_is_noticed(package: Path, tmp_path: Path) -> None:
-    path = packed({**members(package), DATA: bytes(5_000_000)}, tmp_path / "it.zip")
-    content = path.read_bytes()
-    size = (5_000_000).to_bytes(4, "little")
-    assert content.count(size) >= 2
-    path.write_bytes(content.replace(size, (10).to_bytes(4, "little")))
-    with pytest.raises(NotEvidenceError):
-        verify(path)
-
-
-def test_many_members_and_a_large_file_are_refused(
+def test_what_is_larger_than_any_evidence_is_not_read(
     package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    many = {f"m{number}": b"" for number in range(40)}
-    refused(packed({**members(package), **many}, tmp_path / "many.zip"), "it has 47 members", capsys)
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as written:
+        for name, content in members(package).items():
+            written.writestr(name, bytes(60_000_000) if name == DATA else content)
+    assert (tmp_path / "bomb.zip").stat().st_size < 1_000_000
+    refused(tmp_path / "bomb.zip", "it is packed otherwise", capsys)
     large = tmp_path / "large.zip"
     with large.open("wb") as file:
         file.truncate(30_000_000)
     refused(large, "it is larger than 20 MB", capsys)
 
 
-def test_what_is_put_before_or_behind_it_is_noticed(
-    package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def tailed(content: bytes) -> bytes:
+    return content[:-1] + b"\x07"  # the comment's length
+
+
+def gapped(content: bytes) -> bytes:
+    directory = zipfile.ZipFile(io.BytesIO(content)).start_dir
+    end = (directory + 6).to_bytes(4, "little")
+    return content[:directory] + b"HIDDEN" + content[directory:-6] + end + content[-2:]
+
+
+def linked(content: bytes) -> bytes:
+    place = content.find(b"PK\x01\x02") + 38
+    return content[:place] + (0o120777 << 16).to_bytes(4, "little") + content[place + 4 :]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda content: b"#!/bin/sh\n" + content,
+        lambda content: content + b"more",
+        tailed,
+        gapped,
+        linked,
+        two_faced,
+    ],
+)
+def test_what_another_program_may_read_otherwise_is_refused(
+    change: Callable[[bytes], bytes], package: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "it.zip"
-    path.write_bytes(b"#!/bin/sh\n" + package.read_bytes())
-    refused(path, "something stands before its first member", capsys)
-    path.write_bytes(package.read_bytes() + b"more")
-    refused(path, "something was added at its end", capsys)
-    packed(members(package), path)
-    with zipfile.ZipFile(path, "a") as written:
-        written.comment = b"a comment"
-    refused(path, "something was added at its end", capsys)
+    path.write_bytes(change(package.read_bytes()))
+    if change is two_faced:
+        assert members(path) == members(package), "zipfile sees the signed ones"
+    with pytest.raises(NotEvidenceError):
+        verify(path)
 
 
 def test_what_is_no_regular_file_is_not_waited_for(
@@ -175,17 +190,9 @@ def test_what_is_no_regular_file_is_not_waited_for(
     os.mkfifo(tmp_path / "pipe.zip")
     for path in (tmp_path / "pipe.zip", tmp_path, tmp_path / "nowhere.zip"):
         assert main(["evidence", "--verify", str(path)]) == 2
-        assert str(path) in "".join(capsys.readouterr())
-
-
-def test_an_encrypted_member_is_refused(package: Path, tmp_path: Path) -> None:
-    content = bytearray(package.read_bytes())
-    for found in re.finditer(rb"PK\x01\x02", bytes(content)):
-        content[found.start() + 8] |= 1
-    path = tmp_path / "it.zip"
-    path.write_bytes(content)
-    with pytest.raises(NotEvidenceError, match="encrypted"):
-        verify(path)
+        said = "".join(capsys.readouterr())
+        assert str(path) in said
+        assert "sudo" not in said
 
 
 def test_who_signs_anew_has_another_key(
@@ -194,14 +201,20 @@ def test_who_signs_anew_has_another_key(
     """The signature is good, as its own: only the fingerprint tells who it was."""
     key = rover_key(tmp_path)
     told = json.loads(members(package)[DATA])
+    document_key = told["key"]
     forged = {name: members(package)[name] for name in SIGNED}
-    forged |= {DATA: json.dumps({**told, "rover": "system 9\x1b[2J"}).encode()}
-    forged |= {SIGNERS: allowed_signers(key).encode()}
+    signers = allowed_signers(key)
+    forged |= {SIGNERS: signers.encode()}
     sums = sums_of(forged)
     path = packed({**forged, SUMS: sums, SIGNATURE: sign(key, sums)}, tmp_path / "it.zip")
+    refused(path, "names another key", capsys)
+    told |= {"rover": "system 9\x1b[2J", "key": fingerprint(signers)}
+    forged |= {DATA: json.dumps(told).encode()}
+    sums = sums_of(forged)
+    packed({**forged, SUMS: sums, SIGNATURE: sign(key, sums)}, path)
     assert main(["evidence", "--verify", str(path)]) == 0
     said = capsys.readouterr().out
-    assert told["key"] not in said
+    assert document_key not in said
     assert "\x1b" not in said
     with_old_name = {**forged, SIGNERS: members(package)[SIGNERS]}
     sums = sums_of(with_old_name)
@@ -227,8 +240,5 @@ def test_a_link_to_it_is_followed_and_it_stays_as_it_is(package: Path, tmp_path:
     assert stat.S_ISLNK(link.lstat().st_mode)
 
 
-def test_it_may_be_packed_again(package: Path, tmp_path: Path) -> None:
-    """What counts are the members: a mail program may pack them anew."""
-    assert verify(packed(members(package), tmp_path / "again.zip")) == verify(package)
-    shutil.copy(package, tmp_path / "copy.zip")
-    assert io.BytesIO((tmp_path / "copy.zip").read_bytes()).getvalue() == package.read_bytes()
+def test_the_same_members_are_always_packed_the_same(package: Path) -> None:
+    assert pack(members(package)) == package.read_bytes()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import contextlib
+import hashlib
 import os
 import re
 import subprocess
@@ -12,13 +13,16 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from anytraverse.regular_file import open_regular
+from companion.system.as_owner import as_owner
+from companion.system.computer import existing
+
 KEY = "evidence_key"
 """The rover's private key, in its data folder."""
 NAMESPACE = "anytraverse-evidence"
 SIGNER = "rover"
 """The name in `allowed_signers` that the key stands for."""
 _SIGNERS = re.compile(rf'{SIGNER} namespaces="{NAMESPACE}" ssh-ed25519 [A-Za-z0-9+/]{{68}}\n', re.ASCII)
-_FINGERPRINT = re.compile(r"key (SHA256:[A-Za-z0-9+/]{43})", re.ASCII)
 _BEGIN, _END = b"-----BEGIN SSH SIGNATURE-----", b"-----END SSH SIGNATURE-----"
 _COLUMNS = 70
 _PATIENCE = 20.0
@@ -36,25 +40,33 @@ class NoToolError(Exception):
 def rover_key(folder: Path) -> Path:
     """Return the rover's private key; makes it, readable by its owner alone, where there is none.
 
-    folder: the companion's state. Raises SignatureError, OSError.
+    Root makes and reads it with the rights of the folder's owner. folder: the companion's state. Raises
+    SignatureError, OSError.
     """
     path = folder / KEY
-    if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{KEY}-", dir=folder) as made:
-            new = Path(made, "key")
-            _run("-q", "-t", "ed25519", "-N", "", "-C", NAMESPACE, "-f", str(new))
-            with contextlib.suppress(FileExistsError):  # another command was faster
-                os.link(new, path)
-    with path.open("rb") as file:  # who may not read it is told so, and not to move it away
-        if os.fstat(file.fileno()).st_mode & 0o077:
+    with as_owner(existing(folder)):
+        if not os.path.lexists(path):
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(prefix=f".{KEY}-", dir=folder) as made:
+                new = Path(made, "key")
+                _run("-q", "-t", "ed25519", "-N", "", "-C", NAMESPACE, "-f", str(new))
+                with contextlib.suppress(FileExistsError):  # another command was faster
+                    os.link(new, path)
+        # Who may not read it is told so, and not to move it away.
+        with os.fdopen(open_regular(path, follow=False), "rb") as file:
+            state = os.fstat(file.fileno())
+        if state.st_uid != os.geteuid():
+            raise SignatureError(f"{path} belongs to another user: move it away, to have a new one")
+        if state.st_mode & 0o077:
             raise SignatureError(f"{path} may be read by others: chmod 600 {path}")
     return path
 
 
 def allowed_signers(key: Path) -> str:
     """Return the public key as a line for `ssh-keygen -Y verify`. Raises SignatureError."""
-    told = _run("-y", "-P", "", "-f", str(key), what=f"{key} cannot be used: move it away, to have a new one")
+    what = f"{key} cannot be used: move it away, to have a new one"
+    with as_owner(key.parent):
+        told = _run("-y", "-P", "", "-f", str(key), what=what)
     words = told.decode(errors="replace").split()
     line = f'{SIGNER} namespaces="{NAMESPACE}" {" ".join(words[:2])}\n'
     if not _SIGNERS.fullmatch(line):
@@ -64,7 +76,8 @@ def allowed_signers(key: Path) -> str:
 
 def sign(key: Path, content: bytes) -> bytes:
     """Return the signature of some bytes, armoured. Raises SignatureError."""
-    return _run("-Y", "sign", "-f", str(key), "-n", NAMESPACE, content=content)
+    with as_owner(key.parent):  # who put a link in its place cannot have root's own key used
+        return _run("-Y", "sign", "-f", str(key), "-n", NAMESPACE, content=content)
 
 
 def check(signers: bytes, signature: bytes, content: bytes) -> str:
@@ -82,17 +95,14 @@ def check(signers: bytes, signature: bytes, content: bytes) -> str:
         for path, written in zip(paths, (signers, signature), strict=True):
             path.write_bytes(written)
         asked = ("-f", str(paths[0]), "-I", SIGNER, "-n", NAMESPACE, "-s", str(paths[1]))
-        told = _run("-Y", "verify", *asked, content=content, what="the signature is not good")
-    found = _FINGERPRINT.search(told.decode(errors="replace"))
-    if found is None:
-        raise SignatureError("ssh-keygen does not name the key: install a newer openssh-client")
-    return found[1]
+        _run("-Y", "verify", *asked, content=content, what="the signature is not good")
+    return fingerprint(signers.decode())
 
 
 def fingerprint(signers: str) -> str:
-    """Return the fingerprint of the key in `signers`, as ssh-keygen prints it. Raises SignatureError."""
-    told = _run("-l", "-f", "-", content=f"{signers.split(' ', 2)[2]}".encode()).decode(errors="replace")
-    return next((word for word in told.split() if word.startswith("SHA256:")), "")
+    """Return the fingerprint of the key in `signers`, as of `allowed_signers`, as ssh-keygen prints it."""
+    digest = hashlib.sha256(base64.b64decode(signers.rsplit(maxsplit=1)[-1])).digest()
+    return f"SHA256:{base64.b64encode(digest).decode().rstrip('=')}"
 
 
 def _is_armoured(signature: bytes) -> bool:

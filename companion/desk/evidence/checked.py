@@ -6,21 +6,18 @@ import json
 import os
 import signal
 import subprocess
-import sys
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from companion.desk.evidence.parts import Basis, EvidencePart, EvidenceTable, NotKnown, figures, utc
+from companion.desk.evidence.parts import EvidencePart, EvidenceTable, NotKnown
 from companion.desk.evidence.sources import Sources
+from companion.system.isolated import isolated
 from companion.wire.json_values import list_of, mapping_of
 from companion.wire.packing import clean
 
 LONGEST = 180.0
 """Seconds. Without a companion that runs, a check may wait 40 s for each connection."""
-_LOGGED = "check: "
 _LONGEST_TEXT = 1000
-_VERDICTS = ("fail", "warn", "skip", "pass")
 
 
 def run_check(file: str, longest: float = LONGEST) -> tuple[list[Mapping[str, str]], str]:
@@ -28,7 +25,7 @@ def run_check(file: str, longest: float = LONGEST) -> tuple[list[Mapping[str, st
 
     longest: seconds after which it is ended.
     """
-    command = [sys.executable, "-m", "companion", "check", "--json", "--config", file]
+    command = isolated("companion", "check", "--json", "--config", file)
     try:
         running = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
@@ -52,21 +49,15 @@ def check_part(sources: Sources) -> EvidencePart:
     """List what the check found."""
     if not sources.checked:
         lacking = NotKnown("what companion check finds", sources.no_check, "companion check")
-        lines = [one for one in sources.logged.lines if one.text.startswith(_LOGGED)]
-        told = [(utc(one.at), clean(one.text.removeprefix(_LOGGED))) for one in lines]
-        last = EvidenceTable.of("What the companion logged of its checks", ("at", "what"), told)
-        return EvidencePart("check", "Check", (), (last,) if told else (), (lacking,))
-    counts = Counter(one["verdict"] for one in sources.checked)
-    basis = Basis("companion check", len(sources.checked), sources.now, sources.now)
-    found = figures(basis, ((f"rows: {verdict}", counts[verdict], "") for verdict in _VERDICTS))
+        return EvidencePart("check", "Check", unknown=(lacking,))
     rows = [(one["verdict"], one["check"], one["text"]) for one in sources.checked]
     unknown = [
-        NotKnown(f"check: {one['check']}", one["text"], "companion check")
-        for one in sources.checked
-        if one["verdict"] == "skip"
+        NotKnown(f"check: {check}", text, "companion check")
+        for verdict, check, text in rows
+        if verdict == "skip"
     ]
     table = EvidenceTable.of("What companion check says now", ("verdict", "check", "what"), rows)
-    return EvidencePart("check", "Check", found, (table,), tuple(unknown))
+    return EvidencePart("check", "Check", (), (table,), tuple(unknown))
 
 
 def _row(raw: Any) -> Mapping[str, str]:

@@ -21,8 +21,6 @@ from companion.desk.evidence.parts import (
     utc,
 )
 from companion.desk.evidence.sources import Sources
-from companion.vision.exposure import DARK
-from companion.wire.json_values import number_of, text_of
 
 _GAP = 5.0
 """Seconds between two samples beyond which it is not known what the camera did."""
@@ -43,14 +41,10 @@ class CameraLoss(NamedTuple):
 
 def camera_part(sources: Sources) -> EvidencePart:
     """Describe the camera."""
-    driven, camera = sources.driven, sources.config.camera
+    driven = sources.driven
     found = figures(
         Basis("configuration"),
-        (
-            ("source", shown(camera.source), ""),
-            ("frames per second that it aims to judge", camera.rate, "1/s"),
-            ("horizontal field of view", camera.view, "°"),
-        ),
+        (("source", shown(sources.config.camera.source), ""),),
     )
     unknown = list[NotKnown]()
     tables: tuple[EvidenceTable, ...] = ()
@@ -79,43 +73,15 @@ def camera_part(sources: Sources) -> EvidencePart:
                     rows,
                 ),
             )
-    elif sources.status:
-        told = sources.told("camera")
-        once = Basis("status.json", None, sources.written, sources.written)
-        size = f"{told.get('width')} x {told.get('height')}" if told.get("width") else None
-        rate = number_of(told.get("rate"), 0.0, 1e4)
-        found += figures(
-            once,
-            (
-                ("size", size, "pixels"),
-                ("frames per second", rate, "1/s"),
-                ("state", text_of(told.get("state")), ""),
-            ),
-        )
     if not driven.camera:
         unknown.append(_not_recorded(sources, "how often no picture came, and their rate while it drove"))
     if driven.ages:
-        over = Basis("recordings", len(driven.ages), driven.judged[0], driven.judged[-1])
+        over = Basis("recordings", len(driven.ages), driven.begin, driven.end)
         found += spread("from capture to judged", [1e3 * one for one in driven.ages], "ms", over)
-        faulty = 100.0 * sum(driven.faulty) / len(driven.faulty)
+        faulty = 100.0 * driven.faulty / len(driven.ages)
         found += figures(over, [("frames that were a fault", faulty, "%")])
     else:
         unknown.append(_not_recorded(sources, "the time from a picture's capture until it is judged"))
-    if driven.light:
-        levels = [level for _, level in driven.light]
-        over = Basis("recordings, one frame each", len(levels), driven.light[0][0], driven.light[-1][0])
-        dark = sum(level < DARK for level in levels)
-        found += figures(
-            over,
-            (
-                ("brightness, of 255, darkest", min(levels), ""),
-                ("brightness, median", median(levels), ""),
-                ("brightness, brightest", max(levels), ""),
-                (f"frames darker than {DARK:g}", dark, ""),
-            ),
-        )
-    else:
-        unknown.append(_not_recorded(sources, "the light in which it drove"))
     note = "The count of pictures is stored once a second: that bounds how long none came."
     return EvidencePart("camera", "Camera", found, tables, tuple(unknown), note)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from array import array
 from collections.abc import Callable, Mapping
@@ -9,10 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from anytraverse.decoding import decode
-from anytraverse.errors import AnyTraverseError
 from companion.observers.recording.contents import read_json
-from companion.observers.recording.foxglove import NS, jpeg_of
+from companion.observers.recording.foxglove import NS
 from companion.observers.recording.recorder import missing
 from companion.observers.recording.ring import FOLDER, recordings
 from companion.observers.recording.topics import TOPICS, Topic
@@ -22,12 +21,16 @@ from companion.wire.packing import clean
 
 LONGEST = 120.0
 """Seconds of reading. Recordings that are older than what was read by then are left out, and counted."""
+MOST = 1_000_000
+"""Messages that are read, of all recordings, for their memory."""
 _LONGEST_AGE, _LATEST = 60.0, 1e11
 _GAP = 2.0
 """Seconds between two reports of the vehicle beyond which it is not known what it did."""
-_READ = frozenset(
-    {Topic.ASSESSMENT, Topic.STATUS, Topic.VEHICLE, Topic.DECISIONS, Topic.REQUESTS, Topic.ACKNOWLEDGEMENTS}
-    | {Topic.CAMERA, Topic.SETUP}
+_LONGEST_NAME = 40
+_MOST_VEHICLES = 16
+_READ = (
+    *(Topic.ASSESSMENT, Topic.STATUS, Topic.VEHICLE, Topic.DECISIONS),
+    *(Topic.ACKNOWLEDGEMENTS, Topic.SETUP),
 )
 
 
@@ -47,12 +50,12 @@ class CameraSample(NamedTuple):
 
 
 class DecisionSample(NamedTuple):
-    """A decision. what: its name, e.g. "call opened". content: all that was recorded of it."""
+    """A decision. what: its name, e.g. "call opened". event: of a hold that moved, "" of others."""
 
     at: float
     what: str
     id: int
-    content: Mapping[str, Any]
+    event: str = ""
 
 
 class AnswerSample(NamedTuple):
@@ -63,51 +66,39 @@ class AnswerSample(NamedTuple):
     result: str
 
 
-class ModeSample(NamedTuple):
-    """A mode that the autopilot reported anew."""
-
-    at: float
-    mode: int
-    armed: bool
-
-
 @dataclass
 class DrivenFacts:
     """What the recordings tell, in the order of time. Times are seconds since 1970, unless said otherwise.
 
-    files, unread: recordings that were read, and older ones that were not. trouble: why none could be.
-    judged: when each frame was captured. ages: seconds from then until it was judged. faulty: whether it was
-    a fault. model: of the perceiver. camera: about once a second.
-    statuses: the newest status of each run of the companion, by its process, with its time.
-    heard: heartbeats of the autopilot, monotonic seconds of the companion. vehicles: system id, MAV_AUTOPILOT
-    and MAV_TYPE of those heard. reboots: of the autopilot. metres, moved: the way, and seconds of motion.
-    light: when, and the mean brightness of a frame, of 255: one a recording.
+    files: recordings that were read. unread: older ones that were not. damaged: whose disk failed. lacking:
+    that lay between these, and were deleted. trouble: why none could be read.
+    ages: seconds from each frame's capture until it was judged. faulty: how many were a fault.
+    model: of the perceiver. camera: about once a second. gaps: between two heartbeats of the autopilot.
+    vehicles: system id, MAV_AUTOPILOT and MAV_TYPE of those heard. reboots: of the autopilot.
+    metres, moved: the way, and seconds of motion.
     """
 
     files: int = 0
     unread: int = 0
+    damaged: int = 0
+    lacking: int = 0
     trouble: str = ""
     begin: float | None = None
     end: float | None = None
     seconds: float = 0.0
-    judged: array[float] = field(default_factory=lambda: array("d"))
     ages: array[float] = field(default_factory=lambda: array("f"))
-    faulty: bytearray = field(default_factory=bytearray)
+    faulty: int = 0
     model: str = ""
     camera: list[CameraSample] = field(default_factory=list)
-    temperatures: list[float] = field(default_factory=list)
-    throttled: list[bool] = field(default_factory=list)
-    statuses: dict[int, tuple[float, Mapping[str, Any]]] = field(default_factory=dict)
+    temperatures: array[float] = field(default_factory=lambda: array("f"))
+    throttled: bytearray = field(default_factory=bytearray)
     decisions: list[DecisionSample] = field(default_factory=list)
     answers: list[AnswerSample] = field(default_factory=list)
-    senders: set[tuple[int, int]] = field(default_factory=set)
-    heard: array[float] = field(default_factory=lambda: array("d"))
+    gaps: array[float] = field(default_factory=lambda: array("f"))
     vehicles: set[tuple[int, int, int]] = field(default_factory=set)
-    modes: list[ModeSample] = field(default_factory=list)
     reboots: int = 0
     metres: float = 0.0
     moved: float = 0.0
-    light: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, later: DrivenFacts) -> None:
         """Append what a later recording tells."""
@@ -115,65 +106,74 @@ class DrivenFacts:
         self.begin = later.begin if self.begin is None else self.begin
         self.end = later.end if later.end is not None else self.end
         self.model = later.model or self.model
-        if self.modes and later.modes and self.modes[-1][1:] == later.modes[0][1:]:
-            del later.modes[0]  # each recording begins with what holds
-        for name in ("seconds", "reboots", "metres", "moved"):
+        self.vehicles |= later.vehicles
+        for name in ("seconds", "faulty", "reboots", "metres", "moved"):
             setattr(self, name, getattr(self, name) + getattr(later, name))
-        for name in (
-            "judged",
-            "ages",
-            "faulty",
-            "camera",
-            "temperatures",
-            "throttled",
-            "decisions",
-            "answers",
-        ):
+        for name in ("ages", "camera", "temperatures", "throttled", "decisions", "answers", "gaps"):
             getattr(self, name).extend(getattr(later, name))
-        for name in ("heard", "modes", "light"):
-            getattr(self, name).extend(getattr(later, name))
-        for name in ("statuses", "senders", "vehicles"):
-            getattr(self, name).update(getattr(later, name))
+
+
+class _EnoughError(Exception):
+    """No more is to be read."""
 
 
 def read_drives(
-    folder: Path, tell: Callable[[int, int], object] = lambda _done, _of: None, longest: float = LONGEST
+    folder: Path,
+    tell: Callable[[int, int], object] = lambda _done, _of: None,
+    longest: float = LONGEST,
+    most: int = MOST,
 ) -> DrivenFacts:
-    """Read the recordings in a companion's state folder. Raises OSError.
+    """Read the recordings in a companion's state folder. Raises OSError where it may not be read.
 
-    tell: called with how many are read, and of how many. longest: see `LONGEST`.
+    tell: called with how many are read, and of how many. longest, most: see `LONGEST` and `MOST`.
     """
     whole = DrivenFacts()
     if trouble := missing():
         whole.trouble = trouble
         return whole
-    until, found = time.monotonic() + longest, recordings(folder / FOLDER)
-    each = list[DrivenFacts]()
+    found, reading = recordings(folder / FOLDER), _Reading(time.monotonic() + longest, most)
+    each, damaged = list[DrivenFacts](), 0
     for number, one in enumerate(reversed(found)):
+        if reading.ended():
+            break
         tell(number, len(found))
         try:
-            each.append(_facts_of(folder / FOLDER / one.name, until))
-        except TimeoutError:
-            break
+            each.append(reading.facts_of(folder / FOLDER / one.name))
+        except PermissionError:
+            raise
+        except OSError:  # a bad sector must not cost what the others tell
+            damaged += 1
     for facts in reversed(each):
         whole.add(facts)
-    whole.unread = len(found) - len(each)
+    whole.damaged, whole.unread = damaged, len(found) - len(each) - damaged
+    whole.lacking = found[-1].number - found[0].number + 1 - len(found) if found else 0
     return whole
 
 
-def _facts_of(path: Path, until: float) -> DrivenFacts:
-    """Read one recording. Raises TimeoutError after `until`, monotonic seconds, and OSError."""
-    from companion.observers.recording.reading import messages
+class _Reading:
+    """Reads recordings until a time, monotonic seconds, or until so many messages are read."""
 
-    def check() -> None:
-        if time.monotonic() > until:
-            raise TimeoutError
+    def __init__(self, until: float, most: int) -> None:
+        self._until, self._left = until, most
 
-    taking = _Taking()
-    topics = {TOPICS[topic].name: topic for topic in _READ}
-    for one in messages(path, list(topics), check=check):
-        taking.take(topics[one.channel.topic], one.message.log_time / NS, one.message.data)
-    return taking.facts
+    def ended(self) -> bool:
+        return self._left <= 0 or time.monotonic() > self._until
+
+    def facts_of(self, path: Path) -> DrivenFacts:
+        """Read one recording, as far as there is time. Raises OSError."""
+        from companion.observers.recording.reading import messages
+
+        taking, topics = _Taking(), {TOPICS[topic].name: topic for topic in _READ}
+        with contextlib.suppress(_EnoughError):
+            for one in messages(path, list(topics), check=self._check):
+                self._check()
+                self._left -= 1
+                taking.take(topics[one.channel.topic], one.message.log_time / NS, one.message.data)
+        return taking.facts
+
+    def _check(self) -> None:
+        if self.ended():
+            raise _EnoughError
 
 
 class _Taking:
@@ -185,6 +185,7 @@ class _Taking:
         self._reported: tuple[float, float] | None = None
         """When the vehicle reported last, and its speed."""
         self._reboots: int | None = None
+        self._heard: float | None = None
 
     def take(self, topic: Topic, at: float, data: bytes) -> None:
         if not 0.0 < at < _LATEST:
@@ -193,13 +194,10 @@ class _Taking:
         facts.begin = at if facts.begin is None else min(facts.begin, at)
         facts.end = at if facts.end is None else max(facts.end, at)
         facts.seconds = facts.end - facts.begin
-        if topic is Topic.CAMERA:
-            self._picture(at, data)
-            return
         told = read_json(data)
         match topic:
             case Topic.ASSESSMENT:
-                self._judged(at, told)
+                self._judged(told)
             case Topic.STATUS:
                 self._status(at, told)
             case Topic.VEHICLE:
@@ -208,26 +206,21 @@ class _Taking:
                 facts.model = clean(text_of(told.get("model"))) or facts.model
             case Topic.DECISIONS:
                 number = whole_of(told.get("id"), 0, 0xFFFF) or 0
-                facts.decisions.append(DecisionSample(at, text_of(told.get("decision")), number, told))
-            case Topic.ACKNOWLEDGEMENTS:
-                target = whole_of(told.get("target"), 0, 0xFFFF) or 0
-                facts.answers.append(AnswerSample(at, target, text_of(told.get("result"))))
+                what, event = (text_of(told.get(name))[:_LONGEST_NAME] for name in ("decision", "event"))
+                facts.decisions.append(DecisionSample(at, what, number, event))
             case _:
-                sender = [whole_of(one, 0, 255) for one in list_of(told.get("sender"))]
-                if len(sender) == 2 and sender[0] is not None and sender[1] is not None:
-                    facts.senders.add((sender[0], sender[1]))
+                target = whole_of(told.get("target"), 0, 0xFFFF) or 0
+                facts.answers.append(AnswerSample(at, target, text_of(told.get("result"))[:_LONGEST_NAME]))
 
-    def _judged(self, at: float, told: Mapping[str, Any]) -> None:
+    def _judged(self, told: Mapping[str, Any]) -> None:
         age = number_of(told.get("age"), 0.0, _LONGEST_AGE)
         if age is not None:
-            self.facts.judged.append(at - age)
             self.facts.ages.append(age)
-            self.facts.faulty.append("fault" in list_of(told.get("reasons")))
+            self.facts.faulty += "fault" in list_of(told.get("reasons"))
 
     def _status(self, at: float, told: Mapping[str, Any]) -> None:
         facts, camera, computer = self.facts, mapping_of(told.get("camera")), mapping_of(told.get("computer"))
         pid = whole_of(told.get("pid"), 1, 2**31) or 0
-        facts.statuses[pid] = at, told
         size = whole_of(camera.get("width"), 0, 1e5) or 0, whole_of(camera.get("height"), 0, 1e5) or 0
         rate, read = number_of(camera.get("rate"), 0.0, 1e4), whole_of(camera.get("read"), 0, 1e15) or 0
         trouble = bool(mapping_of(told.get("vision")).get("trouble"))
@@ -240,15 +233,15 @@ class _Taking:
     def _vehicle(self, at: float, told: Mapping[str, Any]) -> None:
         facts = self.facts
         heard, speed = number_of(told.get("heard_at"), 0.0, _LATEST), number_of(told.get("speed"), 0.0, 100.0)
-        if heard is not None and (not facts.heard or heard != facts.heard[-1]):
-            facts.heard.append(heard)
+        if heard is not None:
+            if self._heard is not None and heard > self._heard:
+                facts.gaps.append(heard - self._heard)
+            self._heard = heard
         names = ("system_id", "autopilot", "type")
         system, autopilot, kind = (whole_of(told.get(name), 0, 255) for name in names)
-        if system is not None and autopilot is not None and kind is not None:
+        few = len(facts.vehicles) < _MOST_VEHICLES
+        if few and system is not None and autopilot is not None and kind is not None:
             facts.vehicles.add((system, autopilot, kind))
-        mode, armed = whole_of(told.get("custom_mode"), 0, 2**32), told.get("armed") is True
-        if mode is not None and (not facts.modes or facts.modes[-1][1:] != (mode, armed)):
-            facts.modes.append(ModeSample(at, mode, armed))
         reboots = whole_of(told.get("reboots"), 0, 1e6)
         if reboots is not None:
             facts.reboots += max(0, reboots - self._reboots) if self._reboots is not None else 0
@@ -259,16 +252,3 @@ class _Taking:
         if self._reported is not None and self._reported[1] > MOVES and 0 < at - self._reported[0] <= _GAP:
             facts.moved += at - self._reported[0]
         self._reported = None if speed is None else (at, speed)
-
-    def _picture(self, at: float, data: bytes) -> None:
-        if not self.facts.light and (level := _brightness(data)) is not None:
-            self.facts.light.append((at, level))
-
-
-def _brightness(message: bytes) -> float | None:
-    """Return the mean brightness of a recorded frame, of 255; None for what is none."""
-    try:
-        found = decode(jpeg_of(message))
-    except (AnyTraverseError, ImportError, ValueError):
-        return None
-    return None if found is None else float(found.mean())

@@ -37,13 +37,15 @@ class LoggedFault(NamedTuple):
 class LogFacts:
     """What the log tells. lines: of both files. trouble: why it could not be read.
 
-    faults: in their order. starts: when the companion became ready. stops: how often it was told to stop.
+    faults: in their order. starts: how often the companion became ready. unclean: how often it did so again
+    without having been told to stop. open: whether it was not told to stop after the last one.
     """
 
     lines: tuple[LoggedLine, ...] = ()
     faults: tuple[LoggedFault, ...] = ()
-    starts: tuple[float, ...] = ()
-    stops: int = 0
+    starts: int = 0
+    unclean: int = 0
+    open: bool = False
     trouble: str = ""
 
     @property
@@ -84,9 +86,13 @@ def read_log(folder: Path) -> LogFacts:
             trouble = f"{FOLDER}/{name}: {(error.strerror or str(error)).lower()}"
             continue
         lines += _lines(content.decode(errors="replace"))
-    starts = tuple(at for at, text in lines if _is_start(text))
-    stops = sum(text == "told to stop, and stopped" for _, text in lines)
-    return LogFacts(tuple(lines), tuple(_faults(lines)), starts, stops, trouble)
+    starts, unclean, began = 0, 0, False
+    for _, text in lines:
+        if _is_start(text):
+            starts, unclean, began = starts + 1, unclean + began, True
+        elif text == "told to stop, and stopped":
+            began = False
+    return LogFacts(tuple(lines), tuple(_faults(lines)), starts, unclean, began, trouble)
 
 
 def _lines(content: str) -> Iterator[LoggedLine]:

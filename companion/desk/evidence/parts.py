@@ -9,11 +9,15 @@ from datetime import datetime, timezone
 from statistics import median
 from typing import Any, NamedTuple
 
+from companion.vehicle.state import is_set
+
 Value = bool | int | float | str
 
 MOST_ROWS = 100
 """Rows of a table. More are left out, and counted."""
 _DIGITS = 3
+_LONGEST = 86_400.0
+"""Seconds. What seems to have lasted longer is a clock that was set."""
 
 
 class Basis(NamedTuple):
@@ -103,7 +107,6 @@ class EvidencePart:
             "note": self.note,
             "figures": [one.document() for one in self.figures],
             "tables": [one.document() for one in self.tables],
-            "unknown": [one.document() for one in self.unknown],
         }
 
 
@@ -124,6 +127,13 @@ def spread(name: str, values: Sequence[float], unit: str, basis: Basis) -> tuple
 def share(values: Sequence[float], least: float) -> float:
     """Return the smallest value that is no less than this share of all values. Of none: ValueError."""
     return sorted(values)[max(0, math.ceil(least * len(values)) - 1)]
+
+
+def between(begin: float | None, end: float | None) -> float | None:
+    """Return the seconds between two times; None where one is unknown, or the clock was set meanwhile."""
+    if begin is None or end is None or not (is_set(begin) and is_set(end)):
+        return None
+    return end - begin if 0.0 <= end - begin <= _LONGEST else None
 
 
 def utc(at: float | None) -> str | None:

@@ -74,6 +74,5 @@ def _of_recordings(act: Callable[[], int]) -> int:
             return act()
     except OSError as error:
         why = (error.strerror or str(error)).lower()
-        raise UserError(
-            f"{error.filename or 'the disk'}: {why}: you may have to type this with sudo"
-        ) from error
+        more = ": you may have to type this with sudo" if isinstance(error, PermissionError) else ""
+        raise UserError(f"{error.filename or 'the disk'}: {why}{more}") from error

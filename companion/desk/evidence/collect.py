@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from companion.config import load_config, state_folder
+from companion.config import Config, state_folder
 from companion.desk.check.here import RUNNING, is_alive, read_status
 from companion.desk.evidence.calls import calls_part
 from companion.desk.evidence.camera import camera_part
@@ -43,13 +43,13 @@ _TOLD_EVERY = 5.0
 _NO_CHECK = "it was left out by --no-check"
 
 
-def read_sources(file: str, *, checks: bool = True) -> Sources:
+def read_sources(config: Config, file: str, *, checks: bool = True) -> Sources:
     """Read all that evidence is made from. It works beside a companion that runs, and changes nothing.
 
-    checks: whether `companion check` is run, which may take minutes. Raises ConfigError, OSError.
+    file: the configuration's. checks: whether `companion check` is run, which may take minutes. Raises
+    OSError.
     """
-    config, now = load_config(file), time.time()
-    folder = state_folder(config)
+    folder, now = state_folder(config), time.time()
     age, status = read_status(folder)
     running = age is not None and age <= RUNNING and is_alive(status.get("pid"))
     no_journal = ""
@@ -61,7 +61,6 @@ def read_sources(file: str, *, checks: bool = True) -> Sources:
     checked, no_check = run_check(file) if checks else ([], _NO_CHECK)
     return Sources(
         config,
-        file,
         folder,
         now,
         age=age,
@@ -83,18 +82,11 @@ def evidence(sources: Sources, fingerprint: str) -> tuple[dict[str, Any], list[E
     """
     parts = [part(sources) for part in _PARTS]
     unknown = [*_beside(sources), *(one for part in parts for one in part.unknown)]
-    driven = sources.driven
     document = {
         "evidence": VERSION,
         "made_at": utc(sources.now),
         "rover": rover_name(sources),
         "key": fingerprint,
-        "recordings": {
-            "files": driven.files,
-            "not_read": driven.unread,
-            "from": utc(driven.begin),
-            "to": utc(driven.end),
-        },
         "parts": {part.key: part.document() for part in parts},
         "unknown": [one.document() for one in unknown],
     }
@@ -116,6 +108,9 @@ def _beside(sources: Sources) -> list[NotKnown]:
     if sources.driven.unread:
         what = f"{sources.driven.unread} older recordings"
         found.append(NotKnown(what, "reading them would have taken too long", "companion record list"))
+    if sources.driven.damaged:
+        what = f"{sources.driven.damaged} damaged recordings"
+        found.append(NotKnown(what, "the disk cannot read them", "a new card or disk"))
     return found
 
 

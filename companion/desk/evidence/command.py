@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import time
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from companion.desk.evidence.signature import (
 )
 from companion.desk.evidence.verify import NotEvidenceError, verify
 
+_NICENESS = 10
+
 
 class EvidenceError(Exception):
     """The command cannot be carried out. The text says what to do."""
@@ -30,6 +33,8 @@ def write(file: str, out: str | None, *, checks: bool = True) -> int:
 
     Raises EvidenceError, ConfigError, OSError.
     """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the check's process is ended, too
+    os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
     now = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(time.time()))
     path = Path(out or f"evidence-{now}.zip")
     if path.exists():
@@ -37,10 +42,11 @@ def write(file: str, out: str | None, *, checks: bool = True) -> int:
     if not os.access(path.parent, os.W_OK):  # known before what takes minutes
         raise EvidenceError(f"{path.parent} cannot be written: name another place with --out")
     try:
-        key = rover_key(state_folder(load_config(file)))
+        loaded = load_config(file)
+        key = rover_key(state_folder(loaded))
         signers = allowed_signers(key)
         mark = fingerprint(signers)
-        sources = read_sources(file, checks=checks)
+        sources = read_sources(loaded, file, checks=checks)
         told, parts, unknown = evidence(sources, mark)
         config = format_config(sources.config)
         members = {
@@ -48,13 +54,15 @@ def write(file: str, out: str | None, *, checks: bool = True) -> int:
             DATA: json.dumps(told, indent=1, allow_nan=False).encode(),
             CONFIG: config.encode(),
         }
-        size = write_package(path, key, signers, mark, members)
+        size = write_package(path, key, signers, members)
     except FileExistsError:
         raise EvidenceError(f"{path}: is there already: name another one with --out") from None
     except (NoToolError, PackageTooLargeError, SignatureError) as error:
         raise EvidenceError(str(error)) from error
     count = sum(len(part.figures) for part in parts)
     print(f"{path}: {count} figures, {size / 1e6:.2f} MB, signed by {mark}")
+    if checks and sources.no_check:
+        print(f"  without what companion check finds: {sources.no_check}")
     print(f"  {len(unknown)} things are not known: evidence.html in it lists them, with what would tell each")
     print("  times, modes and the configuration are in it: look through it before you give it to others")
     return 0
@@ -74,7 +82,8 @@ def check(path: str) -> int:
         return 1
     print(f"{path}: nothing has changed since it was signed")
     print(f"  rover  {found.rover}, {found.made}, as it says itself")
+    print(f"  key    {found.fingerprint}")
     print(
-        f"  key    {found.fingerprint}: compare it with that of an earlier file, or with what its owner tells"
+        "  compare this line, and not what stands in the file, with an earlier file's or what its owner tells"
     )
     return 0

@@ -46,13 +46,10 @@ def page(
         f'<a href="#{key}">{escape(name)}</a>'
         for key, name in (*named, (_NOT_KNOWN, "What is not known"), ("config", "Configuration"))
     )
-    recorded = told["recordings"]
-    span = f", from {_when(recorded['from'])} to {_when(recorded['to'])}" if recorded["from"] else ""
     head = [
         f"<h1>{escape(title)}</h1>",
-        f"<p>Made {_when(str(told['made_at']))} of {recorded['files']} recordings{escape(span)}. "
-        f"Signed by the key <code>{escape(told['key'])}</code>.</p>",
-        f"<p>{escape(PROVES)} README.txt has the commands that check it.</p>",
+        f"<p>Made {_when(str(told['made_at']))}. {escape(PROVES)} README.txt has the commands that check it, "
+        "and name the key.</p>",
         "<p>Every figure says where it was read, over how many samples, and from when to when, in UTC. "
         f'<a href="#{_NOT_KNOWN}">What is not known</a> is listed with what would tell it. '
         "What this software did in simulations is in docs/risks.md of the project.</p>",

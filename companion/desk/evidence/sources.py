@@ -17,7 +17,7 @@ from companion.wire.call_report import CallReport
 class Sources:
     """What evidence is made from.
 
-    file: the configuration's, of `config`. folder: the companion's state. now: seconds since 1970.
+    folder: the companion's state. now: seconds since 1970.
     age, status: of status.json: seconds since it was written, None without one, and its content.
     running: whether a companion runs with this folder now.
     driven: what the recordings tell. logged: what the log tells. journal: closed calls with their answers,
@@ -26,7 +26,6 @@ class Sources:
     """
 
     config: Config
-    file: str
     folder: Path
     now: float
     age: float | None = None

@@ -1,4 +1,4 @@
-"""Tells how far the rover rolls after HOLD, as it was measured, and as it is configured."""
+"""Tells how far the rover rolls after HOLD, as it was measured."""
 
 from __future__ import annotations
 
@@ -19,22 +19,8 @@ _MEASURE = "companion check --measure"
 
 
 def stopping_part(sources: Sources) -> EvidencePart:
-    """Describe the measured stops, and what is configured."""
-    stopping, mount = sources.config.stopping, sources.config.mount
-    found = figures(
-        Basis("configuration"),
-        (
-            ("fastest speed by itself", stopping.speed, "m/s"),
-            ("time constant", stopping.time_constant, "s"),
-            ("deceleration", stopping.braking, "m/s2"),
-            ("holds by", stopping.hold_by, ""),
-            ("time constant of the brake", stopping.brake_time_constant, "s"),
-            ("deceleration of the brake", stopping.brake_braking, "m/s2"),
-            ("height of the lens", mount.height, "m"),
-            ("tilt of the lens", mount.tilt, "°"),
-            ("vehicle's width", mount.width, "m"),
-        ),
-    )
+    """Describe the measured stops."""
+    found: tuple[EvidenceFigure, ...] = ()
     measured, unread = read_stops(sources.folder)
     unknown = [NotKnown(f"the stops in {name}", why, _MEASURE) for name, why in unread]
     tables = list[EvidenceTable]()

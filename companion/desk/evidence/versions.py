@@ -54,7 +54,8 @@ def _commit() -> str:
     """Return the id of the checkout's commit, with "-dirty" for changed files; "" outside of one."""
     if not (_ROOT / ".git").exists():
         return ""
-    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    # Root, too, reads a checkout of somebody else, whose code it runs already.
+    asked = ["git", "-c", f"safe.directory={_ROOT}", "describe", "--always", "--dirty", "--exclude=*"]
     try:
         ran = subprocess.run(
             asked, cwd=_ROOT, check=True, capture_output=True, text=True, timeout=_PATIENCE, errors="replace"

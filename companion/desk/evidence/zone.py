@@ -58,7 +58,7 @@ def _figures(zone: Zone) -> tuple[EvidenceFigure, ...]:
             (f"{zone.at}: farthest mark at which it was noticed", max(noticed, default=None), "m"),
             (f"{zone.at}: what stopping needs", zone.stop.get("needs"), "m"),
             (f"{zone.at}: noticed in time all across the way", zone.covers, ""),
-            (f"{zone.at}: frames with nothing there that would have stopped it", _share(zone), "%"),
+            (f"{zone.at}: frames with nothing there in which something was noticed", _share(zone), "%"),
         ),
     )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,14 @@ pytest.importorskip("mcap")
 
 from companion.cli import main
 from tests.companion.desk.evidence.driven import configured, drive
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _as_fast_as_others() -> Iterator[None]:
+    """Keep the process of the tests from giving way, as the command does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "setpriority", lambda *_: None)
+        yield
 
 
 @pytest.fixture(scope="session")

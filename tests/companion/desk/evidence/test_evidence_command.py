@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import subprocess
+import time
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ from typing import Any
 import pytest
 
 from companion.cli import main
+from companion.desk.evidence import collect
 from companion.desk.evidence.package import LARGEST, README, SIGNED, SIGNERS, SUMS
 from companion.desk.evidence.signature import KEY
+from companion.system.isolated import isolated
 from tests.companion.desk.evidence.driven import ANSWERED_AFTER, SECRETS, SILENT_FOR, configured
 
 
@@ -65,7 +68,7 @@ def test_a_drive_becomes_figures_with_their_samples_and_times(package: Path) -> 
     assert min(counted) > 20
 
 
-def test_a_lost_camera_is_told_with_the_bounds_of_its_absence_and_the_faults_limit(package: Path) -> None:
+def test_a_lost_camera_is_told_with_the_bounds_of_its_absence(package: Path) -> None:
     told = document(package)
     (table,) = [one for one in told["parts"]["camera"]["tables"] if one["title"] == "Times without a picture"]
     (lost,) = table["rows"]
@@ -73,9 +76,8 @@ def test_a_lost_camera_is_told_with_the_bounds_of_its_absence_and_the_faults_lim
     assert lost["at most"] - lost["back after, s, at least"] <= 2.5
     seen = row(told, "faults", "Kinds of faults", "no pictures from the camera")
     assert seen["seen"] == 1
-    assert 1.0 <= seen["noticed, at most, s"] <= seen["limit, s"] == 2.0
     assert SILENT_FOR - 2.0 <= seen["stood, at most, s"] <= SILENT_FOR + 1.0
-    assert row(told, "faults", "Kinds of faults", "camera frozen")["seen"] == "never"
+    assert row(told, "faults", "Kinds of faults", "camera frozen")["seen"] == "not in this log"
 
 
 def test_what_is_not_known_names_what_would_tell_it(package: Path) -> None:
@@ -111,9 +113,8 @@ def test_the_commands_of_the_readme_check_it(package: Path, tmp_path: Path) -> N
         )
         assert done.returncode == 0, done.stderr
     assert 'Good "anytraverse-evidence" signature for rover' in done.stdout
-    mark = re.search(r"fingerprint: (SHA256:\S+)", readme)
-    assert mark is not None
-    assert mark[1] in done.stdout
+    assert "SHA256:" not in readme, "anybody can write one there"
+    assert document(package)["key"] in done.stdout
     (tmp_path / "evidence.json").write_text("{}")
     changed = subprocess.run(["sh", "-c", commands[0]], cwd=tmp_path, capture_output=True, check=False)
     assert changed.returncode != 0
@@ -152,12 +153,11 @@ def test_with_an_empty_data_folder_everything_is_unknown_and_it_is_signed(
         "which faults were seen",
         "which autopilot was heard",
         "calls in the journal",
-        "the light in which it drove",
         "how far it rolls after HOLD",
         "where a thing before the rover is noticed",
         "the model that judged",
     } <= lacking
-    assert figure(told, "computer", "cores") >= 1
+    assert figure(told, "computer", "memory") >= 1
     assert typed(capsys, "evidence", "--verify", out)[0] == 0
     assert out.stat().st_size < LARGEST
 
@@ -241,6 +241,40 @@ def test_who_may_not_read_the_key_is_told_of_sudo(tmp_path: Path, capsys: pytest
     (tmp_path / "state" / KEY).chmod(0)
     code, said = typed(capsys, "evidence", "--no-check", config, "--out", tmp_path / "other.zip")
     assert (code, "you may have to type this with sudo" in said) == (2, True)
+
+
+def test_a_status_with_any_process_is_no_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config, out = configured(tmp_path), tmp_path / "it.zip"
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "status.json").write_text(f'{{"pid": {10**27}}}')
+    assert typed(capsys, "evidence", "--no-check", config, "--out", out)[0] == 0
+
+
+def test_a_check_that_failed_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(collect, "run_check", lambda _file: ([], "it broke"))
+    code, said = typed(capsys, "evidence", configured(tmp_path), "--out", tmp_path / "it.zip")
+    assert (code, "without what companion check finds: it broke" in said) == (0, True)
+
+
+@pytest.mark.slow
+def test_told_to_stop_it_ends_its_check(tmp_path: Path) -> None:
+    command = isolated("companion", "evidence", str(configured(tmp_path)), "--out", str(tmp_path / "it.zip"))
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL) as running:
+        children = Path(f"/proc/{running.pid}/task/{running.pid}/children")
+        until = time.monotonic() + 60.0
+        while not (found := [Path("/proc", one) for one in children.read_text().split()]) or not any(
+            b"--json" in (one / "cmdline").read_bytes() for one in found
+        ):
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        running.terminate()
+        assert running.wait(20.0)
+    while any(one.exists() and (one / "cmdline").read_bytes() for one in found):
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    assert not (tmp_path / "it.zip").exists()
 
 
 def test_the_sums_list_all_but_themselves(package: Path) -> None:

@@ -22,7 +22,7 @@ from companion.config import Config, load_config
 from companion.config.schema import JournalSection
 from companion.desk.check.stop_file import read_stops, write_stops
 from companion.desk.check.zone_file import Zone, ZoneArc, ZoneLook, ZoneMark, write_zone
-from companion.desk.evidence import drives, versions
+from companion.desk.evidence import versions
 from companion.desk.evidence.calls import call_times, calls_part
 from companion.desk.evidence.camera import camera_losses, camera_part
 from companion.desk.evidence.checked import check_part, run_check
@@ -53,7 +53,7 @@ from companion.desk.evidence.sources import Sources
 from companion.desk.evidence.stopping import stopping_part
 from companion.desk.evidence.versions import versions_part
 from companion.desk.evidence.zone import zone_part
-from companion.observers.recording import reading
+from companion.observers.recording import reading, records
 from companion.observers.recording.foxglove import NS
 from companion.observers.recording.topics import TOPICS, Topic
 from companion.storage.log_file import FOLDER as LOGS
@@ -291,7 +291,7 @@ def test_reading_ends_after_so_many_messages_and_keeps_what_it_has(tmp_path: Pat
 def test_the_time_is_kept_within_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorded(tmp_path, 1, [heard(float(each)) for each in range(100)])
     now = itertools.count()
-    monkeypatch.setattr(drives.time, "monotonic", lambda: float(next(now)))
+    monkeypatch.setattr("time.monotonic", lambda: float(next(now)))
     assert 0 < len(read_drives(tmp_path, longest=30.0).gaps) < 40
 
 
@@ -303,7 +303,7 @@ def test_recordings_that_were_deleted_in_between_are_counted(tmp_path: Path) -> 
 
 def test_a_bad_sector_costs_one_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bad, _ = (recorded(tmp_path, number, [heard(1.0)]) for number in (1, 2))
-    opened = reading.opened
+    opened = records.opened
 
     def failing(path: Path) -> Any:
         if path == bad:

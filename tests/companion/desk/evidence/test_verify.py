@@ -6,7 +6,6 @@ import io
 import json
 import os
 import stat
-import struct
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,7 +18,6 @@ from companion.cli import main
 from companion.desk.evidence.package import (
     DATA,
     MEMBERS,
-    PAGE,
     SIGNATURE,
     SIGNED,
     SIGNERS,
@@ -170,7 +168,6 @@ def linked(content: bytes) -> bytes:
         tailed,
         gapped,
         linked,
-        two_faced,
     ],
 )
 def test_what_another_program_may_read_otherwise_is_refused(
@@ -178,8 +175,6 @@ def test_what_another_program_may_read_otherwise_is_refused(
 ) -> None:
     path = tmp_path / "it.zip"
     path.write_bytes(change(package.read_bytes()))
-    if change is two_faced:
-        assert members(path) == members(package), "zipfile sees the signed ones"
     with pytest.raises(NotEvidenceError):
         verify(path)
 

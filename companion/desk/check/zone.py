@@ -27,13 +27,11 @@ from companion.desk.check.zone_file import (
     write_zone,
 )
 from companion.desk.check.zone_judge import NotMeasuredError, ZoneFrames, ZoneJudge
-from companion.desk.check.zone_picture import picture
 from companion.desk.check.zone_plan import LineVerdict, WalkLine, verdict, walk_distances, walk_lines
 from companion.desk.check.zone_report import conclusion, light_text, table
 from companion.storage.database import JournalError
 from companion.storage.journal_copy import read_stored_memory
 from companion.system.as_owner import as_owner
-from companion.system.atomic_write import write_atomically
 from companion.system.computer import existing
 
 LONGEST = 3600.0
@@ -143,7 +141,7 @@ class ZoneWalk:
             print(text)
         print(self._zone.verdict)
         if path is not None:
-            print(f"{path}, and {path.with_suffix('.svg').name} from above; measure again in other light")
+            print(f"{path}; measure again in other light")
         return 0
 
     def _verdicts(self) -> list[LineVerdict]:
@@ -156,9 +154,7 @@ class ZoneWalk:
         self._zone = replace(self._zone, verdict=text, covers=covers)
         self._folder.mkdir(parents=True, exist_ok=True)
         with as_owner(self._folder):
-            path = write_zone(self._folder, self._zone)
-            write_atomically(path.with_suffix(".svg"), picture(self._zone, self._lines).encode())
-            return path
+            return write_zone(self._folder, self._zone)
 
     def _distances(self) -> None:
         """Say where the marks are, and let the person type other distances."""

@@ -140,7 +140,6 @@ def write_zone(folder: Path, zone: Zone) -> Path:
     write_atomically(path, content + b"\n")
     for old in _paths(folder)[:-MOST_FILES]:
         old.unlink(missing_ok=True)
-        old.with_suffix(".svg").unlink(missing_ok=True)
     return path
 
 

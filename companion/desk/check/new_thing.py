@@ -16,18 +16,32 @@ _LEAST = 2
 """Cells of a map that a thing fills, at least."""
 _EDGE = 0.5
 """Share of the greatest rise at which a thing ends: a perceiver blurs its edge."""
+_FACTOR, _DEGREES, _ASIDE = 1.5, 10.0, 0.3
+"""A thing stands on a mark within this factor of its distance and these degrees or, near by, metres."""
 
 
 class NewThing(NamedTuple):
     """Where a new thing stands.
 
     metres: from the middle of the vehicle's front. degrees: clockwise from its nose. cell: m that a cell of
-    the map covers there. None: not known.
+    the map covers there. None: not known. cut: the picture may end above its foot: it may stand nearer.
     """
 
     metres: float | None = None
     degrees: float | None = None
     cell: float | None = None
+    cut: bool = False
+
+    def stands_at(self, distance: float, bearing: float) -> bool:
+        """Whether it may be what stands on a mark. True where its place is not known."""
+        if self.metres is None or self.degrees is None or self.cell is None:
+            return True
+        if abs(self.metres - distance) > self.cell:
+            beyond = self.metres > _FACTOR * distance and not self.cut
+            if beyond or _FACTOR * self.metres < distance:
+                return False
+        aside = abs(math.remainder(self.degrees - bearing, 360.0))
+        return aside <= max(_DEGREES, math.degrees(_ASIDE / max(distance, _ASIDE)))
 
 
 def find_new_thing(
@@ -62,4 +76,5 @@ def _placed(thing: NDArray[np.bool_], ground: GroundCamera | None) -> NewThing:
     if not np.isfinite(points).all():
         return NewThing()
     far, middle, near = (math.hypot(*point) for point in points)
-    return NewThing(middle, math.degrees(math.atan2(-points[1, 1], points[1, 0])), far - near)
+    degrees = math.degrees(math.atan2(-points[1, 1], points[1, 0]))
+    return NewThing(middle, degrees, far - near, cut=row == height - 1)

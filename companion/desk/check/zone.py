@@ -16,6 +16,7 @@ from companion.config import Config, ConfigError, load_config, state_folder
 from companion.config.stopping import Stopping
 from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.desk.check.here import status
+from companion.desk.check.new_thing import NewThing
 from companion.desk.check.typed_lines import TypedLines
 from companion.desk.check.zone_file import (
     FOLDER,
@@ -125,6 +126,7 @@ class ZoneWalk:
                 number = next((n for n in range(number, len(marks)) if marks[n][0] != line), len(marks))
             else:
                 number = max(0, number - 1) if key == "b" else number + 1
+        self._look_again()
         self._arc()
 
     def conclude(self) -> int:
@@ -195,6 +197,20 @@ class ZoneWalk:
         self._zone = replace(self._zone, empty=empty)
         print(f"  nothing there, in {found.count} frames; {light_text(empty)}")
 
+    def _look_again(self) -> None:
+        """Look at the empty ground once more: what stops the rover by now may have done so at each mark."""
+        while True:
+            self._ask("Go out of the view again, with the thing. Enter:")
+            try:
+                found = self._judge.watch()
+            except NotMeasuredError as error:
+                print(f"  not measured: {error}")
+                continue
+            break
+        self._zone = replace(self._zone, clear=not found.raised)
+        self._write()
+        print("  the empty ground would stop the rover by now" if found.raised else "  it stops for nothing")
+
     def _measure(self, line: WalkLine, at: float) -> str:
         """Measure a mark until that succeeds, and return the key that was pressed."""
         while True:
@@ -222,15 +238,17 @@ class ZoneWalk:
     def _keep(self, line: WalkLine, at: float, found: ZoneFrames) -> None:
         assert self._empty is not None
         thing = self._judge.new_thing(found, self._empty)
-        metres, degrees, cell = thing or (None, None, None)
+        metres, degrees, cell, _ = thing or NewThing()
+        elsewhere = thing is not None and not thing.stands_at(at, line.bearing)
         mark = ZoneMark(
             **found.looked(),
             at=utc_now(),
             line=line.name,
             bearing_deg=line.bearing,
             distance_m=at,
-            noticed=found.stops,
+            noticed=found.stops and thing is not None and not elsewhere,
             in_picture=thing is not None,
+            elsewhere=elsewhere,
             ground_m=None if metres is None else round(metres, 2),
             ground_deg=None if degrees is None else round(degrees, 1),
         )
@@ -240,7 +258,8 @@ class ZoneWalk:
         where = "" if metres is None else f"{metres:.1f} m, {degrees:.0f}° (in cells of {cell:.1f} m)"
         by_mount = f", by the mount at {where}" if where else ""
         shown = "not seen in the picture" if thing is None else f"in the picture{by_mount}"
-        word = "noticed" if mark.noticed else "NOT noticed"
+        stray = "" if mark.noticed or not found.stops else ", but not the thing on the mark"
+        word = f"noticed{stray}" if found.stops else "NOT noticed"
         print(f"  {word}: {mark.noticed_frames} of {mark.frames} frames; {shown}; {light_text(mark)}")
 
     def _arc(self) -> None:

@@ -64,8 +64,9 @@ class ZoneMark(ZoneLook):
 
     line: names the line. bearing_deg: the line's, clockwise from the nose. distance_m: along it, from the
     middle of the vehicle's front, by tape. noticed: whether the daemon's rule would have stopped the rover,
-    without a pause. in_picture: whether the picture shows it at all, in the region or not. ground_m,
-    ground_deg: distance and bearing by picture and [mount], None: not known.
+    without a pause, and the picture shows a thing that may stand on the mark. in_picture: whether it shows
+    one at all, in the region or not. elsewhere: whether that stands somewhere else. ground_m, ground_deg: its
+    distance and bearing by picture and [mount], None: not known.
     """
 
     line: str
@@ -73,6 +74,7 @@ class ZoneMark(ZoneLook):
     distance_m: float
     noticed: bool
     in_picture: bool = False
+    elsewhere: bool = False
     ground_m: float | None = None
     ground_deg: float | None = None
 
@@ -100,6 +102,7 @@ class Zone:
     thing: what was carried, by whoever measured. distances: of the marks of each line, as planned: those that
     `marks` lacks were not measured. verdict: what that means for the stop, in words. covers: whether the
     thing is noticed in time all across the rover's way, None: not known. empty: the same view without it.
+    clear: whether that would not stop the rover after the last mark either, None: it was not looked at again.
     """
 
     at: str
@@ -116,6 +119,7 @@ class Zone:
     verdict: str = ""
     covers: bool | None = None
     empty: ZoneLook | None = None
+    clear: bool | None = None
     marks: tuple[ZoneMark, ...] = field(default=())
     arcs: tuple[ZoneArc, ...] = field(default=())
 
@@ -194,9 +198,9 @@ def _zone(told: Mapping[str, Any]) -> Zone:
     words = _figures(told, "words", 1.0)
     if None in words.values():
         raise ValueError("a word has no weight")
-    covers = told.get("covers")
-    if not (covers is None or isinstance(covers, bool)):
-        raise ValueError("covers is not true, false or null")
+    covers, clear = told.get("covers"), told.get("clear")
+    if not all(one is None or isinstance(one, bool) for one in (covers, clear)):
+        raise ValueError("covers or clear is not true, false or null")
     return Zone(
         at=_time(told),
         program=_text(told, "program"),
@@ -213,6 +217,7 @@ def _zone(told: Mapping[str, Any]) -> Zone:
         ),
         verdict=_text(told, "verdict"),
         covers=covers,
+        clear=clear,
         empty=None if told.get("empty") is None else ZoneLook(**_watched(_table(told["empty"], "empty"))),
         marks=tuple(_mark(_table(one, "a mark")) for one in _list(told, "marks")),
         arcs=tuple(_arc(_table(one, "an arc")) for one in _list(told, "arcs")),
@@ -220,17 +225,16 @@ def _zone(told: Mapping[str, Any]) -> Zone:
 
 
 def _mark(told: Mapping[str, Any]) -> ZoneMark:
-    noticed, shown = told.get("noticed"), told.get("in_picture")
-    if not (isinstance(noticed, bool) and isinstance(shown, bool)):
-        raise ValueError("noticed or in_picture is not true or false")
+    flags = {name: told.get(name) for name in ("noticed", "in_picture", "elsewhere")}
+    if not all(isinstance(one, bool) for one in flags.values()):
+        raise ValueError(f"{', '.join(flags)} are not all true or false")
     ground_m, ground_deg = told.get("ground_m"), told.get("ground_deg")
     return ZoneMark(
         **_watched(told),
         line=_text(told, "line"),
         bearing_deg=_number(told, "bearing_deg", 180.0),
         distance_m=_number(told, "distance_m", _FARTHEST),
-        noticed=noticed,
-        in_picture=shown,
+        **flags,
         ground_m=None if ground_m is None else _number(told, "ground_m", _FARTHEST),
         ground_deg=None if ground_deg is None else _number(told, "ground_deg", 180.0),
     )

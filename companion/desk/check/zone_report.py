@@ -32,6 +32,8 @@ def table(zone: Zone, lines: Sequence[WalkLine], verdicts: Sequence[LineVerdict]
         cells = "".join(f"{_cell(marks.get(one)):>8}" for one in zone.distances)
         yield f"{line.name:<11} {line.bearing:>6.1f}° {cells}   {_verdict_text(judged[line.name])}"
     yield "yes: it would stop the rover; a share: of the frames, which is too few; -: not measured"
+    if any(_is_stray(one) for one in zone.marks):
+        yield "?: something was noticed, but not the thing on the mark: it does not count"
     lights = {one.light.mean: light_text(one) for one in zone.marks if one.light is not None}
     if lights:
         yield f"light: from {lights[min(lights)]} to {lights[max(lights)]}"
@@ -51,7 +53,11 @@ def _arc_text(arc: ZoneArc, width: float | None) -> str:
 def _cell(mark: ZoneMark | None) -> str:
     if mark is None:
         return "-"
-    return "yes" if mark.noticed else _share(mark)
+    return "yes" if mark.noticed else "?" if _is_stray(mark) else _share(mark)
+
+
+def _is_stray(mark: ZoneMark) -> bool:
+    return mark.noticed_frames > 0 and (mark.elsewhere or not mark.in_picture)
 
 
 def _share(look: ZoneLook) -> str:
@@ -95,4 +101,9 @@ def conclusion(
         return f"{at}: not known: measure {', '.join(missing) or 'what is in its way'}, too", None
     if any(one.way is None for one in lines):
         return f"{at}: straight ahead the zone covers that; set [mount] width to have its sides judged", None
+    if zone.clear is not True:
+        why = "look at the empty ground after the last mark, too"
+        if zone.clear is False:
+            why = "after the last mark the empty ground would stop it, too: measure again"
+        return f"{at}: not known: {why}", None
     return f"{at}: the zone covers that{f', and up to {fastest}' if fastest else ''}", True

@@ -103,6 +103,31 @@ def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
 
 
 @pytest.mark.usefixtures("quick")
+def test_a_thing_that_lies_in_the_way_is_not_noticed_at_the_marks(
+    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class LeavesIt(Person):
+        def line(self, seconds: float) -> str | None:
+            answer = super().line(seconds)
+            if self.marks:
+                field.put(1.8, 0.0)
+            return answer
+
+    config = configured(tmp_path, field)
+    person = LeavesIt(field, lambda: capsys.readouterr().out, {"Last": ["n"], "Distances": ["1.5 4"]})
+    assert measure_zone(str(config), person) == 0
+    said = person.said + capsys.readouterr().out
+    found = kept(tmp_path)
+    marks = {(one.line, one.distance_m): one for one in found.marks}
+    assert not marks["ahead", 4.0].noticed
+    assert marks["ahead", 4.0].elsewhere
+    assert not marks["left edge", 1.5].noticed
+    assert "noticed, but not the thing on the mark" in said
+    assert found.clear is False
+    assert found.covers is not True, found.verdict
+
+
+@pytest.mark.usefixtures("quick")
 def test_what_was_measured_is_kept_when_the_person_ends(
     field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

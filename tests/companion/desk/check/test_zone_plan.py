@@ -39,6 +39,7 @@ def mark(at: float, *, noticed: bool = True, line: WalkLine = AHEAD) -> ZoneMark
         bearing_deg=line.bearing,
         distance_m=at,
         noticed=noticed,
+        in_picture=True,
     )
 
 
@@ -57,6 +58,7 @@ def zone(*marks: ZoneMark, distances: tuple[float, ...] = (1.0, 2.0, 3.0)) -> Zo
         stop=stop,
         thing="box",
         distances=distances,
+        clear=True,
         marks=marks,
     )
 
@@ -143,6 +145,10 @@ def test_the_conclusion_fails_closed() -> None:
     text, covers = conclusion(zone(*far), (AHEAD,), judged)
     assert covers is True
     assert "covers that, and up to" in text
+    for clear in (None, False):
+        text, covers = conclusion(replace(zone(*far), clear=clear), (AHEAD,), judged)
+        assert covers is None, "the empty ground may have stopped it"
+        assert "empty ground" in text
     near = [mark(1.0), mark(2.0, noticed=False), mark(3.0, noticed=False)]
     short = verdict(AHEAD, near, (1.0, 2.0, 3.0), STOPS)
     assert short is not None

@@ -7,17 +7,20 @@ Course and heading are needed to see that it drives backwards.
 
 from __future__ import annotations
 
-from companion.config.stopping import describe_tile, judge_stopping
+from companion.config.stopping import Stopping, describe_tile, judge_stopping
 from companion.config.whole_check import unchecked
 from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.desk.check.zone_file import newest_zone
+from companion.desk.check.zone_match import changed_since
 
 CHECK = "stopping"
 TILE = "tile"
 ZONE = "zone"
 COURSE = "course"
+_SPARE = 0.1
+"""m by which a zone may be too short: the perceiver's time for a frame is never measured twice the same."""
 _REMEDY = {
     "position": "no position with a fix is heard: test outdoors, and stream GLOBAL_POSITION_INT here at 2 Hz",
     "heading": "no heading is heard: calibrate the compass, or stream ATTITUDE here",
@@ -32,15 +35,8 @@ def check_stopping(rover: CheckedRover) -> list[CheckFinding]:
         if refused:
             return [worst(CHECK, f"the companion that runs refuses policy hold: {refused}: see its log")]
         return [passed(CHECK, "the companion that runs allows policy hold")]
-    config, asked = rover.config, rover.asked
-    name, fastest = asked.speed if asked.speed is not None else ("", None)
-    perceives = rover.perceives
-    if perceives.judging is None:
-        judged = judge_stopping(config, perceives.step, None, fastest, asked.overrun)
-    else:
-        guides = config.call.policy == "guide"
-        now = HoldConditions(perceives.judging, perceives.step, asked.overrun, fastest, guides)
-        judged = HoldGate(config).stopping(now)
+    config, judged = rover.config, _judged(rover)
+    name, fastest = rover.asked.speed or ("", None)
     if isinstance(judged, str):
         if rover.holds and not config.stopping.unchecked:
             return [failed(CHECK, unchecked(judged))]
@@ -53,6 +49,20 @@ def check_stopping(rover: CheckedRover) -> list[CheckFinding]:
         return [passed(CHECK, by + judged.describe())]
     refusal = "hold cannot be given: " if rover.holds else ""
     return [worst(CHECK, f"{refusal}{by}{judged.describe()}")]
+
+
+def _judged(rover: CheckedRover) -> Stopping | str:
+    """Judge the stop with what perceiver and autopilot tell; where the companion runs, without that."""
+    config = rover.config
+    if rover.leaves_link:
+        return judge_stopping(config)
+    asked, perceives = rover.asked, rover.perceives
+    _, fastest = asked.speed or ("", None)
+    if perceives.judging is None:
+        return judge_stopping(config, perceives.step, None, fastest, asked.overrun)
+    guides = config.call.policy == "guide"
+    now = HoldConditions(perceives.judging, perceives.step, asked.overrun, fastest, guides)
+    return HoldGate(config).stopping(now)
 
 
 def check_tile(rover: CheckedRover) -> list[CheckFinding]:
@@ -73,17 +83,22 @@ def check_tile(rover: CheckedRover) -> list[CheckFinding]:
 
 
 def check_zone(rover: CheckedRover) -> list[CheckFinding]:
-    """Tell whether the newest measured detection zone covers the stop at the speed that is configured."""
+    """Tell whether the newest measured detection zone covers the stop as it is judged now."""
     told: list[str] = []
     zone = newest_zone(rover.folder, told.append)
     if zone is None:
         text = "not measured: `companion check --zone`, on blocks"
         return [warned(ZONE, told[0]) if told else skipped(ZONE, text)]
-    speed, measured = rover.config.stopping.speed, zone.stop.get("speed")
     text = f"measured {zone.at[:4]}-{zone.at[4:6]}-{zone.at[6:8]}: {zone.verdict}"
-    if speed is not None and measured is not None and speed > measured:
-        return [warned(ZONE, f"{text}; now it drives {speed:g} m/s: measure again")]
-    return [(passed if zone.covers else warned)(ZONE, text)]
+    if not zone.covers:
+        return [warned(ZONE, text)]
+    if changed := changed_since(zone, rover):
+        return [warned(ZONE, f"{text}; but with another {', another '.join(changed)}: measure again")]
+    judged, needs = _judged(rover), zone.stop.get("needs")
+    if needs is None or isinstance(judged, str) or judged.needs > needs + _SPARE:
+        now = judged if isinstance(judged, str) else f"it takes {judged.needs:.1f} m at {judged.speed:g} m/s"
+        return [warned(ZONE, f"{text}; now {now}: measure again")]
+    return [passed(ZONE, text)]
 
 
 def check_course(rover: CheckedRover) -> list[CheckFinding]:

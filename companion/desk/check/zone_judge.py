@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,6 +27,7 @@ from companion.config.stopping import Stopping
 from companion.daemon.settings.runtime import call_numbers
 from companion.desk.check.new_thing import NewThing, find_new_thing
 from companion.desk.check.zone_file import Zone, utc_now
+from companion.desk.check.zone_match import judged_by
 from companion.vision.exposure import exposure_name
 from companion.vision.warm_up import load_and_warm_up
 from companion.vision.worker import Worker
@@ -38,7 +39,6 @@ LASTS, LONGEST = 2.0, 20.0
 SILENT = 5.0
 """Seconds without a frame after which a mark cannot be measured."""
 _WAIT = 0.1
-_LIMITS = ("roi", "scene", "tile", "trav", "margin")
 
 
 class NotMeasuredError(Exception):
@@ -210,19 +210,13 @@ class ZoneJudge:
     def described(self, stopping: Stopping | None) -> Zone:
         """Return a zone without marks: who judges, by which settings. stopping: None: not known."""
         engine, config = self.engine, self._config
-        settings, ground = engine.settings, engine.settings.metres
-        limits, region = settings.thresholds, asdict(settings.region.bounds)
-        metres = {name: getattr(ground, name, None) for name in ("near", "far", "width", "tile")}
-        votes = {"votes": float(self._numbers.votes), "window": float(self._numbers.window)}
         return Zone(
             at=utc_now(),
             program=own_version(),
             identity=program_identity(),
             model=engine.perceiver.model_id,
             words=dict(engine.memory.preferences),
-            thresholds={name: getattr(limits, name) for name in _LIMITS} | votes,
-            region=region | metres,
-            mount=asdict(config.mount) | {"view": config.camera.view},
+            **judged_by(config, engine.settings),
             stop={
                 "speed": None if stopping is None else stopping.speed,
                 "needs": None if stopping is None else round(stopping.needs, 2),

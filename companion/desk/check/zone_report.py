@@ -86,7 +86,7 @@ def conclusion(
     speed, needs = zone.stop.get("speed"), zone.stop.get("needs")
     if speed is None or needs is None:
         return "it is not known whether that is enough: set [mount] and [stopping] speed", None
-    at = f"at {speed:g} m/s it takes {needs:.1f} m to stop"
+    at = f"at {speed:g} m/s it takes {needs:.1f} m to stop, without the autopilot's own overrun"
     in_way = [one for one in verdicts if one.enough is not None]
     fits, short = slowest(in_way), [one.line.name for one in in_way if not one.enough]
     fastest = "" if fits is None or math.isinf(fits) else f"{math.floor(100 * fits) / 100:.2f} m/s"

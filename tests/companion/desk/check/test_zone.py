@@ -20,6 +20,7 @@ import pytest
 from companion.config import load_config
 from companion.config.stopping import ground_region
 from companion.desk.check import zone_judge
+from companion.desk.check.autopilot import AutopilotReadings
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.stopping import check_zone
 from companion.desk.check.typed_lines import TypedLines
@@ -98,8 +99,11 @@ def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
     assert found.covers is True, found.verdict
     assert 0.2 < found.arcs[0].share < 0.8, "in the middle"
     assert found.verdict in said
-    (row,) = check_zone(CheckedRover(load_config(config), "", tmp_path / "state"))
-    assert row.verdict.name == "PASS"
+    assert "without the autopilot's own overrun" in found.verdict
+    checked = CheckedRover(load_config(str(config)), "", tmp_path / "state")
+    checked.__dict__["asked"] = AutopilotReadings()
+    (row,) = check_zone(checked)
+    assert row.verdict.name == "PASS", row.text
 
 
 @pytest.mark.usefixtures("quick")

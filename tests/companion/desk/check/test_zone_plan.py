@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from anytraverse.judging import Settings, Thresholds
+from anytraverse.regions import Box
 from companion.config import Config
 from companion.config.schema import CameraSection, MountSection, StoppingSection
-from companion.config.stopping import Stopping
-from companion.desk.check.rover import CheckedRover
+from companion.config.stopping import Stopping, judge_stopping
+from companion.desk.check.autopilot import AutopilotReadings
+from companion.desk.check.rover import CheckedRover, Perceives
 from companion.desk.check.rules import CheckFinding, Verdict
 from companion.desk.check.stopping import check_zone
 from companion.desk.check.zone_file import Zone, ZoneMark, utc_now, write_zone
+from companion.desk.check.zone_match import judged_by
 from companion.desk.check.zone_plan import WalkLine, slowest, verdict, walk_distances, walk_lines
 from companion.desk.check.zone_report import conclusion, table
 from companion.vehicle.brakes import Brakes
@@ -172,23 +177,76 @@ def test_the_sides_of_a_vehicle_of_unknown_width_are_not_judged() -> None:
     assert "set [mount] width" in text
 
 
-def test_the_check_shows_the_newest_zone_and_warns_where_it_holds_no_more(tmp_path: Path) -> None:
-    def row(config: Config) -> CheckFinding:
-        (found,) = check_zone(CheckedRover(config, "", tmp_path))
-        return found
+def row(folder: Path, config: Config = MOUNTED, **told: Any) -> CheckFinding:
+    """The row `zone`; told: attributes of what the perceiver and the autopilot tell."""
+    rover = CheckedRover(config, "", folder, told.pop("running", None))
+    rover.__dict__["perceives"] = Perceives("", told.pop("model", "m"), 0.05, told.pop("judging", JUDGING))
+    rover.__dict__["asked"] = AutopilotReadings(**told)
+    (found,) = check_zone(rover)
+    return found
 
-    assert row(MOUNTED).verdict is Verdict.SKIP
-    measured = replace(zone(mark(1.0)), covers=True, verdict="the zone covers that")
-    path = write_zone(tmp_path, measured)
-    assert row(MOUNTED).verdict is Verdict.PASS
-    faster = replace(MOUNTED, stopping=StoppingSection(speed=2.0))
-    assert row(faster).verdict is Verdict.WARN
-    assert "now it drives 2 m/s: measure again" in row(faster).text
-    write_zone(tmp_path, replace(measured, covers=None))
-    assert row(MOUNTED).verdict is Verdict.WARN
+
+JUDGING = Settings(region=Box(0.35, 0.5, 0.65, 0.95))
+NEEDED = judge_stopping(MOUNTED, 0.05)
+assert isinstance(NEEDED, Stopping)
+COVERED = replace(
+    zone(mark(1.0)),
+    covers=True,
+    verdict="the zone covers that",
+    words=dict(MOUNTED.preferences),
+    stop={"speed": 1.0, "needs": NEEDED.needs},
+    **judged_by(MOUNTED, JUDGING),
+)
+
+
+def test_the_check_shows_the_newest_zone_and_warns_where_it_holds_no_more(tmp_path: Path) -> None:
+    assert row(tmp_path).verdict is Verdict.SKIP
+    path = write_zone(tmp_path, COVERED)
+    assert row(tmp_path).verdict is Verdict.PASS, row(tmp_path).text
+    faster = row(tmp_path, replace(MOUNTED, stopping=StoppingSection(speed=2.0)))
+    assert faster.verdict is Verdict.WARN
+    assert "m at 2 m/s: measure again" in faster.text
+    write_zone(tmp_path, replace(COVERED, covers=None))
+    assert row(tmp_path).verdict is Verdict.WARN
     path.write_text("rubbish")
-    assert row(MOUNTED).verdict is Verdict.WARN
-    assert "is left out" in row(MOUNTED).text
+    assert row(tmp_path).verdict is Verdict.WARN
+    assert "is left out" in row(tmp_path).text
+
+
+def test_the_check_counts_overrun_and_speed_of_the_autopilot_against_the_zone(tmp_path: Path) -> None:
+    write_zone(tmp_path, COVERED)
+    for told in ({"overrun": 2.5}, {"speed": ("WP_SPEED", 1.5)}):
+        found = row(tmp_path, **told)
+        assert found.verdict is Verdict.WARN, told
+        assert "; now it takes" in found.text
+
+
+@pytest.mark.parametrize(
+    ("what", "config", "told"),
+    [
+        ("mount", replace(MOUNTED, mount=replace(MOUNTED.mount, height=1.3)), {}),
+        ("mount", replace(MOUNTED, mount=replace(MOUNTED.mount, height=1.3)), {"running": {}}),
+        ("model", MOUNTED, {"model": "other, int8: quicker"}),
+        ("model", MOUNTED, {"running": {"perceiver": {"model": "other"}}}),
+        ("words", replace(MOUNTED, words={"lava": -1.0}), {}),
+        ("words", MOUNTED, {"running": {"words": "lava: -1"}}),
+        ("region", MOUNTED, {"judging": replace(JUDGING, region=Box(0.3, 0.5, 0.65, 0.95))}),
+        ("thresholds", MOUNTED, {"judging": replace(JUDGING, thresholds=Thresholds(roi=0.9))}),
+    ],
+)
+def test_the_check_warns_of_a_zone_that_was_judged_by_something_else(
+    tmp_path: Path, what: str, config: Config, told: dict[str, Any]
+) -> None:
+    write_zone(tmp_path, COVERED)
+    found = row(tmp_path, config, **told)
+    assert found.verdict is Verdict.WARN
+    assert f"with another {what}: measure again" in found.text
+
+
+def test_the_check_passes_a_zone_with_the_words_of_the_companion_that_runs(tmp_path: Path) -> None:
+    write_zone(tmp_path, replace(COVERED, words={"grass": 1.0, "rock": -0.5}))
+    told = {"perceiver": {"model": "m"}, "words": "rock: -0.5; grass: 1"}
+    assert row(tmp_path, running=told).verdict is Verdict.PASS
 
 
 def test_nothing_is_concluded_where_the_stopping_distance_is_not_known() -> None:

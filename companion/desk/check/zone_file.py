@@ -143,7 +143,8 @@ def write_zone(folder: Path, zone: Zone) -> Path:
     path = folder / FOLDER / f"{zone.at}.json"
     write_atomically(path, content + b"\n")
     for old in _paths(folder)[:-MOST_FILES]:
-        old.unlink(missing_ok=True)
+        if old != path:  # without a clock it is none of the newest
+            old.unlink(missing_ok=True)
     return path
 
 
@@ -289,6 +290,7 @@ def _time(told: Mapping[str, Any]) -> str:
     value = _text(told, "at")
     if not _NAME.fullmatch(f"{value}.json"):
         raise ValueError("at is no time as 20261127T234500Z")
+    time.strptime(value, _TIME)
     return value
 
 

@@ -85,6 +85,14 @@ def test_the_newest_files_are_kept_and_no_other_file_is_touched(
     assert MOST_FILES >= 10
 
 
+def test_a_zone_that_was_measured_without_a_clock_is_not_deleted_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zone_file, "MOST_FILES", 1)
+    write_zone(tmp_path, ZONE)
+    assert write_zone(tmp_path, replace(ZONE, at="19700101T000500Z")).exists()
+
+
 def test_a_folder_that_is_not_there_has_no_zone(tmp_path: Path) -> None:
     assert read_zone_files(tmp_path) == ()
     assert newest_zone(tmp_path) is None
@@ -107,6 +115,7 @@ def test_a_file_that_is_none_is_said_and_left_out(tmp_path: Path) -> None:
         {"version": 2},
         {"format": "other"},
         {"at": "../../../etc/passwd"},
+        {"at": "20269999T999999Z"},
         {"thing": "\x1b[2J"},
         {"words": {"grass": None}},
         {"words": {"grass": 2}},

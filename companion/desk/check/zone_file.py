@@ -226,7 +226,7 @@ def _zone(told: Mapping[str, Any]) -> Zone:
 
 
 def _mark(told: Mapping[str, Any]) -> ZoneMark:
-    flags = {name: told.get(name) for name in ("noticed", "in_picture", "elsewhere")}
+    flags: dict[str, Any] = {name: told.get(name) for name in ("noticed", "in_picture", "elsewhere")}
     if not all(isinstance(one, bool) for one in flags.values()):
         raise ValueError(f"{', '.join(flags)} are not all true or false")
     ground_m, ground_deg = told.get("ground_m"), told.get("ground_deg")

@@ -20,7 +20,6 @@ from companion.desk.check.new_thing import NewThing
 from companion.desk.check.typed_lines import TypedLines
 from companion.desk.check.zone_file import (
     FOLDER,
-    MOST_MARKS,
     ZoneArc,
     ZoneLook,
     ZoneMark,
@@ -28,7 +27,14 @@ from companion.desk.check.zone_file import (
     write_zone,
 )
 from companion.desk.check.zone_judge import NotMeasuredError, ZoneFrames, ZoneJudge
-from companion.desk.check.zone_plan import LineVerdict, WalkLine, verdict, walk_distances, walk_lines
+from companion.desk.check.zone_plan import (
+    LineVerdict,
+    WalkLine,
+    typed_distances,
+    verdict,
+    walk_distances,
+    walk_lines,
+)
 from companion.desk.check.zone_report import conclusion, light_text, table
 from companion.storage.database import JournalError
 from companion.storage.journal_copy import read_stored_memory
@@ -48,7 +54,10 @@ _OPENING = """\
 Detection zone: carry a thing to marks on the ground; it says from which of them the rover would stop for it.
 The rover: disarmed, on low blocks, wheels off the ground, before such ground as it drives on.
 The marks: by tape, from the middle of its front, along lines through these points:"""
-_KEYS = "Enter: measure; a number: wait so many seconds first; b: the mark before; n: the next line; q: end"
+_KEYS = (
+    "Enter: measure, stand still for 2 s, till it rings; a number: wait so many seconds first; "
+    "b: the mark before; n: the next line; q: end"
+)
 
 
 class _EndError(Exception):
@@ -95,7 +104,7 @@ class ZoneWalk:
         judged = HoldGate(config).stopping(HoldConditions(settings, judge.step, guides=guides))
         self._stopping: Stopping | None = judged if isinstance(judged, Stopping) else None
         self._unknown = judged if isinstance(judged, str) else ""
-        needs = None if self._stopping is None else self._stopping.needs
+        needs = self._needs = None if self._stopping is None else self._stopping.needs
         ground = settings.metres
         near, far = (None, None) if ground is None else (ground.near, ground.far)
         self._lines = walk_lines(config, needs)
@@ -154,8 +163,7 @@ class ZoneWalk:
     def _write(self) -> Path:
         text, covers = conclusion(self._zone, self._lines, self._verdicts())
         self._zone = replace(self._zone, verdict=text, covers=covers)
-        self._folder.mkdir(parents=True, exist_ok=True)
-        with as_owner(self._folder):
+        with as_owner(existing(self._folder)):
             return write_zone(self._folder, self._zone)
 
     def _distances(self) -> None:
@@ -165,14 +173,11 @@ class ZoneWalk:
             for line in self._lines:
                 print(f"  {line.name:<11} {line.bearing:>6.1f}°  {_place(line, planned[-1])}")
             shown = " ".join(f"{one:g}" for one in planned)
-            typed = self._ask(f"Distances in m [{shown}]:")
+            typed = self._ask(f"Distances in m (Enter takes {shown}):")
             if not typed:
                 return
-            try:
-                found = tuple(sorted({float(one) for one in typed.replace(",", " ").split()}))
-            except ValueError:
-                found = ()
-            if found and 0.1 <= found[0] <= found[-1] <= 100.0 and len(found) <= MOST_MARKS // 10:
+            found = typed_distances(typed, self._lines, self._needs)
+            if found:
                 self._zone = replace(self._zone, distances=found)
             else:
                 print("  give metres between 0.1 and 100, as: 1 2 3.5")
@@ -180,12 +185,7 @@ class ZoneWalk:
     def _look_at_empty_ground(self) -> None:
         """Look until nothing in the view would stop the rover: else each mark would count as noticed."""
         while True:
-            self._ask("Go out of the view, with the thing. Enter:")
-            try:
-                found = self._judge.watch()
-            except NotMeasuredError as error:
-                print(f"  not measured: {error}")
-                continue
+            found = self._look_without("Go out of the view, with the thing. Enter:")
             if not found.raised:
                 break
             print(
@@ -195,21 +195,24 @@ class ZoneWalk:
             )
         self._empty, empty = found, ZoneLook(**found.looked(), at=utc_now())
         self._zone = replace(self._zone, empty=empty)
-        print(f"  nothing there, in {found.count} frames; {light_text(empty)}")
+        noticed = f"something noticed in {found.noticed} of {found.count} frames"
+        print(f"  it would not stop: {noticed}; {light_text(empty)}")
 
     def _look_again(self) -> None:
         """Look at the empty ground once more: what stops the rover by now may have done so at each mark."""
-        while True:
-            self._ask("Go out of the view again, with the thing. Enter:")
-            try:
-                found = self._judge.watch()
-            except NotMeasuredError as error:
-                print(f"  not measured: {error}")
-                continue
-            break
+        found = self._look_without("Go out of the view again, with the thing. Enter:")
         self._zone = replace(self._zone, clear=not found.raised)
         self._write()
-        print("  the empty ground would stop the rover by now" if found.raised else "  it stops for nothing")
+        print(f"  it would {'stop for the empty ground by now' if found.raised else 'not stop'}")
+
+    def _look_without(self, question: str) -> ZoneFrames:
+        """Ask until a look at the ground succeeds."""
+        while True:
+            self._ask(question)
+            try:
+                return self._judge.watch()
+            except NotMeasuredError as error:
+                print(f"  not measured: {error}")
 
     def _measure(self, line: WalkLine, at: float) -> str:
         """Measure a mark until that succeeds, and return the key that was pressed."""
@@ -260,12 +263,12 @@ class ZoneWalk:
         shown = "not seen in the picture" if thing is None else f"in the picture{by_mount}"
         stray = "" if mark.noticed or not found.stops else ", but not the thing on the mark"
         word = f"noticed{stray}" if found.stops else "NOT noticed"
-        print(f"  {word}: {mark.noticed_frames} of {mark.frames} frames; {shown}; {light_text(mark)}")
+        print(f"  {word}: {mark.noticed_frames} of {mark.frames} frames; {shown}; {light_text(mark)}\a")
 
     def _arc(self) -> None:
         """Measure a walk across the view at the distance in which the rover stops."""
         first, last = self._lines[0], self._lines[-1]
-        needs = None if self._stopping is None else self._stopping.needs
+        needs = self._needs
         at = next((one for one in self._zone.distances if needs is None or one >= needs), None)
         if at is None:
             return

@@ -6,20 +6,26 @@ Distances are in m from the middle of the vehicle's front, bearings in degrees c
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import pairwise, takewhile
 from typing import NamedTuple
 
 from companion.config import Config
 from companion.config.stopping import Stopping
-from companion.desk.check.zone_file import ZoneMark
+from companion.desk.check.zone_file import MOST_MARKS, ZoneMark
 
 DISTANCES = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 15.0, 20.0)
 _SAME = 0.3
 """m by which two marks differ at least."""
 _IN_VIEW = 0.9
 """Share of half of the view at which the outermost lines run, so that a thing on them is in the picture."""
+_TYPED = re.compile(r"[0-9]{1,3}([.,][0-9]{1,2})?", re.ASCII)
+_NEAREST, _FARTHEST = 0.1, 100.0
+"""m of distances that may be typed."""
+_STEP = 2.0
+"""By this factor a mark may be farther than the one before it for the speed to rest on it."""
 _SPARE = 1e-6
 """m that a comparison allows for rounding."""
 _ROUNDED = 1.02
@@ -66,7 +72,7 @@ def walk_lines(config: Config, needs: float | None) -> tuple[WalkLine, ...]:
         ("right side", middle + beside),
         ("right edge", heading + edge),
     )
-    return tuple(WalkLine(name, round(at, 1), _way(at, width)) for name, at in named)
+    return tuple(WalkLine(name, round(math.remainder(at, 360.0), 1), _way(at, width)) for name, at in named)
 
 
 def _way(bearing: float, width: float | None) -> float | None:
@@ -87,16 +93,35 @@ def walk_distances(
     region of interest is; one mark is beyond. None: not known.
     """
     if needs is not None:
-        needs = max([needs, *(one.needs(needs) for one in lines if one.in_way(needs))])
+        needs = _needed_mark(lines, needs)
     reach = max((one for one in (needs, far) if one is not None), default=None)
     least = 0.0 if near is None else near
     found = [one for one in DISTANCES if one >= least]
     if reach is not None:
         found = [one for one in found if one <= reach] + [one for one in found if one > reach + _SAME][:1]
     if needs is not None:
-        needed = math.ceil(needs * 10 - 1e-6) / 10
-        found = [one for one in found if abs(one - needed) >= _SAME] + [needed]
+        found = [one for one in found if abs(one - needs) >= _SAME] + [needs]
     return tuple(sorted(found))
+
+
+def _needed_mark(lines: Sequence[WalkLine], needs: float) -> float:
+    """Return the distance at which a thing on any line in the rover's way must be noticed."""
+    farthest = max([needs, *(one.needs(needs) for one in lines if one.in_way(needs))])
+    return math.ceil(farthest * 10 - 1e-6) / 10
+
+
+def typed_distances(text: str, lines: Sequence[WalkLine], needs: float | None) -> tuple[float, ...]:
+    """Read distances with spaces or ";" between, nearest first; () where they are none. 1,5 is 1.5.
+
+    lines, needs: as of `walk_distances`; the mark that stopping needs is added.
+    """
+    found = [one.removesuffix(",") for one in text.replace(";", " ").split()]
+    if not found or len(found) >= MOST_MARKS // 10 or not all(map(_TYPED.fullmatch, found)):
+        return ()
+    metres = {float(one.replace(",", ".")) for one in found}
+    if min(metres) < _NEAREST or max(metres) > _FARTHEST:
+        return ()
+    return tuple(sorted(metres | (set() if needs is None else {_needed_mark(lines, needs)})))
 
 
 @dataclass(frozen=True)
@@ -140,8 +165,12 @@ def verdict(
     if not line.in_way(needs):
         in_way = [bool(noticed.get(one)) for one in ordered if line.in_way(one)]
         return replace(found, needs=line.way, enough=all(in_way)) if in_way else replace(found, beside=True)
-    sees = replace(stopping, sees=line.point(found.noticed_to)[0] + _SPARE)
-    return replace(found, needs=needs, enough=sees.enough, speed=max(0.0, sees.fits))
+    # Between marks far apart, beyond what this speed needs, nobody looked: no higher speed rests on them.
+    sure = next(
+        (one for one, after in pairwise(inner) if one >= needs and after > _STEP * one), found.noticed_to
+    )
+    sees, fits = (replace(stopping, sees=line.point(at)[0] + _SPARE) for at in (found.noticed_to, sure))
+    return replace(found, needs=needs, enough=sees.enough, speed=max(0.0, fits.fits))
 
 
 def slowest(verdicts: Sequence[LineVerdict]) -> float | None:

@@ -93,7 +93,7 @@ def conclusion(
     if short:
         remedy = "no speed is slow enough: mend the gaps nearest to the rover first"
         if fits is not None and fits >= _SLOWEST:
-            remedy = f"drive at most {fastest}, or let it look further (`companion check`, row stopping)"
+            remedy = f"measure again at {fastest} at most, or let it look further (row stopping)"
         return f"{at}: the zone is too short ({', '.join(short)}): {remedy}", False
     measured, nearest = {one.line.name for one in verdicts}, min(zone.distances, default=0.0)
     missing = [one.name for one in lines if one.name not in measured and one.in_way(nearest)]

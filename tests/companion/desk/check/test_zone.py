@@ -12,14 +12,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
 from companion.config import load_config
 from companion.config.stopping import ground_region
-from companion.desk.check import zone_judge
+from companion.desk.check import zone, zone_judge
 from companion.desk.check.autopilot import AutopilotReadings
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.stopping import check_zone
@@ -85,7 +85,7 @@ def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
     said = person.said + capsys.readouterr().out
     found = kept(tmp_path)
     noticed = {(one.line, one.distance_m): one.noticed for one in found.marks}
-    assert len(noticed) == 15
+    assert len(noticed) == 20, "and at what stopping needs"
     for line in ("left side", "ahead", "right side"):
         assert [noticed[line, at] for at in (1.5, inside, outside)] == [True, True, False], said
     for line in ("left edge", "right edge"):
@@ -99,6 +99,8 @@ def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
     assert found.covers is True, found.verdict
     assert 0.2 < found.arcs[0].share < 0.8, "in the middle"
     assert found.verdict in said
+    assert "something noticed in 0 of" in said
+    assert said.count("\a") == len(noticed), "a bell at the end of each"
     assert "without the autopilot's own overrun" in found.verdict
     checked = CheckedRover(load_config(str(config)), "", tmp_path / "state")
     checked.__dict__["asked"] = AutopilotReadings()
@@ -137,11 +139,32 @@ def test_what_was_measured_is_kept_when_the_person_ends(
 ) -> None:
     config = configured(tmp_path, field)
     for end in ("q", EOFError(), KeyboardInterrupt()):
-        read = Person(field, lambda: capsys.readouterr().out, {"ahead, 2": [end], "Distances": ["2"]})
+        read = Person(field, lambda: capsys.readouterr().out, {"ahead, 2": [end], "Distances": ["2.7"]})
         assert measure_zone(str(config), read) == 0
         found = read_zone_files(tmp_path / "state")[-1]
         assert [one.line for one in found.marks] == ["left edge", "left side"]
         assert found.covers is not True, "the rest is not known"
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_data_folder_is_made_with_the_rights_of_who_owns_the_place(
+    field: StandingField,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    config, state, entered = configured(tmp_path, field), tmp_path / "state", list[tuple[Path, bool]]()
+
+    @contextmanager
+    def spy(folder: Path) -> Iterator[None]:
+        entered.append((folder, state.exists()))
+        yield
+
+    monkeypatch.setattr(zone, "as_owner", spy)
+    person = Person(field, lambda: capsys.readouterr().out, {"left side": ["q"], "Distances": ["2.7"]})
+    assert measure_zone(str(config), person) == 0
+    assert entered[:2] == [(tmp_path, False)] * 2
+    assert state.exists()
 
 
 @pytest.mark.usefixtures("quick")
@@ -150,19 +173,19 @@ def test_keys_go_back_and_to_the_next_line_and_other_keys_are_explained(
 ) -> None:
     config = configured(tmp_path, field)
     answers: dict[str, list[str | BaseException]] = {
-        "Distances": ["two", "-1", "2, 3"],
+        "Distances": ["two", "-1", "2, 2,7"],
         "left edge": ["n"],
-        "left side, 2": ["b", "x", "0"],
-        "ahead, 3": ["q"],
+        "left side, 2 ": ["b", "x", "0"],
+        "ahead, 2.7": ["q"],
     }
     person = Person(field, lambda: capsys.readouterr().out, answers)
     assert measure_zone(str(config), person) == 0
     assert person.said.count("give metres between 0.1 and 100") == 2
     assert person.said.count("b: the mark before") == 2, "at first, and after x"
-    assert [at for line, at in person.marks if line == "left side"][:3] == [3.0, 2.0, 3.0]
+    assert [at for line, at in person.marks if line == "left side"][:3] == [2.7, 2.0, 2.7]
     assert sorted((one.line, one.distance_m) for one in kept(tmp_path).marks) == [
         ("left side", 2.0),
-        ("left side", 3.0),
+        ("left side", 2.7),
     ]
 
 
@@ -193,7 +216,7 @@ def test_a_camera_that_falls_silent_is_said_and_the_mark_is_asked_for_again(
             field.blind = len(self.marks) == 2
             return answer
 
-    answers: dict[str, list[str | BaseException]] = {"left side": ["q"], "Distances": ["2 3"]}
+    answers: dict[str, list[str | BaseException]] = {"left side": ["q"], "Distances": ["2 2.7"]}
     person = Unplugs(field, lambda: capsys.readouterr().out, answers)
     assert measure_zone(str(config), person) == 0
     assert "not measured: the camera is silent" in person.said
@@ -285,20 +308,20 @@ def test_the_command_in_a_terminal_is_led_through_marks_and_ended_by_ctrl_c(
 ) -> None:
     terminal = Terminal(configured(tmp_path, field))
     try:
-        terminal.until(r"Distances in m \[[^]]*\]:")
+        terminal.until(r"Distances in m \(Enter takes [^)]*\):")
         terminal.type("2 4\n")
-        terminal.until(r"Distances in m \[2 4\]:")
+        terminal.until(r"Distances in m \(Enter takes 2 2.7 4\):")
         terminal.type("\n")
         terminal.until(r"carried[^:]*\?")
         terminal.type("a drum\n")
         terminal.until(r"Enter:")
         terminal.type("\n\n\n")  # typed twice too often: no mark is measured by it
-        walked = ("left edge, 4", "left edge, 2", "left side, 4", "left side, 2", "ahead, 4")
-        for place in walked:
+        walked = [f"{line}, {at}" for line in ("left edge", "left side") for at in ("4", "2.7", "2")]
+        for place in (*walked, "ahead, 4"):
             asked = terminal.until(rf"{place} m \(([\d.]+) ahead(?:, ([\d.]+) left)?\):")
             field.put(float(asked[1]), -float(asked[2] or 0))
             terminal.type("\n")
-        terminal.until(r"ahead, 2 m [^:]*:")
+        terminal.until(r"ahead, 2.7 m [^:]*:")
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.end() == 0, terminal.said
     finally:
@@ -307,7 +330,9 @@ def test_the_command_in_a_terminal_is_led_through_marks_and_ended_by_ctrl_c(
     assert [(one.line, one.noticed) for one in found.marks] == [
         ("left edge", False),
         ("left edge", False),
+        ("left edge", False),
         ("left side", False),
+        ("left side", True),
         ("left side", True),
         ("ahead", False),
     ]

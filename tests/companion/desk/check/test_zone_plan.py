@@ -22,7 +22,14 @@ from companion.desk.check.rules import CheckFinding, Verdict
 from companion.desk.check.stopping import check_zone
 from companion.desk.check.zone_file import Zone, ZoneMark, utc_now, write_zone
 from companion.desk.check.zone_match import judged_by
-from companion.desk.check.zone_plan import WalkLine, slowest, verdict, walk_distances, walk_lines
+from companion.desk.check.zone_plan import (
+    WalkLine,
+    slowest,
+    typed_distances,
+    verdict,
+    walk_distances,
+    walk_lines,
+)
 from companion.desk.check.zone_report import conclusion, table
 from companion.vehicle.brakes import Brakes
 
@@ -126,6 +133,47 @@ def test_at_the_speed_that_fits_the_zone_is_just_enough(reach: float) -> None:
     assert found.enough is (STOPS.needs <= reach + 1e-6)
 
 
+def test_a_speed_rests_on_no_mark_before_which_nobody_looked() -> None:
+    far = (2.5, 20.0)
+    assert STOPS.needs < far[0]
+    found = verdict(AHEAD, [mark(one) for one in far], far, STOPS)
+    assert found is not None
+    assert found.enough
+    assert found.speed is not None
+    assert replace(STOPS, speed=found.speed).needs == pytest.approx(2.5, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("typed", "metres"),
+    [
+        ("1 2 3.5", (1.0, 2.0, 3.5)),
+        ("3, 2;1", (1.0, 2.0, 3.0)),
+        ("1,5 1,50", (1.5,)),
+        ("1_0", ()),
+        ("two", ()),
+        ("-1", ()),
+        ("0.01", ()),
+        ("101", ()),
+        ("nan", ()),
+        (" ".join(["1"] * 50), ()),
+    ],
+)
+def test_typed_distances_have_spaces_between_and_a_comma_is_decimal(
+    typed: str, metres: tuple[float, ...]
+) -> None:
+    assert typed_distances(typed, (), None) == metres
+
+
+def test_the_mark_that_stopping_needs_stays_among_typed_ones() -> None:
+    lines = walk_lines(MOUNTED, STOPS.needs)
+    assert typed_distances("20", lines, 2.11) == (2.2, 20.0)
+
+
+def test_a_camera_that_looks_backwards_has_bearings_that_a_file_may_hold() -> None:
+    back = walk_lines(replace(MOUNTED, mount=replace(MOUNTED.mount, heading=180.0)), None)
+    assert all(-180.0 <= one.bearing <= 180.0 for one in back)
+
+
 def test_what_stands_beside_the_way_need_not_be_noticed_but_its_near_marks_must() -> None:
     beside = WalkLine("right edge", 34.0, 0.5)
     found = verdict(beside, [mark(1.0, noticed=False, line=beside)], (1.0,), STOPS)
@@ -159,7 +207,7 @@ def test_the_conclusion_fails_closed() -> None:
     assert short is not None
     text, covers = conclusion(zone(*near), (AHEAD,), [short])
     assert covers is False
-    assert "too short (ahead): drive at most 0.69 m/s" in text
+    assert "too short (ahead): measure again at 0.69 m/s at most" in text
     assert slowest([short]) == short.speed
     rows = list(table(zone(*near), (AHEAD,), [short]))
     assert "yes    30 %    30 %" in rows[1]

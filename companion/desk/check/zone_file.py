@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -19,6 +18,7 @@ from typing import Any
 from anytraverse.light import Light
 from anytraverse.regular_file import read_regular
 from companion.system.atomic_write import write_atomically
+from companion.wire.json_values import LARGEST, number_of, read_object
 
 log = logging.getLogger(__name__)
 
@@ -28,8 +28,6 @@ FORMAT, VERSION = "anytraverse zone", 1
 MOST_FILES = 100
 """The newest are kept."""
 MOST_MARKS = 400
-_LARGEST = 1 << 20
-"""Bytes of a file. With `MOST_MARKS` it has some 200 kB."""
 _TEXT, _NAMES = 400, 64
 _NAME = re.compile(r"[0-9]{8}T[0-9]{6}Z\.json", re.ASCII)
 _TIME = "%Y%m%dT%H%M%SZ"
@@ -172,7 +170,7 @@ def _read(paths: list[Path], tell: Callable[[str], None]) -> tuple[Zone, ...]:
 
 def _read_file(path: Path, tell: Callable[[str], None]) -> Zone | None:
     try:
-        return parsed_zone(read_regular(path, _LARGEST + 1, follow=False))
+        return parsed_zone(read_regular(path, LARGEST + 1, follow=False))
     except (OSError, ZoneFileError) as error:
         why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
         tell(f"{path} is left out: {why}")
@@ -181,17 +179,15 @@ def _read_file(path: Path, tell: Callable[[str], None]) -> Zone | None:
 
 def parsed_zone(content: bytes) -> Zone:
     """Read a zone from what `write_zone` wrote. Raises ZoneFileError."""
-    if len(content) > _LARGEST:
-        raise ZoneFileError(f"it is longer than {_LARGEST >> 10} kB")
     try:
-        told = _table(json.loads(content), "the file")
+        told = read_object(content)
         if told.get("format") != FORMAT:
             raise ValueError("it is no file of `companion check --zone`")
         if told.get("version") != VERSION:
             version = str(told.get("version"))[:20]
             raise ValueError(f"it has version {version}, and this program reads {VERSION}")
         return _zone(told)
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ZoneFileError(str(error)[:_TEXT]) from error
 
 
@@ -229,15 +225,14 @@ def _mark(told: Mapping[str, Any]) -> ZoneMark:
     flags: dict[str, Any] = {name: told.get(name) for name in ("noticed", "in_picture", "elsewhere")}
     if not all(isinstance(one, bool) for one in flags.values()):
         raise ValueError(f"{', '.join(flags)} are not all true or false")
-    ground_m, ground_deg = told.get("ground_m"), told.get("ground_deg")
     return ZoneMark(
         **_watched(told),
         line=_text(told, "line"),
         bearing_deg=_number(told, "bearing_deg", 180.0),
         distance_m=_number(told, "distance_m", _FARTHEST),
         **flags,
-        ground_m=None if ground_m is None else _number(told, "ground_m", _FARTHEST),
-        ground_deg=None if ground_deg is None else _number(told, "ground_deg", 180.0),
+        ground_m=number_of(told.get("ground_m"), 0.0, _FARTHEST),
+        ground_deg=number_of(told.get("ground_deg"), -180.0, 180.0),
     )
 
 
@@ -296,18 +291,18 @@ def _time(told: Mapping[str, Any]) -> str:
 
 def _number(told: Mapping[str, Any], name: str, most: float) -> float:
     """Return a number as float. Raises ValueError unless it is finite, and at most `most` either way."""
-    value = told.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= most:
+    value = number_of(told.get(name), -most, most)
+    if value is None:
         raise ValueError(f"{name} is no number of at most {most:g}")
-    return float(value)
+    return value
 
 
-def _figures(told: Mapping[str, Any], name: str, most: float = math.inf) -> dict[str, float | None]:
+def _figures(told: Mapping[str, Any], name: str, most: float = 1e9) -> dict[str, float | None]:
     table = _table(told.get(name), name)
     if len(table) > _NAMES:
         raise ValueError(f"{name} has more than {_NAMES} figures")
     found: dict[str, float | None] = {}
     for key, value in table.items():
         _text({name: key}, name)
-        found[key] = None if value is None else _number({key: value}, key, min(most, 1e9))
+        found[key] = None if value is None else _number(table, key, most)
     return found

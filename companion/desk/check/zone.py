@@ -18,14 +18,7 @@ from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.desk.check.here import status
 from companion.desk.check.new_thing import NewThing
 from companion.desk.check.typed_lines import TypedLines
-from companion.desk.check.zone_file import (
-    FOLDER,
-    ZoneArc,
-    ZoneLook,
-    ZoneMark,
-    utc_now,
-    write_zone,
-)
+from companion.desk.check.zone_file import FOLDER, ZoneArc, ZoneLook, ZoneMark, utc_now, write_zone
 from companion.desk.check.zone_judge import NotMeasuredError, ZoneFrames, ZoneJudge
 from companion.desk.check.zone_plan import (
     LineVerdict,

@@ -67,6 +67,10 @@ def wheels(cache: Path, root: Path) -> Path:
         asked = [sys.executable, "-m", "pip", "download", "--quiet", "--dest", str(folder)]
         asked += ["--only-binary=:all:", "--python-version", version, "--implementation", "cp"]
         asked += [f"--platform={one}_{os.uname().machine}" for one in _PLATFORMS]
+        # `pip download` builds nothing for another system.
+        made = ["wheel", "--quiet", "--no-deps", "--wheel-dir", str(folder), *_WITHOUT_WHEEL]
+        run([sys.executable, "-m", "pip", *made], "pip wheel")
+        asked += ["--find-links", str(folder)]
         with tempfile.TemporaryDirectory() as built:
             own = wheel(Path(built) / "own")
             run([*asked, f"{own}[{_EXTRA},pages]", "hatchling>=1.27"], "pip download")
@@ -76,6 +80,8 @@ def wheels(cache: Path, root: Path) -> Path:
     return folder
 
 
+_WITHOUT_WHEEL = ("argparse-manpage>=4.6",)
+"""Packages that the index has as source alone. They are the same on every system."""
 _VERSION = "import sys; print('%d.%d' % sys.version_info[:2])"
 
 

@@ -147,7 +147,7 @@ def test_one_that_writes_nothing_any_more_hangs(folder: Folder, capsys: pytest.C
         folder.says(process.pid)
         at = time.time()
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(running, "_started", lambda _: at - 60.0)
+            patched.setattr(running, "started_at", lambda _: at - 60.0)
             patched.setattr(time, "time", lambda: at + RUNNING + 3.0)
             assert folder.asked() == 1
     finally:

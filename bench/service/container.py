@@ -150,7 +150,7 @@ class Container:
             "--net",
             "--cgroup",
         ]
-        path = "PATH=/usr/sbin:/usr/bin:/sbin:/bin"
+        path = "PATH=/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
         done = subprocess.run(
             [*inside, "env", "-i", path, "HOME=/root", "sh", "-c", command],
             stdin=subprocess.DEVNULL,

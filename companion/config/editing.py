@@ -20,6 +20,7 @@ from companion.config.toml_file import ConfigError, Layer, Problem
 from companion.config.toml_lines import KeyPath
 from companion.config.versions import write_version
 from companion.config.whole_check import problems_of
+from companion.wire.parameters import OBSTACLE
 
 __all__ = ["Guard", "Proposal", "guard_of", "propose", "write"]
 
@@ -45,8 +46,9 @@ def propose(path: Path, changes: Mapping[str, object | None]) -> Proposal:
 
     changes: "section.key" -> a value of a TOML type, None: the key is removed. "words.WORD" and
     "aliases.WORD" are entries of these tables, "words" and "aliases" the whole tables, "vocabulary" the whole
-    list, "link.more" all further connections, {"NAME.url": ...}. Where the vehicle's file has the words, its
-    words are copied first, since the tables of one file count; without its last word it has an empty table.
+    list, in which words in use stay, "link.more" all further connections, {"NAME.url": ...}. Where the
+    vehicle's file has the words, its words are copied first, since the tables of one file count; without its
+    last word it has an empty table.
     Raises ConfigError for a file that cannot be read.
     """
     layer = read_layer(path)
@@ -96,7 +98,8 @@ def _keyed(layer: Layer, changes: Mapping[str, object | None]) -> dict[KeyPath, 
             found |= _connections(layer.value(keys), value)
             continue
         if keys[0] not in ("words", "aliases"):
-            found[keys] = value
+            is_list = keys == ("vocabulary",) and isinstance(value, list)
+            found[keys] = [*_also_in_use(layer, value), *value] if is_list else value
             continue
         held = owner(layer, keys)
         there: Mapping[str, Any] = held.table(keys[0], []) if held is not None else {}
@@ -110,6 +113,8 @@ def _keyed(layer: Layer, changes: Mapping[str, object | None]) -> dict[KeyPath, 
             new = {keys[1]: value}
         elif isinstance(value, Mapping):
             cleaned = {clean_word(word) for word in value}
+            if len(cleaned) < len(value):
+                raise ValueError(f"{key}: a word stands twice, differently spelled: keep one")
             new = {word: None for one, word in as_written.items() if one not in cleaned} | dict(value)
         else:
             raise ValueError(f"{key}: give a table")
@@ -119,6 +124,21 @@ def _keyed(layer: Layer, changes: Mapping[str, object | None]) -> dict[KeyPath, 
             if v is not None or clean_word(word) in as_written
         }
     return found
+
+
+def _also_in_use(layer: Layer, value: list[object]) -> list[object]:
+    """Return what the list has besides: words in use, and that of the video. No page shows these in it."""
+    listed, used = owner(layer, ("vocabulary",)), owner(layer, ("words",))
+    there = listed.value(("vocabulary",)) if listed is not None else None
+    unshown = {clean_word(word) for word in (used.table("words", []) if used is not None else {})}
+    if layer.value(("video", "listen")):
+        unshown.add(OBSTACLE[0])
+    given = {clean_word(one) for one in value if isinstance(one, str)}
+    return [
+        one
+        for one in (there if isinstance(there, list) else [])
+        if isinstance(one, str) and clean_word(one) in unshown - given
+    ]
 
 
 def _connections(there: object, value: object) -> dict[KeyPath, object]:

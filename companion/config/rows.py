@@ -10,6 +10,7 @@ from companion.config import Config
 from companion.config.checks import ValueCheck
 from companion.config.guards import Guard, guard_of, guards_words, only_in_shell
 from companion.config.schema import OF_A_VEHICLE, SECTIONS, WORD_KEYS
+from companion.wire.parameters import OBSTACLE
 
 _WORD_FORMS: Mapping[str, Mapping[str, str]] = {
     "vocabulary": {"type": "lines", "example": "dry grass"},
@@ -39,7 +40,8 @@ def _of_words(key: str, meaning: str, config: Config, changes: Mapping[str, obje
     guarded, value = guards_words(config.perceiver.name), _plain(getattr(config, key))
     if key == "vocabulary":
         meaning = f"{meaning}, beside those in use"
-        value = [word for word in config.vocabulary if word not in config.words]
+        added = (*config.words, *(OBSTACLE[:1] if config.video.listen else ()))
+        value = [word for word in config.vocabulary if word not in added]
     return {
         "key": key,
         "section": "words",

@@ -86,11 +86,27 @@ def test_words_and_connections_are_replaced_as_a_whole(file: Path) -> None:
     assert "udpin:127.0.0.1:14550" in file.read_text()
 
 
+def test_a_word_that_is_offered_and_in_use_stays_offered_when_the_vocabulary_is_changed(file: Path) -> None:
+    row = _row(load_config(file), "vocabulary")["value"]
+    _changed(file, "vocabulary", [*row, "log"])
+    assert 'vocabulary = ["grass", "mud", "log"]' in file.read_text()
+    assert _changed(file, "words", {}).vocabulary == ("grass", "mud", "log")
+
+
+def test_the_word_of_the_video_is_not_written_with_the_vocabulary(file: Path) -> None:
+    file.write_text(TEXT + '[video]\nlisten = "127.0.0.1:8554"\n')
+    row = _row(load_config(file), "vocabulary")["value"]
+    assert row == ["mud"]
+    assert "obstacle" in _changed(file, "vocabulary", row).vocabulary
+    assert "obstacle" not in file.read_text()
+
+
 @pytest.mark.parametrize(
     ("key", "value", "why"),
     [
         ("words", {"grass": 2.0}, "give a number from -1 to 1"),
         ("words", ["grass"], "give a table"),
+        ("words", {"Grass": -1, "grass": 1}, "stands twice"),
         ("vocabulary", ["a:b"], "which separate words"),
         ("aliases", {"grass": "far too long a name for a parameter"}, "grass"),
         ("link.more", {"wifi.budget": 5.0}, "needs a url"),

@@ -19,7 +19,7 @@ from companion.config.guards import Guard, guard_of
 from companion.config.request import ConfigAnswer, Value
 from companion.config.rows import all_settings
 from companion.daemon.settings.file_change import FileChange
-from companion.daemon.settings.proposing import Asked, Proposed, ProposingChild
+from companion.daemon.settings.proposing import Asked, Proposed, ProposingChild, table_words
 from companion.system.error_guard import ErrorGuard
 from companion.vehicle.state import Vehicle
 from companion.wire.packing import clean
@@ -137,7 +137,9 @@ class SettingsFromPage:
         if problem := wrong_keys(request.changes):
             return problem
         try:
-            asked = msgspec.json.encode(Asked(str(self._file.absolute()), request.changes))
+            asked = msgspec.json.encode(
+                Asked(str(self._file.absolute()), request.changes, table_words(self._config, request.changes))
+            )
             self._child = self._launch()
         except (ValueError, OverflowError):  # half of a character, or a number without end
             return "that is no value of a setting"
@@ -164,8 +166,8 @@ class SettingsFromPage:
         if answer is not None:
             became = {"written": True, "restarts": answer.restarts, "text": answer.text}
             told = {"problem": "", **became} if answer.written else {"problem": answer.text}
-            self.tell({"id": self._writing, **told})
-            self._writing, self._kept = "", None
+            asked, self._writing, self._kept = self._writing, "", None  # also where telling fails
+            self.tell({"id": asked, **told})
 
     def _hear(self, request: PageRequest, now: float) -> None:
         """Take what the process says of a proposal, and end one that takes too long."""

@@ -190,6 +190,39 @@ def test_where_the_helper_does_not_answer_that_is_said(desk: Desk) -> None:
     assert not list(desk.run.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("changes", "newer"),
+    [
+        ({"words": {"grass": 0.4}}, "[words]\ngrass = 0.5\nmud = -1.0\n"),
+        ({"vocabulary": ["sand"]}, "[words]\nmud = -1.0\n"),
+        ({"aliases": {"mud": "MD"}}, '[words]\ngrass = 1.0\n[aliases]\ngrass = "GR"\n'),
+    ],
+)
+def test_a_table_is_not_written_over_one_that_is_newer_in_the_file(
+    desk: Desk, changes: dict[str, object], newer: str
+) -> None:
+    desk.file.write_text(FILE + newer)
+    found = desk.answer(changes=changes)
+    assert "proposal" not in found
+    assert found["problems"] == [
+        f"{next(iter(changes))}: changed in the file since the companion was started: start it again first"
+    ]
+    assert "proposal" in desk.answer(changes={"call.votes": 3}), "all else is as before"
+
+
+def test_a_page_that_cannot_be_told_of_a_change_does_not_end_changes_for_ever(desk: Desk) -> None:
+    def fails(_: Mapping[str, Any]) -> None:
+        raise OSError
+
+    desk.ask(write=desk.answer(changes={"call.votes": 3})["proposal"])
+    desk.turn()
+    desk.helps()
+    desk.settings.tell = fails
+    desk.turn()
+    desk.settings.tell = desk.told.append
+    assert "another change" not in desk.answer(changes={"call.votes": 1})["problem"]
+
+
 def test_one_request_at_a_time_is_taken(desk: Desk) -> None:
     desk.ask(changes={"call.votes": 3})
     desk.ask(changes={"call.votes": 1})

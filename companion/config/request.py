@@ -5,7 +5,7 @@ leaves `ANSWER` in its own. Who reads either must not trust it: `read_request`, 
 
 A companion that starts again sees nothing for some seconds, and the file may be written long after the
 request. So the helper starts it again only by `LEAVE`, which the supervisor lays down once it has heard the
-answer, and takes back where the vehicle is armed by then.
+answer, renews, and takes back where the vehicle is armed by then.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _MOST_CHANGES = 64
 
 LONGEST = 20.0
 """Seconds for which a request may be good."""
-LEAVE_LASTS = 3.0
-"""Seconds for which the leave to start the companion again is good."""
+LEAVE_LASTS = 0.8
+"""Seconds for which the leave to start the companion again is good, unless it is renewed."""
 
 Value = bool | int | float | str | list[bool | int | float | str] | dict[str, float | str] | None
 

@@ -42,7 +42,9 @@ REQUESTS = Path("/run/anytraverse")
 """The runtime directory of the supervisor."""
 _USER = "anytraverse"
 _GRACE = 1.0
-"""Seconds from the leave to the restart, in which who asked hears of it."""
+"""Seconds from the leave to the restart, in which who asked hears of it.
+
+Longer than a leave lasts: that of a supervisor that hangs, and so cannot take it back, does not count."""
 _LEAVE_WITHIN = 2.0
 """Seconds in which the supervisor gives its leave."""
 _TICK = 0.05

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -28,6 +29,9 @@ WITHIN = 20.0
 """Seconds that the helper has to answer."""
 WRITES_WITHIN = 15.0
 """Seconds in which it may begin to write: it answers before it is said that nothing was written."""
+LEAVE_STANDS = 3.0
+"""Seconds for which the leave to start again is renewed: the helper needs less."""
+_RENEWED_EVERY = 0.2
 HEARD_WITHIN = 3.0
 """Seconds for which it is known whether the vehicle is armed: it says so each second."""
 _HOW_ELSE = "connect the autopilot, or edit the file"
@@ -45,8 +49,11 @@ class FileChange:
         self._request = requests / REQUEST
         self._leave = requests / LEAVE
         self._answers = answers
-        self._asked = ""
-        self._until = self._leave_until = 0.0
+        self._asked = self._leave_id = ""
+        self._until = self._leave_until = self._renew_at = 0.0
+        with suppress(OSError):  # of the companion before: nobody waits for it any more
+            self._request.unlink(missing_ok=True)
+            self._leave.unlink(missing_ok=True)
 
     @classmethod
     def of_service(cls) -> FileChange | None:
@@ -70,6 +77,8 @@ class FileChange:
         """
         if self._asked:
             return "another change is being made: wait for it"
+        if self._leave_until:
+            return "the companion is starting again: wait for it"
         if why := _not_disarmed(vehicle, now):
             return f"{why}: {'disarm it first' if vehicle and vehicle.armed else _HOW_ELSE}"
         until = clock() + WRITES_WITHIN
@@ -99,25 +108,32 @@ class FileChange:
         if not found.written:
             return found
         why = _not_disarmed(vehicle, now) if found.restarts else "it took too long"
-        why = why or self._give_leave(found.id, now)
+        if not why:
+            self._leave_id, self._leave_until = found.id, now + LEAVE_STANDS
+            why = self._give_leave(now)
         return msgspec.structs.replace(
             found, restarts=not why, text=f"{found.text}; {why}" if why else found.text
         )
 
     def watch(self, vehicle: Vehicle | None, now: float) -> None:
-        """Take the leave back where the vehicle is armed by now, and where nobody has taken it."""
-        if self._leave_until and (now >= self._leave_until or _not_disarmed(vehicle, now)):
+        """Renew the leave; take it back where the vehicle is armed by now, and where nobody took it."""
+        if not self._leave_until:
+            return
+        if now >= self._leave_until or _not_disarmed(vehicle, now):
             self._leave.unlink(missing_ok=True)
             self._leave_until = 0.0
+        elif now >= self._renew_at:
+            self._give_leave(now)
 
-    def _give_leave(self, request_id: str, now: float) -> str:
+    def _give_leave(self, now: float) -> str:
         """Let the helper start the companion again; say why not, or ""."""
-        leave = RestartLeave(request_id, clock() + LEAVE_LASTS)
+        leave = RestartLeave(self._leave_id, clock() + LEAVE_LASTS)
         try:
             write_atomically(self._leave, msgspec.json.encode(leave), sync=False)
         except OSError as error:
+            self._leave_until = 0.0
             return f"the leave to start again cannot be laid down: {(error.strerror or str(error)).lower()}"
-        self._leave_until = now + LEAVE_LASTS
+        self._renew_at = now + _RENEWED_EVERY
         return ""
 
 

@@ -193,8 +193,8 @@ def test_the_companion_starts_again_by_a_leave_that_still_stands_after_the_grace
 ) -> None:
     path, began = folder / LEAVE, clock()
 
-    def give(request_id: str = "a1", left: float = LEAVE_LASTS) -> Callable[[], object]:
-        told = {"id": request_id, "until": began + 0.5 + left}
+    def give(request_id: str = "a1", left: float = LEAVE_LASTS, at: float = 0.5) -> Callable[[], object]:
+        told = {"id": request_id, "until": began + at + left}
         return lambda: path.write_text(json.dumps(told))
 
     def restarts(*todo: tuple[float, Callable[[], object]], user: int = USER) -> bool:
@@ -202,11 +202,12 @@ def test_the_companion_starts_again_by_a_leave_that_still_stands_after_the_grace
         grace = Grace(monkeypatch, *todo)
         return may_restart("a1", folder, user, grace.sleep)
 
-    assert restarts((0.5, give()))
+    renewed = (1.2, give(at=1.2))
+    assert restarts((0.5, give()), renewed)
+    assert not restarts((0.5, give())), "it is not renewed: the supervisor hangs"
     assert not restarts(), "no leave is given"
     assert not restarts((3.0, give())), "it comes too late"
-    assert not restarts((0.5, give()), (1.2, path.unlink)), "the vehicle is armed in the grace"
-    assert not restarts((0.5, give(left=0.8))), "it is stale after the grace"
+    assert not restarts((0.5, give()), renewed, (1.3, path.unlink)), "the vehicle is armed in the grace"
     assert not restarts((0.5, give(left=3600.0))), "none is good for an hour"
     assert not restarts((0.5, give("b2"))), "it is for another request"
     assert not restarts((0.5, give()), user=USER + 1), "it is not the supervisor's"

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from companion.config import root_helper
 from companion.config.request import (
+    LEAVE,
     LEAVE_LASTS,
     REQUEST,
     ConfigAnswer,
@@ -18,7 +20,7 @@ from companion.config.request import (
     read_request,
 )
 from companion.config.root_helper import answered, leave
-from companion.daemon.settings.file_change import HEARD_WITHIN, WITHIN, FileChange
+from companion.daemon.settings.file_change import HEARD_WITHIN, LEAVE_STANDS, WITHIN, FileChange
 from companion.vehicle.state import Vehicle
 
 STANDS = Vehicle(1, 3, 0, armed=False, heard_at=100.0)
@@ -49,6 +51,8 @@ def test_a_change_that_is_asked_for_is_made_by_the_helper_and_answered_once(
     assert found.written
     assert b"rate = 5.0" in file.read_bytes()
     assert change.answer(STANDS, NOW + 1.0) is None
+    assert "starting again" in change.ask({"camera.rate": 6.0}, SHA256, "10.0.0.7", STANDS, NOW + 1.0)
+    change.watch(None, NOW + 1.0)
     assert change.ask({"camera.rate": 6.0}, SHA256, "10.0.0.7", STANDS, NOW) == ""
     assert change.answer(STANDS, NOW + 1.0) is None, "the answer to the one before is none to this"
 
@@ -89,8 +93,27 @@ def test_a_file_that_is_written_is_followed_by_leave_to_start_again_for_seconds(
     assert found.restarts
     change.watch(STANDS, NOW + 0.1)
     assert allowed(tmp_path, written)
-    change.watch(replace(STANDS, heard_at=NOW + LEAVE_LASTS), NOW + LEAVE_LASTS)
+    change.watch(replace(STANDS, heard_at=NOW + LEAVE_STANDS), NOW + LEAVE_STANDS)
     assert not list((tmp_path / "run").iterdir())
+
+
+def test_a_leave_ends_before_the_restart_unless_it_is_renewed(
+    change: FileChange, written: ConfigAnswer, tmp_path: Path
+) -> None:
+    assert LEAVE_LASTS < root_helper._GRACE, "a supervisor that hangs cannot take it back"
+    change.answer(STANDS, NOW)
+    change.watch(STANDS, NOW + 0.5)
+    assert has_leave(tmp_path / "run", os.getuid(), written.id, clock())
+    (tmp_path / "run" / LEAVE).unlink()
+    change.watch(STANDS, NOW + 1.0)
+    assert has_leave(tmp_path / "run", os.getuid(), written.id, clock())
+
+
+def test_what_the_companion_before_asked_for_is_not_done_after_the_restart(tmp_path: Path) -> None:
+    for name in (REQUEST, LEAVE):
+        (tmp_path / name).write_text("{}")
+    FileChange(tmp_path, tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -94,12 +94,12 @@ class Terminal:
                 line = input("answer (? for help): ").strip()
             except EOFError:
                 return None
+            if line.lower() == "same":
+                line = self._same or line
             if line.lower() in ("?", "help"):  # what a refused answer says to type
                 print(_HELP)
             elif line.lower() == "quit":
                 raise KeyboardInterrupt
-            elif line.lower() == "same" and self._same:
-                return self._same
             elif line != turning and (question := self._question(line)):
                 turning = line
                 print(f"  {question}")

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -211,6 +212,19 @@ def test_an_answer_at_the_terminal_that_turns_a_sign_must_be_typed_twice(
     assert desk.ask(call(), "") == "water: -1, go"
     assert "water was -1: repeat it to turn it" in capsys.readouterr().out
     assert desk.ask(call(), "") == "tap water 1, go"
+
+
+def test_what_is_said_again_by_one_word_and_turns_a_sign_is_asked_for_twice_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = iter(["same", "same"])
+    monkeypatch.setattr("builtins.input", lambda _prompt: next(lines))
+    memory = SimpleNamespace(preferences={"drum": 0.8}, given={"drum": 0.8}, matched=None)
+    desk = Terminal(tmp_path, SimpleNamespace(memory=memory), SimpleNamespace(calls=[]))  # type: ignore[arg-type]
+    desk._asked, desk._same = 1, "tap drum: -1, go"
+    assert desk.ask(call(), "") == "tap drum: -1, go"
+    assert "drum was 0.8: repeat it to turn it" in capsys.readouterr().out
+    assert list(lines) == []
 
 
 def like(answered: tuple[AnyTraverse, Rehearsal]) -> AskedCall:

@@ -166,7 +166,8 @@ class Preview:
 def _started(descriptor: int) -> subprocess.Popen[bytes]:
     """Start the camera's process. descriptor: its end of the connection. Raises OSError."""
     command = [*COMMAND, str(descriptor), str(os.getpid())]
-    return subprocess.Popen(command, pass_fds=[descriptor], stdin=subprocess.DEVNULL)
+    # Control-C in the terminal is for whoever ends it in turn.
+    return subprocess.Popen(command, pass_fds=[descriptor], stdin=subprocess.DEVNULL, start_new_session=True)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

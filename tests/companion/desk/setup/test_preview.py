@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -135,3 +136,14 @@ def _runs(number: str) -> bool:
         return Path(f"/proc/{number}/stat").read_text().split(")")[1].split()[0] != "Z"
     except OSError:
         return False
+
+
+def test_control_c_in_the_terminal_does_not_reach_the_camera_s_process() -> None:
+    ours, theirs = multiprocessing.Pipe()
+    process = preview._started(theirs.fileno())
+    try:
+        assert os.getsid(process.pid) == process.pid
+    finally:
+        ours.close()
+        process.kill()
+        process.wait(10.0)

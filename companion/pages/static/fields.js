@@ -17,7 +17,9 @@ export class Field {
     this.input.setAttribute("aria-describedby", `${id}-help ${id}-problem`);
     this.help = help;
     this.part = element("div", { className: wide ? "setting wide" : "setting" }, element("label", { for: id }, name || this.row.name), this.input, this.note, this.problem);
+    this.input.addEventListener("input", () => (this.edited = true));
     this.input.addEventListener("change", () => this.send());
+    this.input.addEventListener("blur", () => this.input.value === this.before && (this.edited = false));
     this.show();
   }
 
@@ -41,7 +43,7 @@ export class Field {
     this.row = this.store.row(this.key);
     const { value, hidden, form, guarded, help } = this.row;
     if (form.type === "flag") this.input.checked = value === true;
-    else if (document.activeElement !== this.input || !this.edited) this.input.value = value === null || hidden ? "" : written(value, form.type === "list" ? ", " : "\n");
+    else if (!this.edited) this.before = this.input.value = value === null || hidden ? "" : written(value, form.type === "list" ? ", " : "\n");
     // Part of a value in the input would be taken for the whole, and be written.
     this.input.placeholder = !hidden ? EMPTY : value === null ? "set, and not shown" : `${written(value, ", ")} (not shown whole)`;
     this.part.classList.toggle("changed", Boolean(this.row.changed));
@@ -50,21 +52,29 @@ export class Field {
   }
 
   async send() {
-    const { value, wrong } = this.read();
-    this.edited = Boolean(wrong);
-    showText(this.problem, wrong ?? "");
-    if (wrong || (this.row.hidden && this.input.value.trim() === "")) return;
-    this.edited = true;
-    const problem = await this.store.change({ [this.key]: value });
-    this.edited = Boolean(problem);
+    const { value, wrong } = this.read(), typed = this.input.value;
+    const nothing = this.row.hidden && typed.trim() === "";
+    const problem = wrong || nothing ? wrong ?? "" : await this.store.change({ [this.key]: value });
+    this.edited = Boolean(problem) || this.input.value !== typed;
     showText(this.problem, problem);
     this.input.setAttribute("aria-invalid", problem ? "true" : "false");
+    this.show();
+  }
+
+  // What is typed, and was not taken, does not count any more.
+  forget() {
+    this.edited = false;
+    showText(this.problem, "");
+    this.input.setAttribute("aria-invalid", "false");
+    this.show();
   }
 
   read() {
     const { type } = this.row.form;
     if (type === "flag") return { value: this.input.checked };
     const text = this.input.value.trim();
+    if (text === "" && type === "table") return { value: {} };
+    if (text === "" && type === "lines") return { value: [] };
     if (text === "") return { value: this.row.default === "" ? "" : null };
     if (type === "number" || type === "integer") {
       const value = Number(text.replace(",", "."));
@@ -88,15 +98,16 @@ const lines = (text) => text.split("\n").map((line) => line.trim()).filter(Boole
 
 // Lines of `key: value`, as a table. of: what its values are: number, text, any.
 export function table(text, of) {
-  const found = {};
+  const found = Object.create(null); // "constructor" is a word like any other
   for (const row of lines(text)) {
-    const [, key, value] = row.match(/^([^:]+):(.*)$/)?.map((part) => part.trim()) ?? [];
+    const [, quoted, value] = row.match(/^([^:]+):(.*)$/)?.map((part) => part.trim()) ?? [];
+    const key = quoted?.replace(/^(["'])(.*)\1$/, "$2");
     if (!key) return { wrong: `Write each line as NAME: VALUE, not "${row}".` };
     if (key in found) return { wrong: `${key} stands twice.` };
-    const number = Number(value.replace(",", "."));
-    const isNumber = of !== "text" && value !== "" && Number.isFinite(number);
+    const digits = value.replace("\u2212", "-"); // the sign for minus, as the page writes it
+    const isNumber = of !== "text" && /^[+-]?\d*[.,]?\d+$/.test(digits);
     if (of === "number" && !isNumber) return { wrong: `${key}: "${value}" is no number.` };
-    found[key] = isNumber ? number : value;
+    found[key] = isNumber ? Number(digits.replace(",", ".")) : value;
   }
   return { value: found };
 }

@@ -45,6 +45,20 @@ def test_a_table_is_read_as_it_is_written(tmp_path: Path, table: dict[str, Any],
 
 
 @pytest.mark.parametrize(
+    ("line", "table"),
+    [
+        ("constructor: 1", '{"constructor":1}'),
+        ("__proto__: 1", '{"__proto__":1}'),
+        ('"dry grass": 0,5', '{"dry grass":0.5}'),
+        ("mud: \u22120.5", '{"mud":-0.5}'),
+        ("mud: +1", '{"mud":1}'),
+    ],
+)
+def test_a_line_is_read_as_people_write_it(tmp_path: Path, line: str, table: str) -> None:
+    assert said(tmp_path, f"JSON.stringify(table({json.dumps(line)}, 'number').value)") == table
+
+
+@pytest.mark.parametrize(
     ("text", "why"),
     [
         ("grass", 'Write each line as NAME: VALUE, not "grass".'),
@@ -52,6 +66,7 @@ def test_a_table_is_read_as_it_is_written(tmp_path: Path, table: dict[str, Any],
         ("grass: 1\ngrass: 0", "grass stands twice."),
         ("grass: much", 'grass: "much" is no number.'),
         ("grass:", 'grass: "" is no number.'),
+        ("grass: 0x1", 'grass: "0x1" is no number.'),
     ],
 )
 def test_a_line_that_is_none_is_said(tmp_path: Path, text: str, why: str) -> None:

@@ -2,6 +2,8 @@
 
 import { element } from "./elements.js";
 
+const LEAST = 0.02; // of a side
+
 // The box around a tap, of a size like the box that the call points at.
 export function tapBox(x, y, like) {
   const [width, height] = like ? [like[2] - like[0], like[3] - like[1]] : [0.14, 0.18];
@@ -10,15 +12,19 @@ export function tapBox(x, y, like) {
 }
 
 export function dragBox(from, to) {
-  const [left, right] = [from.x, to.x].sort((a, b) => a - b), [top, bottom] = [from.y, to.y].sort((a, b) => a - b);
-  return [left, top, Math.max(right, left + 0.02), Math.max(bottom, top + 0.02)].map((side) => fraction(clamp(side, 0, 1)));
+  const sides = (a, b) => {
+    const [low, high] = [a, b].map((side) => clamp(side, 0, 1)).sort((one, other) => one - other), first = Math.min(low, 1 - LEAST);
+    return [first, Math.max(high, first + LEAST)].map(fraction);
+  };
+  const [left, right] = sides(from.x, to.x), [top, bottom] = sides(from.y, to.y);
+  return [left, top, right, bottom];
 }
 
 export function movedBox(box, dx, dy, grow) {
   let [left, top, right, bottom] = box;
   if (grow) {
-    right = clamp(right + dx, left + 0.02, 1);
-    bottom = clamp(bottom + dy, top + 0.02, 1);
+    right = clamp(right + dx, left + LEAST, 1);
+    bottom = clamp(bottom + dy, top + LEAST, 1);
   } else {
     const across = clamp(dx, -left, 1 - right), down = clamp(dy, -top, 1 - bottom);
     [left, right, top, bottom] = [left + across, right + across, top + down, bottom + down];
@@ -27,9 +33,10 @@ export function movedBox(box, dx, dy, grow) {
 }
 
 // Has a box drawn over a picture by dragging. part: what is pressed, positioned. place: the picture's box in it as
-// {left, top, width, height} in fractions, called when it is needed. picked: called with the box; may: whether a press counts.
-// Returns {show(box), end()}; show(null) hides what was drawn.
-export function dragged(part, place, picked, may = () => true) {
+// {left, top, width, height} in fractions, called when it is needed. picked: called with the box; may: whether a press counts;
+// dropped: called when a drag ends without a box. Returns {show(box), end()}; show(null) hides what was drawn.
+export function dragged(part, place, picked, { may = () => true, dropped = () => {} } = {}) {
+  let drag = null; // one at a time, of one finger
   const band = element("div", { className: "band", hidden: true });
   const show = (box) => {
     band.hidden = !box;
@@ -41,23 +48,47 @@ export function dragged(part, place, picked, may = () => true) {
     const whole = part.getBoundingClientRect(), { left, top, width, height } = place();
     return { x: ((clientX - whole.left) / whole.width - left) / width, y: ((clientY - whole.top) / whole.height - top) / height };
   };
+  const stop = () => {
+    drag?.abort();
+    drag = null;
+  };
+  const drop = () => {
+    stop();
+    show(null);
+    dropped();
+  };
   const press = (event) => {
-    if (event.button !== 0 || !may()) return;
-    const from = at(event), drag = new AbortController();
+    if (event.button !== 0 || !event.isPrimary || drag || !may()) return;
+    const from = at(event);
+    drag = new AbortController();
+    const { signal } = drag;
     const far = (to) => Math.hypot(to.x - from.x, to.y - from.y) > 0.05;
-    const on = (name, act) => part.addEventListener(name, act, { signal: drag.signal });
+    const on = (name, act) => part.addEventListener(name, (its) => its.pointerId === event.pointerId && act(its), { signal });
     event.preventDefault();
     part.setPointerCapture(event.pointerId);
-    on("pointermove", (move) => far(at(move)) && show(dragBox(from, at(move))));
-    on("pointercancel", () => (drag.abort(), show(null)));
+    on("pointermove", (move) => show(far(at(move)) ? dragBox(from, at(move)) : null));
+    on("pointercancel", drop);
+    on("lostpointercapture", drop);
     on("pointerup", (last) => {
-      drag.abort();
-      if (far(at(last))) picked(dragBox(from, at(last)));
+      if (!far(at(last))) return drop();
+      stop();
+      picked(dragBox(from, at(last)));
     });
+    const escaped = (key) => {
+      if (key.key !== "Escape") return;
+      key.stopPropagation();
+      drop();
+    };
+    window.addEventListener("keydown", escaped, { signal, capture: true });
   };
   part.append(band);
   part.addEventListener("pointerdown", press);
-  return { show, end: () => (part.removeEventListener("pointerdown", press), band.remove()) };
+  const end = () => {
+    stop();
+    part.removeEventListener("pointerdown", press);
+    band.remove();
+  };
+  return { show, end };
 }
 
 // The settings of the file for a region of interest that was drawn.

@@ -37,7 +37,7 @@ export class RegionPage {
   enter() {
     this.live.show(this.view, { draw: (width, height) => groundMarks({ lines: this.inMetres ? this.store.state.lines : [], region: this.store.state.region }, width, height) });
     const whole = () => ({ left: 0, top: 0, width: 1, height: this.live.image.clientHeight / this.live.pane.clientHeight });
-    this.drag = dragged(this.live.pane, whole, (box) => this.set(box), () => !this.inMetres);
+    this.drag = dragged(this.live.pane, whole, (box) => this.set(box), { may: () => !this.inMetres });
   }
 
   leave() {

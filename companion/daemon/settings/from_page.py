@@ -18,6 +18,7 @@ from companion.config import Config
 from companion.config.guards import Guard, guard_of
 from companion.config.request import ConfigAnswer, Value
 from companion.config.rows import all_settings
+from companion.config.stopping import ground_region
 from companion.daemon.settings.file_change import FileChange
 from companion.daemon.settings.proposing import Asked, Proposed, ProposingChild, table_words
 from companion.system.error_guard import ErrorGuard
@@ -85,14 +86,24 @@ class SettingsFromPage:
         self._child: ProposingChild | None = None
         self._began = 0.0
         self._kept: _Kept | None = None
+        self._started = secrets.token_hex(8)
         self._guard = ErrorGuard(lambda _now: None)
         self.tell: Callable[[Mapping[str, Any]], None] = lambda _content: None
 
     def document(self) -> dict[str, Any]:
-        """Return what the page shows: file, rows of `all_settings`, and why none can be changed, or ""."""
+        """Return what the page shows: file, rows of `all_settings`, and why none can be changed, or "".
+
+        in_metres: whether the region of interest is computed. started: another text after each start.
+        """
         file = "" if self._file is None else str(self._file.absolute())
         problem = "" if self._change is not None and file else _BY_HAND
-        return {"file": file, "problem": problem, "rows": all_settings(self._config, {})}
+        return {
+            "file": file,
+            "problem": problem,
+            "rows": all_settings(self._config, {}),
+            "in_metres": ground_region(self._config) is not None,
+            "started": self._started,
+        }
 
     def ask(self, content: Mapping[str, Any]) -> None:
         """Take what the page's process says. Raises ValueError for what is no request."""

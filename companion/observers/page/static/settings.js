@@ -11,7 +11,7 @@ const SHELL = "Some values only in the shell.";
 export class Settings {
   // picture: the live one, over which the region is drawn.
   constructor(home, say, picture) {
-    Object.assign(this, { home, say, file: "", cannot: "", staged: new Map(), proposal: "", became: "", restarts: false, lost: false, busy: false });
+    Object.assign(this, { home, say, file: "", cannot: "", staged: new Map(), proposal: "", became: "", restarts: false, started: "", inMetres: false, lost: false, busy: false });
     this.mark = SHELL;
     this.rows = new Map(); // by key
     this.text = element("p", { role: "status" });
@@ -45,10 +45,7 @@ export class Settings {
   connection(why) {
     const back = this.lost && !why;
     this.lost = Boolean(why);
-    if (!back || this.place.hidden) return;
-    if (this.restarts) this.became = "It was written, and the companion was started again.";
-    this.restarts = false;
-    this.load();
+    if (back && !this.place.hidden) this.load();
   }
 
   async turn() {
@@ -61,11 +58,24 @@ export class Settings {
   }
 
   async load() {
+    const typed = this.list?.fields.find(({ field }) => field.edited && field.input === document.activeElement);
+    if (typed) return typed.field.input.addEventListener("blur", () => this.load(), { once: true });
     const { answer, problem } = await ask("/settings.json");
     if (!answer?.rows) return showText(this.problem, problem || "The companion has told no settings yet: show them again.");
-    Object.assign(this, { file: answer.file, cannot: answer.problem });
+    const before = this.rows;
     this.rows = new Map(answer.rows.map((row) => [row.key, row]));
-    for (const [key, value] of this.staged) if (same(this.rows.get(key)?.value, value)) this.staged.delete(key);
+    if (this.restarts) {
+      this.restarts = answer.started === this.started;
+      this.became = this.restarts ? "It is written, and the companion was not started again yet: it takes effect when it is." : "It was written, and the companion was started again.";
+    }
+    Object.assign(this, { file: answer.file, cannot: answer.problem, inMetres: answer.in_metres, started: answer.started });
+    for (const [key, value] of this.staged) {
+      const now = this.rows.get(key);
+      // A table made of an older one would take away what came meanwhile.
+      const older = ["table", "lines"].includes(now?.form.type) && !same(now.value, before.get(key).value);
+      if (older) this.became = `${key} was changed meanwhile: change it again.`;
+      if (older || same(now?.value, value)) this.staged.delete(key);
+    }
     const search = this.list?.search.value ?? "";
     this.list = new SettingsList(this, { shell: (row) => this.command(row), note: this.cannot ? "" : "What you change here waits until you have it written." });
     this.list.search.value = search;
@@ -97,6 +107,7 @@ export class Settings {
 
   forget() {
     this.staged.clear();
+    this.list.fields.forEach(({ field }) => field.forget?.());
     this.changed();
     this.look.hidden || this.look.focus();
   }

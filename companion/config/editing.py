@@ -98,8 +98,8 @@ def _keyed(layer: Layer, changes: Mapping[str, object | None]) -> dict[KeyPath, 
             found |= _connections(layer.value(keys), value)
             continue
         if keys[0] not in ("words", "aliases"):
-            is_list = keys == ("vocabulary",) and isinstance(value, list)
-            found[keys] = [*_also_in_use(layer, value), *value] if is_list else value
+            kept = _also_in_use(layer, value) if keys == ("vocabulary",) and isinstance(value, list) else []
+            found[keys] = [*kept, *value] if kept and isinstance(value, list) else value
             continue
         held = owner(layer, keys)
         there: Mapping[str, Any] = held.table(keys[0], []) if held is not None else {}

@@ -42,10 +42,17 @@ class SettingsStage(Stage):
         self.file.write_text(text)
         self.file.chmod(0o600)
         self.armed: bool | None = False
-        change = FileChange(self.run, self.answers) if helper else None
+        self.start(FileChange(self.run, self.answers) if helper else None)
+
+    def start(self, change: FileChange | None) -> None:
+        """Do what the supervisor does when it starts, with what is in its file."""
         self.settings = SettingsFromPage(load_config(self.file), self.file, change)
         self.page.offer_settings(self.settings.document(), self.settings.ask)
         self.settings.tell = self.page.tell_settings
+
+    def start_again(self) -> None:
+        self.settings.close()
+        self.start(FileChange(self.run, self.answers))
 
     def work(self, now: float, messages: Sequence[RecordedMessage]) -> None:
         super().work(now, messages)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -161,3 +163,14 @@ def test_with_a_speed_and_no_mount_the_region_is_drawn(tmp_path: Path) -> None:
     with drawing(tmp_path, text) as at:
         assert not at.toggle.is_disabled()
         assert "is computed" not in at.tab.locator("#settings").inner_text()
+
+
+def test_that_the_region_is_computed_is_said_while_it_is(tmp_path: Path) -> None:
+    mounted = "[mount]\nheight = 0.6\ntilt = 20.0\nwidth = 0.5\n[stopping]\nspeed = 1.0\n"
+    with drawing(tmp_path, FILE + mounted) as at:
+        assert at.tab.get_by_text("The region is computed").is_visible()
+        at.stage.file.write_text(FILE)
+        at.stage.start_again()
+        os.kill(at.stage.pid(), signal.SIGKILL)  # the page's process, which is told when it starts
+        at.stage.until(lambda: not at.toggle.is_disabled())
+        assert at.tab.get_by_text("The region is computed").count() == 0

@@ -67,13 +67,13 @@ def wheels(cache: Path, root: Path) -> Path:
         asked = [sys.executable, "-m", "pip", "download", "--quiet", "--dest", str(folder)]
         asked += ["--only-binary=:all:", "--python-version", version, "--implementation", "cp"]
         asked += [f"--platform={one}_{os.uname().machine}" for one in _PLATFORMS]
-        # `pip download` builds nothing for another system.
-        made = ["wheel", "--quiet", "--no-deps", "--wheel-dir", str(folder), *_WITHOUT_WHEEL]
-        run([sys.executable, "-m", "pip", *made], "pip wheel")
-        asked += ["--find-links", str(folder)]
         with tempfile.TemporaryDirectory() as built:
-            own = wheel(Path(built) / "own")
-            run([*asked, f"{own}[{_EXTRA},pages]", "hatchling>=1.27"], "pip download")
+            own, made = wheel(Path(built) / "own"), Path(built) / "made"
+            # `pip download` builds nothing for another system.
+            make = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(made)]
+            run([*make, *_WITHOUT_WHEEL], "pip wheel")
+            wanted = [f"{own}[{_EXTRA},pages]", "hatchling>=1.27", *map(str, made.iterdir())]
+            run([*asked, *wanted], "pip download")
         for unwanted in folder.glob("anytraverse_companion-*"):
             unwanted.unlink()
         stamp.write_bytes(needed)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -16,14 +18,14 @@ as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root has the rights
 
 
 @pytest.fixture
-def theirs(tmp_path: Path) -> Path:
-    """A folder of the service's user, in one that everybody may enter."""
-    for path in (tmp_path, *tmp_path.parents[:2]):
-        path.chmod(0o755)
-    folder = tmp_path / "theirs"
-    folder.mkdir()
-    os.chown(folder, OWNER, OWNER)
-    return folder
+def theirs() -> Iterator[Path]:
+    """A folder of the service's user, in one that everybody may enter, as pytest's own are not."""
+    with TemporaryDirectory() as made:
+        Path(made).chmod(0o755)
+        folder = Path(made, "theirs")
+        folder.mkdir()
+        os.chown(folder, OWNER, OWNER)
+        yield folder
 
 
 def owners(folder: Path) -> set[int]:

@@ -193,7 +193,7 @@ def test_the_command_prints_a_table_and_writes_it_with_a_plot_and_four_views(
         ("[mount]\nwidth = 100\n", "mount.width = 100"),
     ],
 )
-def test_a_vehicle_that_lacks_a_figure_is_refused_in_one_line(
+def test_a_vehicle_that_lacks_a_figure_is_refused_in_a_line(
     tmp_path: Path, capsys: Out, text: str, why: str
 ) -> None:
     (tmp_path / "mine.toml").write_text(text)
@@ -201,7 +201,7 @@ def test_a_vehicle_that_lacks_a_figure_is_refused_in_one_line(
     told = capsys.readouterr().err
     assert told.startswith("anytraverse roi-exchange: ")
     assert why in told
-    assert told.count("\n") == 1
+    assert told.count("\n") == 2, "that it starts, and why not"
 
 
 @pytest.mark.parametrize("arguments", [["--metres", "0"], ["--metres", "nan"], ["--seeds", "-1"]])

@@ -20,6 +20,11 @@ class Pace:
     freshness: float
 
     @property
+    def rate(self) -> float:
+        """Frames that are judged a second."""
+        return 1.0 / max(self.step, self.period)
+
+    @property
     def worst_age(self) -> float:
         """The greatest age of the newest judged frame, in seconds: two steps and a period.
 

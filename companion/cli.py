@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from anytraverse.release import own_version
 from companion.cli_config import SERVICE, add_config, default_config
@@ -20,9 +19,6 @@ from companion.cli_recordings import add_recordings
 from companion.cli_settings import add_settings
 from companion.cli_setup import add_setup
 from companion.system.log_lines import dump_when_aborted, end_process, log_to_stderr, say_last
-
-if TYPE_CHECKING:
-    pass
 
 log = logging.getLogger(__name__)
 

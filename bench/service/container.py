@@ -151,18 +151,7 @@ class Container:
             "--cgroup",
         ]
         path = "PATH=/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
-        done = subprocess.run(
-            [*inside, "env", "-i", path, "HOME=/root", "sh", "-c", command],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            timeout=timeout,
-            check=False,
-        )
-        if check and done.returncode != 0:
-            raise ContainerError(f"{command!r} ended with {done.returncode}: {done.stdout[-3000:]}")
-        return done.stdout
+        return run_inside([*inside, "env", "-i", path, "HOME=/root"], command, timeout=timeout, check=check)
 
     def power_off(self) -> None:
         """Shut down in order, or by force after 30 s."""
@@ -210,6 +199,26 @@ def _mirror() -> list[str]:
         check=False,
     )
     return said.stdout.split()[:1]
+
+
+def run_inside(inside: Sequence[str], command: str, *, timeout: float, check: bool) -> str:
+    """Run a shell command in a container, and return what it wrote.
+
+    inside: the program that runs others in it, with its arguments. Raises ContainerError where `check` is set
+    and the command fails.
+    """
+    done = subprocess.run(
+        [*inside, "sh", "-c", command],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+    if check and done.returncode != 0:
+        raise ContainerError(f"{command!r} ended with {done.returncode}: {done.stdout[-3000:]}")
+    return done.stdout
 
 
 def run(command: Sequence[str], what: str, cwd: Path | None = None) -> str:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from bench.service.container import ContainerError, only_child, run
+from bench.service.container import ContainerError, only_child, run, run_inside
 from bench.service.rover import FieldProcess
 from bench.service.service import CONFIG, STATE, Figures, Service
 from companion.desk.check.running import started_at
@@ -90,18 +90,7 @@ class PodmanContainer:
 
     def run(self, command: str, *, timeout: float = 60.0, check: bool = True) -> str:
         """Run a shell command in the container, as its user, and return what it wrote."""
-        done = subprocess.run(
-            ["podman", "exec", self.name, "sh", "-c", command],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            timeout=timeout,
-            check=False,
-        )
-        if check and done.returncode != 0:
-            raise ContainerError(f"{command!r} ended with {done.returncode}: {done.stdout[-3000:]}")
-        return done.stdout
+        return run_inside(["podman", "exec", self.name], command, timeout=timeout, check=check)
 
     def power_off(self) -> None:
         """Stop the container in order."""

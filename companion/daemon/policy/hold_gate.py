@@ -84,9 +84,8 @@ class HoldGate:
         pace = Pace(now.step, 1.0 / self._config.camera.rate, now.judging.freshness)
         if not pace.keeps:
             return _too_slow(pace)
-        rate = 1.0 / max(pace.step, pace.period)
-        if now.guides and rate < GUIDES_FROM - _ROUNDING:
-            return _too_slow_to_guide(rate)
+        if now.guides and pace.rate < GUIDES_FROM - _ROUNDING:
+            return _too_slow_to_guide(pace.rate)
         outruns = self.outruns(now)
         return _infrared() if outruns is None and now.misled_by_infrared else outruns
 

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from companion.system.computer import existing
+
 
 @contextmanager
 def as_owner(folder: Path) -> Iterator[None]:
-    """As root, read and write with the rights of the folder's owner. Raises OSError without the folder."""
-    owner, groups = folder.stat(), os.getgroups()
+    """As root, take the rights of the owner of the folder, or of the nearest folder above it that exists."""
+    owner, groups = existing(folder).stat(), os.getgroups()
     if os.geteuid() != 0 or owner.st_uid == 0:
         yield
         return

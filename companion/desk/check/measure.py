@@ -26,7 +26,6 @@ from companion.desk.check.here import status
 from companion.desk.check.interview import ARDUPILOT, Heartbeat
 from companion.desk.check.stop_file import write_stops
 from companion.system.as_owner import as_owner
-from companion.system.computer import existing
 from companion.vehicle import known_autopilot
 from companion.vehicle.brakes import Measured, fit
 
@@ -257,8 +256,7 @@ def _store(folder: Path, holds: list[Measured], brakes: list[Measured]) -> None:
     if not holds and not brakes:
         return
     try:
-        with as_owner(existing(folder)):
-            folder.mkdir(parents=True, exist_ok=True)
+        with as_owner(folder):
             print(f"stored in {write_stops(folder, [('HOLD', holds), ('GUIDED', brakes)], time.time())}")
     except OSError as error:
         print(f"not stored in {folder}: {(error.strerror or str(error)).lower()}: you may have to use sudo")

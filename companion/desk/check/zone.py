@@ -104,7 +104,7 @@ class ZoneWalk:
         self._empty: ZoneFrames | None = None
         planned = walk_distances(self._lines, needs, near, far)
         self._zone = replace(judge.described(self._stopping), distances=planned)
-        with as_owner(existing(folder)), TemporaryFile(dir=existing(folder / FOLDER)):
+        with as_owner(folder), TemporaryFile(dir=existing(folder / FOLDER)):
             pass  # that it cannot be written must not turn out after the walk
 
     def go(self) -> None:
@@ -156,7 +156,7 @@ class ZoneWalk:
     def _write(self) -> Path:
         text, covers = conclusion(self._zone, self._lines, self._verdicts())
         self._zone = replace(self._zone, verdict=text, covers=covers)
-        with as_owner(existing(self._folder)):
+        with as_owner(self._folder):
             return write_zone(self._folder, self._zone)
 
     def _distances(self) -> None:

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from anytraverse.regular_file import open_regular
 from companion.system.as_owner import as_owner
-from companion.system.computer import existing
 
 KEY = "evidence_key"
 """The rover's private key, in its data folder."""
@@ -44,7 +43,7 @@ def rover_key(folder: Path) -> Path:
     SignatureError, OSError.
     """
     path = folder / KEY
-    with as_owner(existing(folder)):
+    with as_owner(folder):
         if not os.path.lexists(path):
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(prefix=f".{KEY}-", dir=folder) as made:

@@ -163,7 +163,7 @@ def test_the_data_folder_is_made_with_the_rights_of_who_owns_the_place(
     monkeypatch.setattr(zone, "as_owner", spy)
     person = Person(field, lambda: capsys.readouterr().out, {"left side": ["q"], "Distances": ["2.7"]})
     assert measure_zone(str(config), person) == 0
-    assert entered[:2] == [(tmp_path, False)] * 2
+    assert entered[:2] == [(state, False)] * 2
     assert state.exists()
 
 

@@ -71,11 +71,13 @@ class AutoOperator:
 
     def _line(self, call: Mapping[str, Any], shown: Shown, tries: int, *, stands_there: bool) -> str | None:
         thing = shown.thing is not None
-        if call["kind"] == "hold" or call["stage"] != "open":
+        # What the rover takes for a clear way, though the thing is there, has to be named all the same.
+        missed = call["kind"] == "call" and call["stage"] == "clear" and thing and stands_there
+        if (call["kind"] == "hold" or call["stage"] != "open") and not missed:
             goes = call["stage"] == "clear" or (call["stage"] == "open" and not thing)
             goes = goes and not stands_there
             return "go" if tries == 0 and goes else None
-        if "unknown_scene" in call["reasons"] and tries == 0:
+        if "unknown_scene" in call["reasons"] and tries == 0 and not missed:
             return f"{WORDS_FOR_PLACE[shown.zone]}, go"
         if thing:
             own = "".join(f" {side:.4f}" for side in shown.outline or ())

@@ -106,10 +106,19 @@ def test_a_call_that_became_clear_gets_one_go() -> None:
     assert answers(operator, call(stage="clear"), ground("meadow")) == ["go"]
 
 
-def test_a_call_that_became_clear_gets_no_go_while_its_thing_stands_there() -> None:
-    operator, clear = AutoOperator(), call(stage="clear")
+def test_a_thing_that_stands_there_though_the_rover_takes_its_way_for_clear_is_named() -> None:
+    operator, clear = AutoOperator(), call(stage="clear", reasons=["unknown_object", "unknown_scene"])
+    typed = [operator.answer(clear, drum(), tick / 10, stands_there=True) for tick in range(20)]
+    assert [line for line in typed if line is not None] == ["tap drum -1 go"]
+    operator.answer(call(stage="answered"), drum(), 2.0, stands_there=True)
+    typed = [operator.answer(clear, drum(), 2.0 + tick / 10, stands_there=False) for tick in range(20)]
+    assert [line for line in typed if line is not None] == ["go"], "it was taken away"
+
+
+def test_a_hold_that_became_clear_gets_no_go_while_its_thing_stands_there() -> None:
+    operator, clear = AutoOperator(), call(kind="hold", stage="clear")
     typed = [operator.answer(clear, drum(), tick / 10, stands_there=tick < 300) for tick in range(600)]
-    assert [tick for tick, line in enumerate(typed) if line == "go"] == [300]
+    assert [tick for tick, line in enumerate(typed) if line is not None] == [300]
 
 
 def test_an_answer_is_waited_for_and_one_that_came_too_early_is_given_again() -> None:

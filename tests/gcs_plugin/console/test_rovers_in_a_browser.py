@@ -69,11 +69,15 @@ def test_forged_rovers_do_not_hide_the_rover_and_leave_the_page_when_they_are_si
     served: Served, open_page: Callable[..., Any], tiny_rover: Callable[..., Any], thing_call: CallReport
 ) -> None:
     tab = open_page()
-    for system in (0, *range(2, 256)):
-        served.say(tiny_rover(system).heartbeat())
-        served.turn()
     sections = tab.locator("article.rover")
-    served.until(lambda: sections.count() > 16)
+
+    def are_shown() -> bool:
+        for system in (0, *range(2, 256)):
+            served.say(tiny_rover(system).heartbeat())
+            served.turn()
+        return bool(sections.count() > 16)
+
+    served.until(are_shown)
     real = tiny_rover(1, thing_call)
     served.rovers.append(real)
     served.until(tab.locator(CALL).is_visible)

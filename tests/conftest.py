@@ -47,6 +47,13 @@ SLOW = (
     "companion/sim/field/test_field_process.py",
     "companion/sim/field/test_network_on_the_field.py",
     "companion/test_whole_thread.py",
+    "companion/calls/test_any_sequence.py",
+    "companion/daemon/settings/test_from_page.py",
+    "companion/daemon/test_a_completed_mission.py",
+    "companion/desk/check/test_zone.py",
+    "companion/desk/drives/test_rehearsal.py",
+    "companion/desk/ground/test_look_ground.py",
+    "companion/link/test_mode_commands_any_sequence.py",
     "companion/observers/video",
     "companion/vision/test_processes.py",
     "companion/observers/page/test_a_page_that_fails.py",
@@ -62,7 +69,7 @@ SLOW = (
 )
 """Folders and files of the tests that `make test` leaves to `make test-slow`: they wait for real processes
 within limits that a busy computer breaks, train and compare networks, or take long. A single test of more
-than some 2 s of a quiet core is marked where it stands."""
+than some 1.5 s is marked where it stands."""
 LONGEST = (
     "test_bench_stopping.py",
     "test_network_cameras.py",

@@ -51,6 +51,7 @@ def test_every_command_is_listed(capsys: Out) -> None:
         assert all(f"    {name} " in said for name in names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments", [("calls", "--episode", "nowhere"), ("sweep", "nowhere", "--prompts", "grass: 1")]
 )

@@ -140,6 +140,7 @@ def test_the_roi_moved_up_or_down_changes_the_vehicles_width_at_no_row() -> None
         assert not opened(tight, region, replace(corridor, share=1.0))
 
 
+@pytest.mark.slow
 @given(
     st.integers(4, 120),
     st.floats(0.1, 0.9),

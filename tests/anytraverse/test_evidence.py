@@ -73,6 +73,7 @@ def scenes(draw: st.DrawFn) -> tuple[Map, list[float], Settings]:
     return attention, weights, Settings(region=WHOLE, thresholds=limits, corridor=corridor)
 
 
+@pytest.mark.slow
 @given(scenes())
 @settings(max_examples=400)
 def test_no_frame_is_ok_without_a_corridor_that_is_positively_drivable(
@@ -101,6 +102,7 @@ def test_no_frame_is_ok_without_a_corridor_that_is_positively_drivable(
     assert opened or not (blocked.clear and unknown.clear)
 
 
+@pytest.mark.slow
 @given(scenes(), st.data())
 @settings(max_examples=400)
 def test_a_word_that_is_not_drivable_and_a_lower_weight_never_make_a_frame_ok(
@@ -301,6 +303,7 @@ def test_naming_a_danger_never_makes_a_real_frame_ok() -> None:
     assert fine > 50, "frames that are never OK prove nothing"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the development frames ../shared/data are absent")
 @pytest.mark.parametrize("danger", ["rock", "obstacle", "log", "water"])
 def test_on_real_frames_a_danger_by_name_hides_nothing_that_was_noticed(danger: str) -> None:

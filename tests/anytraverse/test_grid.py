@@ -145,6 +145,7 @@ def test_what_is_not_seen_again_fades(passed: list[float]) -> None:
     assert not (grid.drivable & ~grid.known).any()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.floats(0.002, 0.1), st.floats(-2, 2), st.floats(-4, 4))
 @settings(max_examples=25, deadline=None)
 def test_nothing_is_marked_behind_a_foot(seed: int, share: float, pitch: float, bank: float) -> None:

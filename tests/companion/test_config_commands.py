@@ -137,6 +137,7 @@ def test_init_simulated_writes_one_that_passes_the_check_and_says_what_to_type(
     assert "is there already" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_field_on_a_port_that_is_taken_says_so() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

@@ -95,6 +95,7 @@ def test_the_operators_side_leaves_mavproxys_environment_variables_alone() -> No
     assert imported(["gcs_plugin.*"], VISION)["environment"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "module", ["anytraverse.cli", "companion.cli", "companion", "gcs_plugin.terminal", "gcs_plugin.console"]
 )

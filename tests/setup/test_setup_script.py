@@ -53,6 +53,7 @@ def test_a_chosen_python_that_does_not_run_is_refused_by_name(checkout: Checkout
     assert "PYTHON=/no/such/python does not run" in checkout.refusal(PYTHON="/no/such/python")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pip_says", "expected"),
     [

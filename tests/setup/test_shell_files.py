@@ -38,6 +38,7 @@ def shown(page: Path) -> str:
     return " ".join(re.sub(".\b", "", done.stdout).split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_man_shows_each_page_without_a_warning(share: Path, program: str) -> None:
     text = shown(share / f"man/man1/{program}.1")

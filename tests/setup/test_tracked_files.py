@@ -37,6 +37,7 @@ def tracked() -> list[Path]:
     return [path for path in files if path.is_file()]
 
 
+@pytest.mark.slow
 def test_no_tracked_file_names_a_package_index(tracked: list[Path]) -> None:
     named = [str(path) for path in tracked if REGISTRIES.search(path.read_bytes().decode(errors="replace"))]
     assert named == []

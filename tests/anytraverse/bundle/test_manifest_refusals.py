@@ -254,6 +254,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], tuple[Path, 
     return lambda: (folder, json.dumps(values).encode())
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.data())
 def test_whatever_becomes_of_a_manifest_it_is_read_or_refused(

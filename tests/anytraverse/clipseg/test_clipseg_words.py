@@ -66,6 +66,7 @@ def test_of_a_long_text_what_the_network_can_read_counts(prompts: Prompts) -> No
     assert not np.array_equal(shorter, other)
 
 
+@pytest.mark.slow
 def test_the_words_used_last_are_kept(prompts: Prompts, runs: list[str]) -> None:
     prompts.conditions(["grass", "mud"])
     for number in range(255):

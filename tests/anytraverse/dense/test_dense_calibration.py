@@ -50,6 +50,7 @@ def test_groups_of_absent_words_reach_one_half_by_chance_alone(bundle: Path) -> 
     assert float(np.median(medians)) == pytest.approx(0.02, abs=0.002)
 
 
+@pytest.mark.slow
 def test_as_many_words_as_may_be_asked_for_explain_no_more_than_chance_if_all_are_absent(
     bundle: Path,
 ) -> None:
@@ -87,6 +88,7 @@ def test_a_word_that_fits_explains_its_places_and_one_that_does_not_explains_non
     assert nothing_map[4, 4] < 0.01
 
 
+@pytest.mark.slow
 def test_calibrating_changes_the_manifest_alone_and_the_same_frames_make_the_same_one(
     bundle: Path, terrain: Path, capsys: Out
 ) -> None:

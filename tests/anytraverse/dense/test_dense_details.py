@@ -54,6 +54,7 @@ def test_what_is_written_is_read_again(details: DenseDetails) -> None:
     assert read_details(json.loads(json.dumps(as_json(details))), "bundle") == details
 
 
+@pytest.mark.slow
 @given(DETAILS, st.data())
 def test_a_field_of_rubbish_is_refused_or_means_the_same_kind_of_thing(
     details: DenseDetails, data: Any

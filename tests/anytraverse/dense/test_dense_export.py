@@ -28,6 +28,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(random_weights.DENSE_SIZES, family, 64)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("name", ["random-siglip2", "random-tipsv2"])
 def test_random_weights_are_exported_checked_and_looked_through(
@@ -114,6 +115,7 @@ def test_another_siglip_is_refused(
     assert reason in capsys.readouterr().err.splitlines()[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.needs_export
 def test_the_tokenizer_of_the_first_siglip_is_refused(tmp_path: Path, capsys: Out) -> None:
     from tokenizers import Tokenizer, models

@@ -69,6 +69,7 @@ def own(folder: Path, out: Path, *more: str, words: str = WORDS) -> list[str]:
     return command(f"folder:{folder}", out, "--prompts", words, "--drivable", "dirt path,grass", *more)
 
 
+@pytest.mark.slow
 def test_a_published_set_is_asked_as_in_the_paper(rellis: str, tmp_path: Path, capsys: Out) -> None:
     figures = evaluated(capsys, command(rellis, tmp_path / "out"))
     assert figures["prompts"] == {"grass": 1, "bush": -1, "dirt": 1}
@@ -265,6 +266,7 @@ def test_a_wrong_file_of_defaults_is_named_with_the_section(
     assert why in str(wrong.value)
 
 
+@pytest.mark.slow
 def test_obstacles_on_real_frames_are_less_known_than_the_ground(tmp_path: Path, capsys: Out) -> None:
     folder = Path(__file__).parents[3].parent / "shared" / "data" / "trail"
     if not folder.is_dir():

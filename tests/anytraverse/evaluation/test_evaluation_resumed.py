@@ -85,6 +85,7 @@ def drive(make_drive: MakeDrive) -> Path:
     )
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_with_the_figures_of_one_run(drive: Path, tmp_path: Path, capsys: Out) -> None:
     arguments = command(drive, tmp_path / "killed")
     running = subprocess.Popen(

@@ -46,6 +46,7 @@ def brought_to(stage: HoldState, scene: Scene) -> Scene:
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", STAGES)
 @pytest.mark.parametrize("mode", [MANUAL, RTL, LOITER, GUIDED])
 def test_another_mode_ends_the_hold_and_closes_the_call_as_taken_over(

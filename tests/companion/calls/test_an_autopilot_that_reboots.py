@@ -38,6 +38,7 @@ def reboot(scene: Scene, into: int, *, told: bool = True, armed: bool = False, s
     scene.run(2.0, seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told", [True, False])
 @pytest.mark.parametrize("into", [MANUAL, HOLD, LOITER, AUTO])
 def test_the_call_and_its_hold_stay_and_nothing_is_accepted_or_commanded(

@@ -114,6 +114,7 @@ def test_another_vehicle_on_the_wire_is_held_by_its_own_table() -> None:
     assert scene.modes() == [LOITER]
 
 
+@pytest.mark.slow
 @each
 @pytest.mark.parametrize("stage", HoldState)
 def test_another_mode_set_by_a_human_ends_it_in_every_stage(kind: Autopilot, stage: HoldState) -> None:

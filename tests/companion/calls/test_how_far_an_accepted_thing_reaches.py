@@ -205,6 +205,7 @@ def apart(draw: st.DrawFn) -> tuple[list[list[Box]], Box]:
     return draw(frames), pixels(*new)
 
 
+@pytest.mark.slow
 @given(apart(), NAMES, NAMES, st.sampled_from([None, 0.25, 0.65]))
 @settings(max_examples=60, suppress_health_check=[HealthCheck.filter_too_much])
 def test_nothing_new_that_closes_the_way_is_covered_further_than_a_tile_from_what_was_accepted(

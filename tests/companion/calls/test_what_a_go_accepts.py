@@ -316,6 +316,7 @@ def test_a_go_does_not_accept_what_came_after_the_thing_was_gone(held: Scene) ->
     assert (held.opened(), held.autopilot.mode) == ([1, 2], HOLD)
 
 
+@pytest.mark.slow
 def test_an_acceptance_that_runs_out_in_the_hold_is_a_new_call(held: Scene) -> None:
     fallen = View((Thing(AHEAD), Thing(Box(0.3, 0.85, 0.7, 0.95), "log")))
     held.run(1.0, fallen)

@@ -82,6 +82,7 @@ def _deviation(picture: Any, axis: int, intrinsics: Intrinsics) -> float:
     return worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("size", [(640, 480), (320, 240), (1280, 960)])
 def test_the_lines_of_a_grid_are_straight_and_where_a_pinhole_shows_them(

@@ -125,6 +125,7 @@ def test_any_change_keeps_all_else_and_reads_back_as_asked(
         assert read == (tuple(value) if isinstance(value, list) else value)
 
 
+@pytest.mark.slow
 @given(_one_change())
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_setting_that_is_set_and_removed_again_leaves_the_comments_and_values(

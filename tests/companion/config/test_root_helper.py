@@ -264,6 +264,7 @@ _FORMS = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=200) | st.builds(lambda form: json.dumps(form).encode(), _FORMS))
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_rubbish_is_refused_and_never_half_done(file: Path, folder: Path, raw: bytes) -> None:

@@ -185,6 +185,7 @@ def test_the_frame_of_the_call_outlives_a_vision_that_hung(held: Rig) -> None:
     assert held.engine.memory.examples["gnome"]
 
 
+@pytest.mark.slow
 def test_after_three_deaths_in_ten_minutes_the_hold_needs_a_go_and_an_alert_says_so(rig: Rig) -> None:
     for _ in range(3):
         rig.child.death = "SIGSEGV"
@@ -201,6 +202,7 @@ def test_after_three_deaths_in_ten_minutes_the_hold_needs_a_go_and_an_alert_says
     assert rig.stage.mode == AUTO
 
 
+@pytest.mark.slow
 def test_a_go_given_before_the_third_death_is_void(rig: Rig) -> None:
     for _ in range(2):
         rig.child.death = "SIGSEGV"

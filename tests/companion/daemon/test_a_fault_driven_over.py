@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from companion.wire.ids import State, read_heartbeat_mode
 from tests.companion.daemon.rig import AUTO, HOLD, Rig
 
@@ -36,6 +38,7 @@ def test_it_is_told_what_is_accepted_for_how_long_and_when_it_ends(rig: Rig) -> 
     assert told(rig) == (State.FAULT, False)
 
 
+@pytest.mark.slow
 def test_after_three_times_it_is_told_that_only_manual_drives_on(rig: Rig) -> None:
     blind(rig)
     for _ in range(3):

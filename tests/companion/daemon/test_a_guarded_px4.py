@@ -70,6 +70,7 @@ def rig(tmp_path: Path, clock: Clock, request: pytest.FixtureRequest) -> Iterato
     rig.kill()
 
 
+@pytest.mark.slow
 def test_killed_in_a_mission_it_is_stopped_by_the_autopilot(rig: GuardedRig) -> None:
     rig.kill()
     killed = rig.rover.time
@@ -100,6 +101,7 @@ def test_it_is_held_and_goes_on_after_a_go_with_no_gap_in_the_stream(rig: Guarde
     assert not any("Dead man" in text for text in rig.texts)
 
 
+@pytest.mark.slow
 def test_killed_in_its_own_hold_it_stays_standing(rig: GuardedRig) -> None:
     rig.see(10.0, "drum")
     rig.kill()
@@ -126,6 +128,7 @@ def test_a_human_s_mode_ends_the_stream(rig: GuardedRig, held: bool) -> None:
     assert rig.calls.hold is None
 
 
+@pytest.mark.slow
 def test_a_lower_policy_ends_the_stream_and_says_that_px4_holds_then(rig: GuardedRig) -> None:
     rig.set("AT_POLICY", float(Policy.REPORT))
     rig.see(3.0)
@@ -138,6 +141,7 @@ def test_a_lower_policy_ends_the_stream_and_says_that_px4_holds_then(rig: Guarde
     assert not rig.streams()
 
 
+@pytest.mark.slow
 def test_ended_in_good_order_in_a_mission_it_is_stopped_too(rig: GuardedRig) -> None:
     rig.leave()
     rig.kill()
@@ -165,6 +169,7 @@ def test_somebody_else_s_sticks_end_it_for_good_and_that_is_repeated(rig: Guarde
     assert rig.told[0] in ("on", "ready")
 
 
+@pytest.mark.slow
 def test_a_transmitter_that_is_switched_on_ends_it_for_good(rig: GuardedRig) -> None:
     rig.rover.transmitter.on = True
     rig.see(2.0)

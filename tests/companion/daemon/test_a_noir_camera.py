@@ -47,6 +47,7 @@ def set_up(make_rig: MakeRig, camera: str = "auto", policy: Policy = Policy.HOLD
     return rig
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("shows")
 def test_hold_is_a_fault_by_name_with_a_perceiver_that_is_not_trained_for_it(
     make_rig: MakeRig, caplog: pytest.LogCaptureFixture
@@ -80,6 +81,7 @@ def test_what_to_do_is_repeated_while_nothing_is_held(make_rig: MakeRig) -> None
     assert rig.texts.count("FAULT: NoIR camera: change it, or AT_POLICY 0") > 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("shows")
 @pytest.mark.parametrize(("camera", "trained"), [("handle", False), ("auto", True), ("handle", True)])
 def test_it_is_handled_where_perceiver_or_configuration_say_so(
@@ -118,6 +120,7 @@ def test_it_is_a_fault_too_before_an_autopilot_is_heard(make_rig: MakeRig) -> No
     assert rig.texts.count("FAULT: NoIR camera: change it, or AT_POLICY 0") == 1
 
 
+@pytest.mark.slow
 def test_one_that_shows_none_is_never_told_of(make_rig: MakeRig, shows: Shows) -> None:
     shows(0.0)
     rig = set_up(make_rig)
@@ -127,6 +130,7 @@ def test_one_that_shows_none_is_never_told_of(make_rig: MakeRig, shows: Shows) -
     assert rig.daemon.status.figures()["camera"]["infrared"] is False
 
 
+@pytest.mark.slow
 def test_another_camera_is_told_of_once_and_ends_the_fault(make_rig: MakeRig, shows: Shows) -> None:
     rig = set_up(make_rig)
     rig.see(SEEN)
@@ -140,6 +144,7 @@ def test_another_camera_is_told_of_once_and_ends_the_fault(make_rig: MakeRig, sh
     assert rig.texts.count(notices.infrared(handled=False)) == 1
 
 
+@pytest.mark.slow
 def test_pictures_that_look_so_now_and_then_change_nothing(make_rig: MakeRig, shows: Shows) -> None:
     rig = set_up(make_rig)
     rig.see(SEEN)
@@ -151,6 +156,7 @@ def test_pictures_that_look_so_now_and_then_change_nothing(make_rig: MakeRig, sh
     assert rig.daemon.status.figures()["camera"]["infrared"] is True
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("shows")
 def test_a_new_vision_process_does_not_forget_it(make_rig: MakeRig, shows: Shows) -> None:
     rig = set_up(make_rig)

@@ -159,6 +159,7 @@ def test_offboard_stops_it_within_braking_distance_and_a_second(make: MakePx4) -
     assert rig.rover.distance - before < 6.0
 
 
+@pytest.mark.slow
 @ways
 def test_a_human_takes_over_and_the_setpoints_stop(make: MakePx4, px4_hold: str, mode: str) -> None:
     rig = make(px4_hold)
@@ -194,6 +195,7 @@ def test_a_daemon_that_ends_in_good_order_leaves_it_standing_and_its_successor_r
     assert rig.px4.mode.name == "MISSION"
 
 
+@pytest.mark.slow
 def test_killed_while_it_stands_on_setpoints_it_drives_home_and_the_call_is_closed(make: MakePx4) -> None:
     rig = make("offboard")
     rig.see(10.0, "drum")
@@ -211,6 +213,7 @@ def test_killed_while_it_stands_on_setpoints_it_drives_home_and_the_call_is_clos
     assert any("taken over: RTL, not by us" in text for text in rig.texts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("px4_hold", ["loiter", "offboard"])
 def test_switched_off_it_is_left_standing(make: MakePx4, px4_hold: str) -> None:
     rig = make(px4_hold)
@@ -222,6 +225,7 @@ def test_switched_off_it_is_left_standing(make: MakePx4, px4_hold: str) -> None:
     assert not rig.calls.holding.streams
 
 
+@pytest.mark.slow
 def test_an_autopilot_of_another_kind_is_told_once_and_never_commanded(make: MakePx4) -> None:
     rig = make("loiter")
     rig.px4.heartbeat = lambda: mavlink.MAVLink_heartbeat_message(10, 4, 129, 4, 4, 3)  # type: ignore[method-assign]
@@ -260,6 +264,7 @@ def test_a_px4_that_brakes_at_once_may_be_held(make: MakePx4) -> None:
     assert not any("HOLD refused" in text for text in rig.texts)
 
 
+@pytest.mark.slow
 def test_a_hold_that_stands_when_it_turns_out_that_it_may_not_is_left_where_it_stands(make: MakePx4) -> None:
     rig = make("loiter")
     rig.see(15.0, "drum")

@@ -54,6 +54,7 @@ def accepted(rig: Rig) -> bool:
     return read_heartbeat_mode(own[-1].custom_mode).fault_accepted
 
 
+@pytest.mark.slow
 def test_a_rover_that_reverses_in_auto_is_held_and_says_why(rig: Rig) -> None:
     drive = Drive(rig)
     drive.on(3.0, 2.0)
@@ -142,6 +143,7 @@ def test_after_a_restart_it_needs_a_go_all_the_same(
     assert rig.stage.mode == HOLD
 
 
+@pytest.mark.slow
 def test_a_go_resumes_and_reversing_again_is_another_hold(rig: Rig) -> None:
     drive = Drive(rig)
     drive.on(5.0, -2.0)
@@ -155,6 +157,7 @@ def test_a_go_resumes_and_reversing_again_is_another_hold(rig: Rig) -> None:
     assert "H2 FAULT drives backwards" in rig.texts
 
 
+@pytest.mark.slow
 def test_a_go_from_before_does_not_count(rig: Rig) -> None:
     drive = Drive(rig)
     drive.on(5.0, -2.0)
@@ -165,6 +168,7 @@ def test_a_go_from_before_does_not_count(rig: Rig) -> None:
     assert rig.stage.mode == HOLD
 
 
+@pytest.mark.slow
 def test_a_human_s_auto_over_the_hold_accepts_it_for_ten_metres(rig: Rig) -> None:
     drive = Drive(rig)
     drive.on(5.0, -2.0)
@@ -180,6 +184,7 @@ def test_a_human_s_auto_over_the_hold_accepts_it_for_ten_metres(rig: Rig) -> Non
     assert "H2 FAULT drives backwards" in rig.texts
 
 
+@pytest.mark.slow
 def test_a_human_s_auto_accepts_it_for_twenty_seconds(rig: Rig) -> None:
     drive = Drive(rig)
     drive.on(5.0, -2.0)

@@ -45,6 +45,7 @@ def reach(rig: Rig) -> float | None:
     return newest.frame.reach
 
 
+@pytest.mark.slow
 def test_the_region_follows_the_speed_and_falls_back_later(driving: Rig) -> None:
     configured = ground_region(driving._config())
     assert configured is not None
@@ -60,6 +61,7 @@ def test_the_region_follows_the_speed_and_falls_back_later(driving: Rig) -> None
     assert driving.state == ("OK", 0)
 
 
+@pytest.mark.slow
 def test_it_does_not_become_shorter_while_something_is_asked_or_accepted(driving: Rig) -> None:
     drive(driving, 3.0, 1.2)
     further = reach(driving)
@@ -84,6 +86,7 @@ def test_it_becomes_longer_while_a_call_is_open(driving: Rig) -> None:
     assert reach(driving) is not None
 
 
+@pytest.mark.slow
 def test_a_speed_at_which_it_cannot_stop_in_time_is_a_fault_until_it_stands(driving: Rig) -> None:
     drive(driving, 3.0, 6.0)
     assert driving.state[0] == "FAULT"
@@ -96,6 +99,7 @@ def test_a_speed_at_which_it_cannot_stop_in_time_is_a_fault_until_it_stands(driv
     assert driving.stage.mode == AUTO
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.9, 1.1, 2.5])
 def test_one_wrong_report_of_the_speed_holds_nobody(driving: Rig, gap: float) -> None:
     drive(driving, 0.5, 6.0)
@@ -105,6 +109,7 @@ def test_one_wrong_report_of_the_speed_holds_nobody(driving: Rig, gap: float) ->
     assert driving.stage.mode == AUTO
 
 
+@pytest.mark.slow
 def test_where_the_speed_is_lost_the_region_stays_as_long_as_it_was(driving: Rig) -> None:
     drive(driving, 3.0, 1.2)
     further = reach(driving)

@@ -118,6 +118,7 @@ def test_the_calls_data_names_the_picture_that_is_served_and_it_fits_a_radio(mak
     assert names(rig, "/calls").keys() == {"1.json", "1.jpg", "1-large.jpg", "1-raw.jpg"}
 
 
+@pytest.mark.slow
 def test_a_blocked_hold_has_a_picture_of_what_it_was_blocked_by_until_it_is_over(make_rig: MakeRig) -> None:
     rig = make_rig(pictures=3)
     rig.see(3.0, "rock")
@@ -212,6 +213,7 @@ def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(ma
     assert (entry.place.latitude, entry.place.attitude) == (47.0, (5.73, -2.86, 85.94))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damaged", ["{", "7", b"\xff", "[" * 100_000], ids=["torn", "7", "bytes", "deep"])
 def test_an_answer_that_is_damaged_in_the_journal_is_lost_and_the_call_goes_on(
     make_rig: MakeRig, damaged: object, caplog: pytest.LogCaptureFixture

@@ -80,6 +80,7 @@ def test_only_time_in_motion_without_any_change_counts() -> None:
     assert frozen.seconds(luma(a_picture(9)), 0.5) == 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("buffers", [2, 3, REMEMBERED])
 def test_old_pictures_that_come_in_turn_are_no_change(
     drive: Callable[[float], Picture], buffers: int

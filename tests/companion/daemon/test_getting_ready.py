@@ -198,6 +198,7 @@ def run_until_status(
     return status
 
 
+@pytest.mark.slow
 def test_a_perceiver_that_cannot_keep_t_lowers_no_policy_and_hold_is_refused_to_who_asks(
     config: Config,
 ) -> None:
@@ -219,6 +220,7 @@ def mounted(config: Config, speed: float) -> Config:
     return replace(config, mount=MountSection(height=1.0, tilt=10.0), stopping=stopping)
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_outruns_its_eyes_is_a_fault_in_policy_hold_and_says_which_speed_would_fit(
     config: Config, radio: socket.socket, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -236,6 +238,7 @@ def test_a_vehicle_that_stops_before_what_it_sees_may_hold(config: Config, radio
     assert b"not checked" not in heard(radio)
 
 
+@pytest.mark.slow
 def test_a_stopping_distance_that_nobody_could_check_is_told_once_at_the_start(
     config: Config, radio: socket.socket, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -244,6 +247,7 @@ def test_a_stopping_distance_that_nobody_could_check_is_told_once_at_the_start(
     assert "was not checked: set [mount] height and tilt" in caplog.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mount", "stopping", "named"),
     [

@@ -107,6 +107,7 @@ def test_what_is_told_of_a_drive(make_rig: MakeRig, monkeypatch: pytest.MonkeyPa
     compare(GOLDEN.with_stem(f"golden_calls_{pictures}"), noted.steps)
 
 
+@pytest.mark.slow
 def test_what_is_told_of_faults_and_of_a_call_that_passes(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

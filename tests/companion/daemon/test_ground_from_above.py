@@ -50,6 +50,7 @@ def colours(picture: np.ndarray) -> set[tuple[int, ...]]:
     return {tuple(map(int, one)) for one in picture.reshape(-1, 3)}
 
 
+@pytest.mark.slow
 def test_it_shows_what_is_drivable_and_what_no_word_explains(driving: Rig) -> None:
     drive(driving, 3.0)
     assert NAME in {entry.name for entry in driving.served.tree.entries("/maps")}

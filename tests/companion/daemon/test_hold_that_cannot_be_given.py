@@ -17,6 +17,7 @@ REMINDER = "FAULT: 0.5 s a frame: faster, or AT_POLICY 0"
 TO_ARM = "To arm for MANUAL in a FAULT: ATS_NEED 0"
 
 
+@pytest.mark.slow
 def test_one_slow_frame_at_the_start_changes_nothing(make_rig: MakeRig) -> None:
     rig = make_rig()
     rig.step_time = 0.6
@@ -59,6 +60,7 @@ def test_frames_that_are_quick_for_ten_seconds_end_it(rig: Rig) -> None:
     assert rig.told_policy is Policy.HOLD
 
 
+@pytest.mark.slow
 def test_one_slow_frame_in_the_ten_seconds_does_not_prolong_it(rig: Rig) -> None:
     rig.child.frame_s = SLOW
     rig.see(6.5)
@@ -98,6 +100,7 @@ def test_a_request_for_hold_in_it_is_refused_and_the_policy_stays(rig: Rig) -> N
     assert rig.echoes("AT_POLICY")[-1] == float(Policy.HOLD)
 
 
+@pytest.mark.slow
 def test_who_asked_for_hold_in_vain_is_told_once_when_it_fits(make_rig: MakeRig) -> None:
     rig = make_rig(Policy.REPORT)
     rig.child.frame_s = SLOW

@@ -146,6 +146,7 @@ class Ground(threading.Thread):
             self.done = acknowledged and tried and "PARAM_VALUE" in kinds
 
 
+@pytest.mark.slow
 def test_no_turn_touches_the_disk(tmp_path: Path, radio: socket.socket, watch: Watch) -> None:
     key, secret = tmp_path / "signing.key", bytes(range(100, 132))
     key.touch(0o600)

@@ -256,6 +256,7 @@ def test_an_accepted_fault_is_told_by_the_name_that_it_had(rig: Rig) -> None:
     assert any("driven on" in text and text.endswith(": drives backwards") for text in rig.texts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", range(4, 12))
 def test_a_hold_that_a_call_takes_over_is_told_by_the_id_that_it_had(rig: Rig, delay: int) -> None:
     drive = Drive(rig)

@@ -39,6 +39,7 @@ def test_it_is_told_in_heartbeat_status_and_a_text_that_repeats_and_becomes_an_a
     assert (commanded(rig), rig.calls.hold) == ([], None)
 
 
+@pytest.mark.slow
 def test_it_ends_with_a_text_once_the_heartbeat_is_back(rig: Rig) -> None:
     broken(rig)
     rig.see(6.0)
@@ -63,6 +64,7 @@ def test_an_open_call_says_it_itself(held: Rig) -> None:
     assert held.state == ("CALLING", 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW])
 def test_who_only_reports_says_nothing_of_it(make_rig: MakeRig, policy: Policy) -> None:
     rig = make_rig(policy)
@@ -81,6 +83,7 @@ def test_another_policy_ends_the_fault_without_a_word_of_an_autopilot_that_is_he
     assert "Autopilot is heard again" not in rig.texts
 
 
+@pytest.mark.slow
 def test_an_autopilot_that_reboots_with_a_call_open_keeps_it_and_that_is_said(held: Rig) -> None:
     broken(held)
     held.see(4.0, "drum")
@@ -94,6 +97,7 @@ def test_an_autopilot_that_reboots_with_a_call_open_keeps_it_and_that_is_said(he
     assert held.daemon.status.figures()["held_by"] is None
 
 
+@pytest.mark.slow
 def test_an_autopilot_that_reboots_armed_in_auto_is_held_until_a_go_and_that_is_said(rig: Rig) -> None:
     rig.stage.send(mavlink.MAVLink_system_time_message(0, 90_000), (1, 1))
     rig.see(1.0)

@@ -107,6 +107,7 @@ def test_a_weight_set_to_not_in_use_twice_is_no_mistake(rig: Rig) -> None:
     assert not [text for text in rig.texts if "not in use" in text]
 
 
+@pytest.mark.slow
 def test_a_hold_for_a_mistaken_name_is_shown_and_ended_by_a_tap_on_what_it_is(held: Rig) -> None:
     call = held.calls.call
     assert call is not None
@@ -216,6 +217,7 @@ def test_a_policy_without_holds_lets_go_of_the_hold_and_says_so(held: Rig) -> No
     assert held.stage.mode == HOLD, "who may not hold may not resume"
 
 
+@pytest.mark.slow
 def test_switched_off_everything_is_over_and_said_again_and_again(held: Rig) -> None:
     held.set("AT_POLICY", float(Policy.OFF))
     held.see(20.0, "drum")

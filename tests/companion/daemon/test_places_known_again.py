@@ -53,6 +53,7 @@ def test_it_is_told_which_place_matched_how_well_and_with_which_words(back: Rig)
     assert back.calls.call is None
 
 
+@pytest.mark.slow
 def test_a_call_tells_the_answered_scene_most_like_its_frame_and_its_words(
     back: Rig,
 ) -> None:
@@ -107,6 +108,7 @@ def test_only_words_that_the_place_changes_are_told(rig: Rig) -> None:
     assert "Known place again: words of that place (1.00)" in rig.texts
 
 
+@pytest.mark.slow
 def test_a_refused_match_gives_the_words_back_and_the_place_is_a_new_one(back: Rig) -> None:
     before = words_hash(back.vision.words)
     matched(back)
@@ -123,6 +125,7 @@ def test_a_refused_match_gives_the_words_back_and_the_place_is_a_new_one(back: R
     assert back.calls.call is not None
 
 
+@pytest.mark.slow
 def test_what_it_taught_and_that_it_was_refused_outlive_a_restart(back: Rig) -> None:
     matched(back)
     back.see(2.5, scene=100)
@@ -150,6 +153,7 @@ def test_a_refusal_that_names_no_place_waits_until_the_match_can_have_been_read(
     assert back.acks[-1].result is Result.APPLIED
 
 
+@pytest.mark.slow
 def test_a_refusal_does_not_refuse_a_match_that_came_while_it_waited(back: Rig) -> None:
     matched(back)
     back.see(2.5, scene=100)
@@ -169,6 +173,7 @@ def test_a_refusal_does_not_refuse_a_match_that_came_while_it_waited(back: Rig) 
     assert back.engine.memory.adoption is second
 
 
+@pytest.mark.slow
 def test_a_parameter_editor_refuses_the_next_match_a_moment_later(back: Rig) -> None:
     matched(back)
     back.see(2.5, scene=100)
@@ -184,6 +189,7 @@ def test_a_parameter_editor_refuses_the_next_match_a_moment_later(back: Rig) -> 
         assert not in_force(back)
 
 
+@pytest.mark.slow
 def test_a_parameter_editor_that_repeats_a_refusal_of_itself_does_not_refuse_an_unread_match(
     back: Rig,
 ) -> None:
@@ -200,6 +206,7 @@ def test_a_parameter_editor_that_repeats_a_refusal_of_itself_does_not_refuse_an_
     assert not in_force(back)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("named", [0, 1])
 def test_a_refusal_takes_nothing_back_that_was_accepted(back: Rig, named: int) -> None:
     matched(back)
@@ -217,6 +224,7 @@ def test_a_refusal_takes_nothing_back_that_was_accepted(back: Rig, named: int) -
     assert call.state is CallState.ACCEPTED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("value", "answered"), [(14.0, True), (4.0, True), (24.0, False)])
 def test_a_parameter_editor_refuses_a_match(back: Rig, value: float, answered: bool) -> None:
     matched(back)

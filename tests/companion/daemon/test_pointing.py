@@ -74,6 +74,7 @@ def word_index(rig: Rig) -> int:
     return next(one for one in range(48) if getattr(parameters.at(one), "word", "") == "drum")
 
 
+@pytest.mark.slow
 def test_one_tap_and_one_button_are_a_complete_answer(viewer: Viewer) -> None:
     rig = viewer.rig
     assert viewer.tap(*SIDES) == ACCEPTED
@@ -169,6 +170,7 @@ def test_an_index_that_is_no_words_is_refused(viewer: Viewer) -> None:
     assert "AT_TAP_WORD takes -1 or a word's index: kept" in viewer.rig.texts
 
 
+@pytest.mark.slow
 def test_the_video_stands_still_with_the_place_marked_while_it_is_asked(viewer: Viewer) -> None:
     rig = viewer.rig
     assert rig.calls.call is not None
@@ -197,6 +199,7 @@ def test_nothing_is_drawn_for_nobody(viewer: Viewer) -> None:
     assert len(viewer.draws) == drawn
 
 
+@pytest.mark.slow
 def test_live_pictures_are_no_more_than_wanted(viewer: Viewer) -> None:
     viewer.rig.daemon.video_pictures.watched = False
     viewer.command(191, ANSWER, 0, 1)
@@ -240,6 +243,7 @@ def test_a_tap_once_the_reasons_are_gone_changes_nothing(viewer: Viewer) -> None
     refused(viewer, "C1 needs no tap: go or stay", thing="")
 
 
+@pytest.mark.slow
 def test_what_was_tapped_is_marked_until_the_call_is_over(viewer: Viewer) -> None:
     stage = viewer.rig.stage
     viewer.command(100, 511, 275, 500_000)

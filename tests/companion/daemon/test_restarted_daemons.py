@@ -17,6 +17,7 @@ from tests.companion.daemon.rig import AUTO, HOLD, WORDS, MakeRig, Rig
 BOX = (AHEAD.left, AHEAD.top, AHEAD.right, AHEAD.bottom)
 
 
+@pytest.mark.slow
 def test_two_restarts_in_a_row_keep_id_frame_hold_and_figures(held: Rig) -> None:
     call = held.calls.call
     assert call is not None
@@ -39,6 +40,7 @@ def test_two_restarts_in_a_row_keep_id_frame_hold_and_figures(held: Rig) -> None
     assert held.stage.mode == AUTO
 
 
+@pytest.mark.slow
 def test_a_damaged_journal_is_told_and_what_can_be_read_goes_on(held: Rig) -> None:
     held.word(1, "drum", 0.5, Motion.GO)
     held.see(3.0, "drum")
@@ -98,6 +100,7 @@ def test_a_picture_that_is_no_bytes_in_the_journal_is_lost_and_the_call_goes_on(
     assert "C1 picture lost: it shows the newest now" in held.texts
 
 
+@pytest.mark.slow
 def test_a_call_whose_picture_is_lost_asks_about_the_newest_and_says_so(held: Rig) -> None:
     held.restart(forget_frame=True)
     held.see(1.0, "gnome")

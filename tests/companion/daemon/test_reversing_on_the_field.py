@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.sim.field.modes import Mode
@@ -58,6 +59,7 @@ class Field:
         return True
 
 
+@pytest.mark.slow
 def test_a_reversed_mission_is_held_before_it_has_backed_a_few_metres(rig: Rig) -> None:
     field = Field(rig)
     field.drive(6.0)

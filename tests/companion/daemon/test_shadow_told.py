@@ -24,6 +24,7 @@ def would_hold(rig: Rig) -> list[str]:
     return [text for text in rig.texts if " would hold: " in text]
 
 
+@pytest.mark.slow
 def test_each_would_be_hold_is_told_with_its_number_but_not_faster_than_one_in_ten_seconds(
     shadow: Rig,
 ) -> None:

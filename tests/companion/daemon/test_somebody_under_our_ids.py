@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.wire.ids import Motion
@@ -17,6 +18,7 @@ def beside(rig: Rig, seconds: int, thing: str = "") -> None:
         rig.see(0.1, thing)
 
 
+@pytest.mark.slow
 def test_the_rover_is_held_all_the_same_and_nothing_else_is_said(rig: Rig) -> None:
     beside(rig, 1)
     before = len(rig.stage.frames)

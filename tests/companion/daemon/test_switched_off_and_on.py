@@ -34,6 +34,7 @@ def modes(rig: Rig) -> list[int]:
     return [int(one.param2) for one in rig.stage.sent("COMMAND_LONG") if one.command == 176]
 
 
+@pytest.mark.slow
 def test_the_switch_drops_the_hold_closes_the_call_and_leaves_the_rover_as_it_is(switched: Rig) -> None:
     switched.see(3.0, "drum")
     assert (switched.state, switched.stage.mode) == (("CALLING", 1), HOLD)
@@ -72,6 +73,7 @@ def test_one_bad_frame_of_the_remote_control_does_nothing(switched: Rig) -> None
     assert not any("OFF" in text for text in switched.texts)
 
 
+@pytest.mark.slow
 def test_switched_on_again_the_configured_policy_begins_with_nothing_open(switched: Rig) -> None:
     switched.see(3.0, "drum")
     switched.switch = OFF
@@ -84,6 +86,7 @@ def test_switched_on_again_the_configured_policy_begins_with_nothing_open(switch
     assert (switched.state, switched.stage.mode) == (("CALLING", 2), HOLD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", [Policy.REPORT, Policy.SHADOW, Policy.HOLD])
 def test_no_command_switches_on_what_the_remote_control_switched_off(switched: Rig, policy: Policy) -> None:
     switched.switch = OFF
@@ -123,6 +126,7 @@ def test_a_switch_that_falls_silent_changes_nothing_and_is_said_again_and_again(
     assert switched.stage.mode == HOLD, "what was allowed stays allowed"
 
 
+@pytest.mark.slow
 def test_a_switch_is_said_only_when_it_falls_silent_and_when_it_is_back(switched: Rig) -> None:
     switched.see(10.0)
     assert not [text for text in switched.texts if text.startswith("Off switch")]

@@ -48,6 +48,7 @@ def test_a_test_call_is_told_like_a_call_and_says_that_it_is_one(rig: Rig) -> No
     assert not (rig.folder / REQUEST).exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", [Motion.GO, Motion.STAY, Motion.LOOK_AGAIN])
 def test_any_answer_closes_it_and_says_who_answered_and_when(rig: Rig, motion: Motion) -> None:
     ask(rig)

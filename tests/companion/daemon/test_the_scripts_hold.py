@@ -41,6 +41,7 @@ def test_it_does_not_say_ok_and_tells_who_holds_and_what_to_set(rig: Rig) -> Non
     assert [one for one in rig.stage.sent("COMMAND_LONG") if one.command == 176] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "armed"), [(AUTO, True), (MANUAL, True), (HOLD, False)])
 def test_a_mode_that_a_human_sets_ends_it(rig: Rig, mode: int, armed: bool) -> None:
     held_by_script(rig)

@@ -109,6 +109,7 @@ def test_a_region_moves_by_setting_the_side_first_that_it_moves_towards(rig: Rig
     assert region(rig) == (0.6, 0.6, 0.95, 0.95)
 
 
+@pytest.mark.slow
 def test_what_the_ground_set_outlives_a_restart(rig: Rig) -> None:
     for name, value in {"AT_THR_TRAV": 0.25, TOP: 0.5, "AT_SUM_HZ": 0.25, "AT_BUDGET": 120.0}.items():
         rig.set(name, value)

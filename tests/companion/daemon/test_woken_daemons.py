@@ -29,6 +29,7 @@ def orders(rig: Rig) -> int:
     return sum(message.command == 176 for message in rig.stage.sent("COMMAND_LONG"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [MANUAL, RTL])
 @pytest.mark.parametrize("seconds", [1.2, 3.0, 30.0])
 def test_a_human_who_took_over_meanwhile_is_not_overruled_by_old_news(

@@ -205,6 +205,7 @@ ITEM = some.builds(
 )
 
 
+@pytest.mark.slow
 @given(
     some.lists(ITEM, max_size=9),
     some.integers(-2, 10),

@@ -541,6 +541,7 @@ steps = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(steps, max_size=40))
 def test_whatever_happens_it_streams_only_while_it_says_that_it_guides(told: list[dict[str, Any]]) -> None:
     rover = Rover()

@@ -380,6 +380,7 @@ def test_a_flood_of_requests_is_dropped_and_counted_but_others_are_heard(stage: 
     assert len(heard(stage, tunnel(GO.pack()), sender=(254, 1))) == 1
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(
     st.sampled_from([45001, 45002, 45003, 45004, 0]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
@@ -98,6 +99,7 @@ def drive(stage: LoopbackLink, seconds: float, figures: dict[str, Any] | None = 
         stage.run(0.1)
 
 
+@pytest.mark.slow
 def test_it_comes_every_half_minute_and_summaries_and_heartbeats_lose_nothing_by_it() -> None:
     stage = LoopbackLink()
     drive(stage, 200.0, FIGURES)

@@ -138,6 +138,7 @@ def test_an_end_by_disarming_is_not(stage: Stage) -> None:
     assert stage.texts == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [STICKS, "RC_CHANNELS_OVERRIDE"])
 @pytest.mark.parametrize("target", [0, 1])
 @pytest.mark.parametrize("early", [True, False])

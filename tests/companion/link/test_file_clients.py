@@ -71,6 +71,7 @@ def port(logs: Path) -> Iterator[int]:
     link.close()
 
 
+@pytest.mark.slow
 def test_pymavlinks_client_lists_and_gets_every_size_over_udp(port: int, tmp_path: Path) -> None:
     master = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255, source_component=190)
     autopilot = mavlink.MAVLink_heartbeat_message(10, 3, 129, 10, 4, 3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as mavlink
@@ -49,6 +50,7 @@ _MESSAGES = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(_MESSAGES, st.integers(0, 255), st.sampled_from(["2", "signed", "1"]))
 def test_behind_a_frame_that_was_cut_anywhere_the_next_one_is_found(

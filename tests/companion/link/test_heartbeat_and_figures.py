@@ -120,6 +120,7 @@ def test_a_due_summary_is_the_one_that_comes_then_not_one_that_waited() -> None:
     assert len(told) == 10, "and the rate stays: one a second"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [1.0, 5.0])
 @pytest.mark.parametrize("phase", [0.0, 0.03, 0.07])
 @pytest.mark.parametrize("unsteady", [3, 6])

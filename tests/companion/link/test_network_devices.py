@@ -203,6 +203,7 @@ def test_tcp_refused_is_tried_again_quietly() -> None:
     link.close()
 
 
+@pytest.mark.slow
 def test_a_tcp_peer_that_does_not_read_blocks_nothing_and_gets_whole_frames() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(DEADLINE)

@@ -38,6 +38,7 @@ ACTIONS = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(ACTIONS, st.sampled_from([50.0, 100.0, 300.0]), st.sampled_from([300.0, 600.0]))
 def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
@@ -71,6 +72,7 @@ def test_whatever_the_daemon_does_the_wire_keeps_to_both_budgets(
     assert carried(stage.frames, {"PARAM_VALUE"}, 200.0, burst)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(ACTIONS)
 def test_frames_keep_their_distance_and_their_numbers_never_repeat(actions: list[tuple[str, float]]) -> None:

@@ -58,6 +58,7 @@ def test_a_line_is_read_as_people_write_it(tmp_path: Path, line: str, table: str
     assert said(tmp_path, f"JSON.stringify(table({json.dumps(line)}, 'number').value)") == table
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "why"),
     [

@@ -137,6 +137,7 @@ def test_a_new_journal_remembers_nothing(journal: Journal) -> None:
     assert journal.recovered_from is None
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.lists(_MEMORIES, min_size=1, max_size=3))
 def test_any_memory_over_any_other_comes_back_as_it_was(

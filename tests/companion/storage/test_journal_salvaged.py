@@ -103,6 +103,7 @@ def pages_of(journal: Path) -> range:
     return range((journal / "journal.db").stat().st_size // _PAGE)
 
 
+@pytest.mark.slow
 def test_whichever_page_is_damaged_most_scenes_survive_and_none_is_invented(
     journal: Path, tmp_path: Path
 ) -> None:
@@ -126,6 +127,7 @@ def test_whichever_page_is_damaged_most_scenes_survive_and_none_is_invented(
     assert sum(scenes * count for scenes, count in survivors.items()) >= 0.75 * SCENES * pages
 
 
+@pytest.mark.slow
 def test_with_the_copy_all_scenes_and_words_survive_whichever_page_is_damaged(
     journal: Path, tmp_path: Path
 ) -> None:

@@ -30,6 +30,7 @@ def drawn(content: bytes) -> Image:
     return np.asarray(picture[..., ::-1], np.uint8)
 
 
+@pytest.mark.slow
 def test_frames_of_the_field_fit_a_radio_as_wide_as_can_be() -> None:
     world = World(1)
     camera = PinholeCamera(world)

@@ -151,6 +151,7 @@ os.abort()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "code"),
     [

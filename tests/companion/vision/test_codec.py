@@ -120,6 +120,7 @@ STEPS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.lists(STEPS, max_size=12), st.integers(1, 4))
 def test_the_supervisors_copy_equals_the_engines_memory_after_whatever_happened(
@@ -400,6 +401,7 @@ WITH_MAPS = (DRUM, Done(2, AnswerOutcome(DRUM.assessment, DRUM.assessment), "", 
 SAMPLES = [unframed(one) for one in (*REPORTS, *WITH_MAPS)]
 
 
+@pytest.mark.slow
 @settings(max_examples=400)
 @given(st.data())
 def test_any_mutated_message_is_believed_or_refused(data: st.DataObject) -> None:
@@ -439,6 +441,7 @@ def places(told: Any) -> list[tuple[Any, Any]]:
     return [found for at, value in inner for found in ((told, at), *places(value))]
 
 
+@pytest.mark.slow
 @settings(max_examples=400)
 @given(st.sampled_from((*REPORTS, *WITH_MAPS)), st.data())
 def test_any_value_in_the_place_of_another_is_believed_or_refused(
@@ -593,6 +596,7 @@ def tapped(order: int, taps: int = MAX_EXAMPLES) -> Entry:
     return Entry(vector, words, order, order, order, examples, place, (vector,) * MAX_REFUSED, vector)
 
 
+@pytest.mark.slow
 def test_the_largest_report_of_the_engine_is_read() -> None:
     memory = first_memory("painted", WORDS, 10_000)
     before = replace(memory, history=History([tapped(n, 0) for n in range(1, 10_001)], 10_000))

@@ -164,6 +164,7 @@ def frames(draw: st.DrawFn) -> tuple[FrameJudged, Settings]:
     return worker.judge(Frame(1, time.monotonic(), picture("drum"))), settings
 
 
+@pytest.mark.slow
 @given(frames(), st.data())
 def test_no_frame_becomes_ok_by_other_findings(
     made: tuple[FrameJudged, Settings], data: st.DataObject

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from companion.observers.page.page import missing
 from tests.companion.processes import ROOT, painted_config
 
@@ -34,6 +36,7 @@ print(json.dumps({"code": code, "modules": sorted(sys.modules), "page": page}))
 """
 
 
+@pytest.mark.slow
 def test_the_supervisor_never_imports_opencv_or_onnx_runtime(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
         ground.bind(("127.0.0.1", 0))

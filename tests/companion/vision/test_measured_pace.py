@@ -84,6 +84,7 @@ def test_a_new_process_changes_nothing_until_its_frames_have() -> None:
     assert judging.runs(6.0, 0.02) == pytest.approx(0.02)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.floats(0.0, 30.0), st.floats(0.001, 3.0)), max_size=12), st.integers(1, 10))
 def test_whatever_came_before_it_follows_what_lasts(runs: list[tuple[float, float]], every: int) -> None:
     judging = Judging(scene_every=every)

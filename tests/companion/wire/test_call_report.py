@@ -84,6 +84,7 @@ def test_a_report_comes_back_from_the_state_and_from_its_record(report: CallRepo
     assert record.document(FIGURES_MEMBERS) == report.document(FIGURES_MEMBERS)
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from([*RECORD_MEMBERS, *STATE_MEMBERS]), JSON))
 def test_any_values_are_read_within_bounds(told: dict[str, Any]) -> None:
     for members in (STATE_MEMBERS, RECORD_MEMBERS):

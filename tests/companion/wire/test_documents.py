@@ -118,6 +118,7 @@ def test_a_document_far_longer_than_a_rovers_is_not_parsed(monkeypatch: pytest.M
             read(padded + b" ")
 
 
+@pytest.mark.slow
 @given(st.sampled_from([STATE, RECORD]), st.lists(st.tuples(st.integers(0, 40), JSON), max_size=4))
 def test_documents_with_any_values_in_any_place_are_read_within_bounds(
     document: dict[str, Any], changes: list[tuple[int, Any]]

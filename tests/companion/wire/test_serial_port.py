@@ -66,6 +66,7 @@ def test_a_port_that_the_user_may_not_open_or_a_modem_manager_holds_says_what_to
     assert failed.value.errno == number
 
 
+@pytest.mark.slow
 def test_a_port_whose_closing_takes_long_blocks_nothing_and_is_not_opened_meanwhile(
     device: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -155,6 +155,7 @@ def test_a_damaged_file_is_said_and_lets_in_only_what_is_newer_than_now(tmp_path
         assert TimestampFile(tmp_path, BOOT).notice == ""
 
 
+@pytest.mark.slow
 def test_the_file_is_put_on_disk_every_few_seconds_and_only_when_it_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -87,6 +87,7 @@ def test_turned_words_are_told_in_few_lines_that_say_who_did_it(
         assert text.endswith(by)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
 @settings(max_examples=30)
 @given(data=st.data())
@@ -98,6 +99,7 @@ def test_every_text_fits_a_statustext_on_one_line(function: Callable[..., str], 
     assert text.isprintable()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "function",
     [function for function in FUNCTIONS if not FREE & inspect.signature(function).parameters.keys()],

@@ -451,6 +451,7 @@ def test_where_the_ground_is_not_known_the_console_says_so(desk: Desk) -> None:
     assert not desk.rover()["ground"]["picture"]
 
 
+@pytest.mark.slow
 def test_what_the_state_does_not_tell_is_asked_for_ever_more_rarely(desk: Desk) -> None:
     asked = 0
     desk.summary = replace(desk.summary, words=1)  # words that /state.json does not have

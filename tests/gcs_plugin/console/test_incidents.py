@@ -132,6 +132,7 @@ def test_a_request_is_delivered_as_an_answer_is_and_its_progress_is_told(rover: 
     assert rover.shown(0)["files"] == [], "not of the last minute"
 
 
+@pytest.mark.slow
 def test_a_request_is_followed_for_as_long_as_the_rover_packs(rover: Rover) -> None:
     rover.desk.post("incident", call=7)
     rover.desk.run(1.0)
@@ -255,6 +256,7 @@ def test_it_can_be_stopped_and_gone_on_with(rover: Rover) -> None:
     assert rover.desk.link.now - began < whole * 8.0
 
 
+@pytest.mark.slow
 def test_a_link_that_is_cut_in_the_middle_costs_what_was_not_here_yet(rover: Rover) -> None:
     rover.pack()
     rover.desk.post("fetch", name=NAME)

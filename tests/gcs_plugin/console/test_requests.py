@@ -87,6 +87,7 @@ def test_what_cannot_be_is_refused_with_what_is_wrong(told: dict[str, Any], why:
         read("answer", **told)
 
 
+@pytest.mark.slow
 @given(KINDS, st.binary(max_size=200) | (JSON | ALIKE).map(lambda told: json.dumps(told).encode()))
 def test_any_body_is_a_request_that_fits_the_wire_or_is_refused(kind: str, body: bytes) -> None:
     try:

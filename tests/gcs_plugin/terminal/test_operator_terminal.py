@@ -241,6 +241,7 @@ def test_an_answer_that_quit_leaves_behind_is_said_to_be_given_up(
     assert operator.event("problem")["text"] == "answer to 7 is not acknowledged, and given up"
 
 
+@pytest.mark.slow
 def test_a_link_that_is_refused_is_told_once_and_tried_again(start: Callable[..., Operator]) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # bound and not listening: connections are refused
@@ -273,6 +274,7 @@ def test_a_rover_that_speaks_first_is_heard_on_a_port_that_listens(
     assert air.heard_ground.wait(DEADLINE_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

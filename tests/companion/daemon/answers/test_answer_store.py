@@ -192,6 +192,7 @@ def test_a_row_that_no_reply_could_have_made_is_dropped(column: int, value: Any)
     assert AnswerStore([[*row[:column], value, *row[column + 1 :]], row]).saved() == [row]
 
 
+@pytest.mark.slow
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists))
 def test_whatever_else_stands_in_the_journal_counts_for_nothing(saved: Any) -> None:
     assert isinstance(AnswerStore(saved).saved(), list)

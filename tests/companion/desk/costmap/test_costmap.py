@@ -39,6 +39,7 @@ def costmap(drive: Path, config: Path, *more: str) -> int:
     return main(["costmap", str(drive), "--config", str(config), "--out", out, *more])
 
 
+@pytest.mark.slow
 def test_a_recorded_drive_becomes_a_map_of_the_ground_around_it(
     drive: Path, config: Path, capsys: Out
 ) -> None:

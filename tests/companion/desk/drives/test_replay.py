@@ -52,6 +52,7 @@ def test_it_is_judged_as_the_rover_did_but_for_what_jpeg_takes(
     assert 0.0 < figures["worst"]["uncertainty"] < 0.05
 
 
+@pytest.mark.slow
 def test_other_words_are_told_frame_by_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     changed = tmp_path / "other.mcap"
     with changed.open("wb") as file:

@@ -46,6 +46,7 @@ def row(told: dict[str, Any], part: str, table: str, first: str) -> dict[str, An
     return rows
 
 
+@pytest.mark.slow
 def test_a_drive_becomes_figures_with_their_samples_and_times(package: Path) -> None:
     told = document(package)
     assert told["evidence"] == 1

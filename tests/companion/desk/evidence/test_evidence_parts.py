@@ -405,6 +405,7 @@ def test_damaged_recordings_are_no_error(driven: Path, tmp_path: Path) -> None:
     assert len(found.ages) > 0
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from(["camera", "link", "perceiver", "pid", "computer"]), st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),

@@ -45,6 +45,7 @@ def packed(content: Mapping[str, bytes], path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(data=st.data())
 def test_a_flipped_byte_in_any_member_is_noticed(

@@ -49,6 +49,7 @@ def test_with_the_quadrupeds_region_the_call_is_too_late_for_the_atv(
     assert 1.0 < one.call < ATV.still_needs
 
 
+@pytest.mark.slow
 def test_with_its_own_region_it_stops_in_time(past_one_thing: list[RegionTally]) -> None:
     (one,) = past_one_thing[1].approaches
     assert one.call is not None

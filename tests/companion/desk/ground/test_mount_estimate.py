@@ -93,6 +93,7 @@ def test_a_recording_tells_the_mount(
     assert "\ntilt = 7.0  # degrees" in told
 
 
+@pytest.mark.slow
 def test_a_recording_without_speed_tells_nothing(
     tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -110,6 +111,7 @@ def test_a_short_recording_says_how_to_drive(
     assert "cannot tell: 2 pairs of frames can be used, and 20 are needed: drive straight on level" in told
 
 
+@pytest.mark.slow
 def test_pictures_without_a_speed_tell_nothing(
     tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -199,6 +199,7 @@ def test_after_all_scenes_are_forgotten_there_is_no_match_to_refuse(rover: Rover
     assert (memory.reference, memory.adoption) == (None, None)
 
 
+@pytest.mark.slow
 def test_what_changes_the_memory_is_refused_while_a_companion_has_it_and_what_reads_is_not(
     rover: Rover, tmp_path: Path
 ) -> None:

@@ -87,6 +87,7 @@ def _plain(scene: Scene) -> Any:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.lists(_scenes(), max_size=4))
 def test_what_is_written_is_read_again(tmp_path_factory: pytest.TempPathFactory, scenes: list[Scene]) -> None:

@@ -148,6 +148,7 @@ def test_the_worst_parameter_stands_on_top_with_what_is_proposed() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_reading_writes_nothing_and_tells_each_value(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("companion.desk.check.interview.PATIENCE", 0.05)
     monkeypatch.setattr("companion.desk.check.interview.PACE", 0.0)

@@ -78,6 +78,7 @@ def test_a_change_is_in_force_for_the_pages_at_once_and_in_the_file_only_when_wr
         session.write({})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
@@ -147,6 +148,7 @@ def test_a_dragged_horizon_sets_height_and_tilt_together(session: SetupSession) 
             session.drag(wrong)
 
 
+@pytest.mark.slow
 def test_a_weight_changes_the_judged_picture_at_once(file: Path) -> None:
     draft, live_map = Draft(file), LiveMap()
     world = World(0)

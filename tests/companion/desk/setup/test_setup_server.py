@@ -50,6 +50,7 @@ def page(server: Any) -> Browsing:
     return Browsing(server.url)
 
 
+@pytest.mark.slow
 def test_only_this_computer_is_served_and_only_who_knows_the_token(page: Browsing) -> None:
     assert page.address[0] == "127.0.0.1"
     assert page.ask("/state.json")[0] == 200
@@ -65,6 +66,7 @@ def test_another_site_may_post_nothing(page: Browsing) -> None:
     assert page.ask("/state.json", host="evil.example")[0] == 421
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", [b"", b"[]", b"nothing", b"{", b'{"changes": 1}', b"\xff", b"[" * 9000])
 def test_rubbish_is_refused_with_a_reason(page: Browsing, body: bytes) -> None:
     for path in ("/draft", "/drag"):

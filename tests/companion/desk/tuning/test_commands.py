@@ -55,6 +55,7 @@ def test_each_combination_has_its_calls_by_reason_and_half(drive: Path, tmp_path
     assert "times that it would be held" in page, "a go to every call says nothing of things"
 
 
+@pytest.mark.slow
 def test_the_calls_of_a_region_that_the_vehicle_does_not_fit_in_are_counted_and_no_frame_is_ok(
     drive: Path, tmp_path: Path, capsys: Out
 ) -> None:
@@ -86,6 +87,7 @@ def test_a_script_answers_as_somebody_did(drive: Path, tmp_path: Path, capsys: O
     assert found["each"][0]["refused"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "told"),
     [
@@ -120,6 +122,7 @@ def test_a_drive_that_is_not_there_is_told(drive: Path, tmp_path: Path, capsys: 
     assert "none" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_drive_without_a_frame_that_can_be_read_is_told(drive: Path, tmp_path: Path, capsys: Out) -> None:
     torn = tmp_path / "torn"
     torn.mkdir()
@@ -165,6 +168,7 @@ def test_tuning_writes_what_to_put_into_the_configuration(drive: Path, tmp_path:
     assert f"companion tune --take {number} --from {tmp_path / 'out' / 'tuning.json'} --write" in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "told"),
     [

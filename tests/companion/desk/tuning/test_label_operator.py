@@ -54,6 +54,7 @@ def meant(call: Call, reasons: set[Reason], box: Box) -> Call:
 Called = tuple[DriveJudge, Call, DriveFrame, LabelOperator]
 
 
+@pytest.mark.slow
 def test_a_thing_that_the_perceiver_cannot_ground_is_tapped_where_the_call_points(called: Called) -> None:
     judge, call, frame, operator = called
     thing = meant(call, {Reason.UNKNOWN_OBJECT}, CRATE)

@@ -110,6 +110,7 @@ def test_other_regions_lie_in_the_picture(place: tuple[float, float], size: tupl
     assert variants(box)[0] == box
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tile", [None, 0.61])
 def test_the_fragment_puts_the_proposal_into_force(drive: Path, tmp_path: Path, tile: float | None) -> None:
     text = (drive.parent / "companion.toml").read_text()

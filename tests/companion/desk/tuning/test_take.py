@@ -89,6 +89,7 @@ def test_words_that_changed_meanwhile_are_told(rover: Path, capsys: Out) -> None
     assert "WARNING: it was judged with the words rock: -1" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "change", "why"),
     [

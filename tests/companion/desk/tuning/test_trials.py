@@ -78,6 +78,7 @@ def test_random_combinations_are_those_of_a_full_run(
     assert len(calls) > 1, "the combinations tell nothing apart"
 
 
+@pytest.mark.slow
 def test_the_light_of_a_frame_is_measured_once_for_all_combinations(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,6 +138,7 @@ def square(number: int) -> int:
     return number * number
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("processes", [1, 2])
 def test_results_come_in_the_order_of_the_jobs_and_are_told_as_they_come(processes: int) -> None:
     told: dict[int, Any] = {}

@@ -62,6 +62,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     made.stage.close()
 
 
+@pytest.mark.slow
 def test_a_request_goes_the_way_of_an_answer_and_its_progress_is_shown(page: Page) -> None:
     assert page.shown() == {"text": "", "busy": False, "packing": False, "files": []}
     asked = page.stage.post("/incident", {"call": None})

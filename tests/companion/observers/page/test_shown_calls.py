@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -73,6 +74,7 @@ def test_a_thing_that_was_tapped_in_a_like_scene_is_offered_not_a_word_of_all_th
     assert known("mud: -1") is None
 
 
+@pytest.mark.slow
 @given(
     st.dictionaries(st.sampled_from([*STATE, "x"]), JSON), st.dictionaries(st.sampled_from([*RECORD]), JSON)
 )

@@ -84,6 +84,7 @@ def test_a_fault_is_not_healthy(stage: Stage) -> None:
         stage.ready()
 
 
+@pytest.mark.slow
 def test_old_news_are_not_healthy_and_no_figure_of_them_is_given(stage: Stage) -> None:
     wait_for(lambda: stage.get("/healthz").status != 200, 10.0)  # nothing is told meanwhile
     try:
@@ -96,6 +97,7 @@ def test_old_news_are_not_healthy_and_no_figure_of_them_is_given(stage: Stage) -
         stage.ready()
 
 
+@pytest.mark.slow
 def test_a_picture_is_drawn_only_while_somebody_watches(stage: Stage) -> None:
     before = stage.frames
     until = time.monotonic() + 1.3
@@ -214,6 +216,7 @@ def test_a_head_that_never_ends_is_refused(stage: Stage) -> None:
     assert said.startswith(b"HTTP/1.1 400")
 
 
+@pytest.mark.slow
 def test_who_does_not_know_the_token_sees_nothing(tmp_path: Path) -> None:
     stage = Stage(tmp_path, token=TOKEN)
     known = {"Authorization": f"Bearer {TOKEN}"}

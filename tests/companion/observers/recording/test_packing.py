@@ -171,6 +171,7 @@ def test_a_recording_is_packed_by_itself_with_the_calls_in_it(rover: Path) -> No
         pack(asked(rover, -99))
 
 
+@pytest.mark.slow
 def test_of_many_incidents_the_newest_stay_and_what_was_left_half_done_goes(rover: Path) -> None:
     home = rover / "incidents"
     home.mkdir(exist_ok=True)
@@ -196,6 +197,7 @@ def test_what_is_not_recorded_any_more_is_refused_and_what_has_a_record_is_packe
     assert pack(off).note == "without a recording: switched off by [recording] size"
 
 
+@pytest.mark.slow
 def test_a_request_that_leads_to_no_file_deletes_none(rover: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     while len(kept(rover)) < MOST_KEPT:
         pack(asked(rover, 0))
@@ -276,6 +278,7 @@ def child_of(script: str) -> Callable[[], PackingChild]:
     return lambda: PackingChild((sys.executable, "-c", script))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "why"),
     [
@@ -337,6 +340,7 @@ def test_a_process_that_cannot_be_started_is_told_to_who_asks(tmp_path: Path) ->
     assert one.packer.told.packing is None
 
 
+@pytest.mark.slow
 def test_what_a_killed_process_leaves_is_served_to_nobody_and_goes_with_the_next(rover: Path) -> None:
     one = packing_of(rover)
     one.packer.ask(7, time.monotonic())
@@ -354,6 +358,7 @@ def test_what_a_killed_process_leaves_is_served_to_nobody_and_goes_with_the_next
     assert not [name for name in os.listdir(home) if name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_an_incident_that_is_cancelled_leaves_nothing_behind_and_the_older_ones_stay(rover: Path) -> None:
     while len(kept(rover)) < MOST_KEPT:
         pack(asked(rover, 0))

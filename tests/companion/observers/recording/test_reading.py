@@ -107,6 +107,7 @@ def test_a_damaged_chunk_costs_what_is_in_it_and_nothing_behind(
     assert len(list(messages(path))) == FLUSHED[-1][1] - gone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
 @pytest.mark.parametrize("finished", [True, False])
 def test_a_chunk_that_unpacks_to_far_more_than_ours_is_left_out(

@@ -84,6 +84,7 @@ def near(pixel: Any, colour: tuple[int, int, int]) -> bool:
     return bool(np.abs(pixel[:3][::-1].astype(int) - colour).max() < 40)
 
 
+@pytest.mark.slow
 def test_ten_seconds_show_the_state_the_judgement_and_the_answer_as_it_is_given(tmp_path: Path) -> None:
     record(tmp_path / "recordings")
     file = tmp_path / "demo.webp"
@@ -107,6 +108,7 @@ def test_ten_seconds_show_the_state_the_judgement_and_the_answer_as_it_is_given(
     assert min(told) > 100, "what colours mean, why it asks, the answer, what follows, and that it drives on"
 
 
+@pytest.mark.slow
 def test_an_answer_appears_letter_by_letter(tmp_path: Path) -> None:
     record(tmp_path / "recordings")
     file = tmp_path / "demo.webp"

@@ -120,6 +120,7 @@ def made_ready(able: Callable[[float], float], out: Path) -> tuple[SlowStage, st
     return stage, told.getvalue(), readiness, clock
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("able", "pace"), [(14, 0), (7, 1), (4, 2), (1.6, 3), (0.8, 4)])
 def test_the_rover_drives_as_fast_as_the_computer_judges_and_hold_is_given(
     tmp_path: Path, able: float, pace: int

@@ -50,6 +50,7 @@ class Drive:
             self.now += TICK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_whole_lap_forward_is_no_fault_and_a_whole_lap_backwards_is_one_fault(seed: int) -> None:
     drive = Drive(seed)

@@ -20,6 +20,7 @@ def _touched(world: World) -> list[str]:
     return touched
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_rover_on_the_centre_line_meets_the_surprises_and_nothing_else(seed: int) -> None:
     assert _touched(World(seed)) == ["drum-1", "rock-1", "log-1"]

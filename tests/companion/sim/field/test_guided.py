@@ -136,6 +136,7 @@ def test_a_disarmed_rover_does_not_move(bench: Bench) -> None:
     assert bench.rover.speed == 0.0
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9), st.floats(0.02, 1.0)), max_size=12))
 def test_whatever_is_asked_for_speed_and_steering_stay_within_the_body_s_limits(
     targets: list[tuple[float, float, float]],

@@ -38,6 +38,7 @@ def _before_the_drum(metres: float) -> TrailPose:
     return WORLD.trail.pose(WORLD.trail.nearest(drum.x, drum.y)[0] - metres)
 
 
+@pytest.mark.slow
 def test_a_level_rovers_frames_are_as_they_always_were() -> None:
     stored = json.loads(Path(__file__).with_name("level_frames.json").read_text(encoding="utf-8"))
     for s, known in stored.items():
@@ -48,6 +49,7 @@ def test_a_level_rovers_frames_are_as_they_always_were() -> None:
         assert np.abs(np.bincount(labels.ravel(), minlength=len(LABELS)) - known["labels"]).max() < 30
 
 
+@pytest.mark.slow
 def test_a_frame_does_not_depend_on_the_tilt_of_the_one_before() -> None:
     pose = WORLD.trail.pose(40.0)
     camera = PinholeCamera(WORLD)
@@ -76,6 +78,7 @@ def test_a_rover_whose_right_side_is_down_sees_the_horizon_rise_to_the_right(rol
     assert math.degrees(math.atan(-rise)) == pytest.approx(roll, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k1", [0.0, -0.12, 0.2])
 @pytest.mark.parametrize(("pitch", "roll"), TILTS)
 def test_a_drums_foot_is_where_it_is_projected(pitch: float, roll: float, k1: float) -> None:
@@ -105,6 +108,7 @@ def test_a_drum_on_a_climb_is_where_the_slope_ahead_puts_it() -> None:
     assert len(moved) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k1", [0.0, -0.4, -0.12, 0.2])
 @pytest.mark.parametrize(("pitch", "roll"), TILTS)
 def test_the_metres_of_a_pixel_are_projected_to_that_pixel(pitch: float, roll: float, k1: float) -> None:
@@ -115,6 +119,7 @@ def test_the_metres_of_a_pixel_are_projected_to_that_pixel(pitch: float, roll: f
         assert (x, y) == pytest.approx((column + 0.5, row + 0.5), abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_ground_is_seen_where_a_rotation_of_the_whole_camera_puts_it() -> None:
     """By the matrix of pitch, roll and mount, and OpenCV's model, in place of the camera's own reckoning."""
     import cv2

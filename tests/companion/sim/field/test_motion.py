@@ -60,6 +60,7 @@ def test_a_rover_that_stands_is_still() -> None:
     assert stood.pop()[2:4] == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_bumps_are_short_lie_about_every_six_metres_and_stay_where_they_are() -> None:
     bumps = moved(bumps=FIVE)
     pitch, roll = np.array([bumps.at(0.0, s, 1.0)[:2] for s in PLACES]).T

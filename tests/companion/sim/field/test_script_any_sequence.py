@@ -96,6 +96,7 @@ class Witness:
             assert board.mode_now not in GUARDED, "it drives without its companion"
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(sequence=st.lists(steps, max_size=30), need=st.booleans(), every_policy=st.booleans())
 def test_it_sets_hold_alone_in_guarded_modes_alone_while_armed_and_never_too_late(

@@ -137,6 +137,7 @@ def test_the_brake_takes_the_metres_that_were_measured_with_ardupilot(speed: flo
     assert set_by == [(Mode.GUIDED, "companion"), (Mode.HOLD, "companion")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 2.5])
 def test_a_dead_companion_that_told_a_time_to_brake_is_stopped_sooner(speed: float) -> None:
     ways = []

@@ -379,6 +379,7 @@ STEPS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.lists(STEPS, max_size=25))
 def test_whatever_happens_it_never_changes_a_mode_that_a_human_set_last(

@@ -69,7 +69,7 @@ SLOW = (
 )
 """Folders and files of the tests that `make test` leaves to `make test-slow`: they wait for real processes
 within limits that a busy computer breaks, train and compare networks, or take long. A single test of more
-than some 1.5 s is marked where it stands."""
+than some 1.2 s is marked where it stands."""
 LONGEST = (
     "test_bench_stopping.py",
     "test_network_cameras.py",

@@ -222,6 +222,7 @@ def test_spoilt_attention_of_the_drivable_words_alone_is_a_fault_too(spoilt: flo
     assert found.reason is Reason.FAULT
 
 
+@pytest.mark.slow
 @given(rivalries())
 @settings(max_examples=400)
 def test_a_further_word_that_is_not_drivable_makes_no_ground_drivable_where_words_compete(

@@ -115,6 +115,7 @@ def test_a_history_is_compared_again_with_scenes_of_any_length_and_follows_its_c
     assert not history.matches(at(10), 0.999)
 
 
+@pytest.mark.slow
 def test_what_a_history_was_compared_by_goes_with_it_and_is_not_sent() -> None:
     history = History([entry(at(0), 1)])
     known = len(_COMPARABLE)

@@ -305,6 +305,7 @@ def test_what_the_program_never_imports_is_removed(checkout: Checkout, tmp_path:
     assert {name for name in kept | gone if (program / name).exists()} == kept
 
 
+@pytest.mark.slow
 def test_the_program_imports_no_dialect_that_is_removed() -> None:
     asked = "import sys, companion.run, companion.desk.check.table, companion.sim.field.__main__\n"
     asked += "import companion.desk.check.measure, gcs_plugin.console.main, gcs_plugin.terminal.main\n"

@@ -144,6 +144,7 @@ def test_an_upgrade_of_the_systems_python_makes_it_again(checkout: Checkout) -> 
     assert "making .venv with Python 3.13.5" in checkout.set_up().stdout
 
 
+@pytest.mark.slow
 def test_another_python_that_was_asked_for_makes_it_again_and_the_same_does_not(checkout: Checkout) -> None:
     checkout.python()
     checkout.python("python3.12", version=[3, 12, 1])

@@ -197,6 +197,7 @@ def test_a_file_is_not_a_bundle(tmp_path: Path, capsys: Out) -> None:
     assert "is not a bundle" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_other_programs_do_not_make_a_model_slow_but_are_told(
     make_bundle: MakeBundle, capsys: Out, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,7 @@ def frames(count: int) -> Iterator[Image]:
     return (picture(96, 72, seed) for seed in range(count))
 
 
+@pytest.mark.slow
 def test_groups_of_absent_words_reach_one_half_by_chance_alone(bundle: Path) -> None:
     eyes = Dense(str(bundle), CHECKING)
     found = calibrate(bundle, eyes, frames(24), ["grass"], print)
@@ -142,6 +143,7 @@ def test_a_check_without_frames_times_a_bundle_and_says_that_it_does_not_run_yet
     assert "runs here   fp32" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_words_that_explain_no_more_than_chance_are_warned_of(
     bundle: Path, terrain: Path, capsys: Out
 ) -> None:

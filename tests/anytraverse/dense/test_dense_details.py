@@ -49,6 +49,7 @@ RUBBISH = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(DETAILS)
 def test_what_is_written_is_read_again(details: DenseDetails) -> None:
     assert read_details(json.loads(json.dumps(as_json(details))), "bundle") == details

@@ -194,6 +194,7 @@ def test_another_perceiver_is_not_mixed_with_this_one(
     assert "with other model" in refused(capsys, arguments)
 
 
+@pytest.mark.slow
 def test_the_least_recently_used_words_are_forgotten_first(
     drive: Path, tmp_path: Path, capsys: Out, monkeypatch: pytest.MonkeyPatch
 ) -> None:

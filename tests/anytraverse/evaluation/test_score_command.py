@@ -195,6 +195,7 @@ def test_a_missing_opencv_is_told_with_what_to_install(capsys: Out, monkeypatch:
     )
 
 
+@pytest.mark.slow
 def test_the_built_in_perceiver_finds_trails_on_real_frames(capsys: Out) -> None:
     folder = Path(__file__).parents[3].parent / "shared" / "data" / "trail"
     if not folder.is_dir():

@@ -104,6 +104,7 @@ def test_scores_outside_0_to_1_are_refused(bad: float) -> None:
         ranked(np.array([0.5, bad], dtype=np.float32), np.zeros(1, dtype=np.float32))
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(masks, masks, masks), min_size=1, max_size=4))
 def test_iou_is_the_naive_one_pooled_and_by_picture(
     pictures: list[tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]],

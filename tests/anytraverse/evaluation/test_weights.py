@@ -171,6 +171,7 @@ def scheduler() -> Iterator[str]:
         yield cluster.scheduler_address
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_figures_of_one_process(
     drive: Path, tmp_path: Path, capsys: Out, scheduler: str
 ) -> None:
@@ -228,6 +229,7 @@ def share_of(drive: Path, model: str) -> WorkShare:
     return WorkShare(f"folder:{drive}", "all", "grey", model, 1, ("dirt: 1",), (2,))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificate")
 def test_a_cluster_with_tls_takes_the_certificates_of_dasks_configuration(tmp_path: Path) -> None:
     distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")

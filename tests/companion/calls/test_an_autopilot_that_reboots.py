@@ -185,6 +185,7 @@ def test_a_px4_that_reboots_keeps_it_too() -> None:
     assert scene.events()[-2:] == [HoldEvent.REBOOTED, HoldEvent.CONFIRMED]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told", [True, False])
 @pytest.mark.parametrize("mode", [AUTO, GUIDED])
 def test_one_that_arms_itself_to_drive_after_it_rebooted_is_held_until_a_go(

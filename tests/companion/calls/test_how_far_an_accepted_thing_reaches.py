@@ -62,6 +62,7 @@ def driving_on(name: str, *boxes: Box, tile: float | None) -> Scene:
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", SCENES)
 @pytest.mark.parametrize("name", ["log", "drum"], ids=["taken over", "with a go"])
 @pytest.mark.parametrize("tile", [None, 0.25, 0.65])

@@ -47,6 +47,7 @@ def test_a_wider_mask_has_one_cell_more_on_each_side(masks: tuple[Mask, Mask]) -
     assert np.array_equal(wider(masks[0]), _grown(masks[0], np.ones_like(masks[0]), 1))
 
 
+@pytest.mark.slow
 @given(pairs(), st.integers(0, 12))
 def test_below_a_mask_is_each_cell_that_has_one_of_it_above_and_near_its_column(
     masks: tuple[Mask, Mask], aside: int

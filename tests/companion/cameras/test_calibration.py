@@ -285,6 +285,7 @@ def test_whatever_stands_in_a_file_it_is_read_or_refused_in_words(
     _read_or_refused(own_folder(tmp_path_factory) / "rubbish.yml", content)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(
     st.sampled_from(["yml", "xml", "json", "ros"]),
@@ -305,6 +306,7 @@ def test_a_damaged_file_is_read_or_refused_in_words(
     _read_or_refused(folder / "damaged", content)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(
     st.tuples(*[st.floats(-1.0, 700.0) | st.floats(allow_nan=False, allow_infinity=False)] * 4),

@@ -48,6 +48,7 @@ _TEXTS = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(_TEXTS.filter(_is_toml), _PATHS, _NEW)
 @settings(max_examples=200, deadline=None)
 def test_any_text_says_what_was_asked_and_keeps_its_comments(text: str, keys: Any, value: Any) -> None:

@@ -93,6 +93,7 @@ def test_a_frame_whose_judging_took_longer_than_t_is_no_fresh_view(
     assert not rig.calls.reason_filter.newest.ok
 
 
+@pytest.mark.slow
 def test_a_fault_that_comes_and_goes_is_said_once(make_rig: MakeRig) -> None:
     rig = make_rig(Policy.REPORT)
     for _ in range(8):
@@ -151,6 +152,7 @@ def test_a_vision_that_hangs_is_killed_and_started_again_on_what_it_knew(held: R
     assert [text for text in held.texts if "FAULT" in text] == faults
 
 
+@pytest.mark.slow
 def test_an_answer_caught_by_the_hang_is_busy_leaves_nothing_and_its_go_is_void(held: Rig) -> None:
     held.hung = True
     held.word(1, "drum", 0.5, Motion.GO)

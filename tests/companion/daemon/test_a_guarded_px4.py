@@ -177,6 +177,7 @@ def test_a_transmitter_that_is_switched_on_ends_it_for_good(rig: GuardedRig) -> 
     assert rig.told == ("refused", "refused")
 
 
+@pytest.mark.slow
 def test_as_shipped_no_sticks_are_sent(tmp_path: Path, clock: Clock) -> None:
     rig = Px4Rig(tmp_path, clock, "loiter", Rig.config)
     rig.see(8.0)

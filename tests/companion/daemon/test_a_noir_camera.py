@@ -171,6 +171,7 @@ def test_a_new_vision_process_does_not_forget_it(make_rig: MakeRig, shows: Shows
     assert rig.daemon.status.figures()["hold_refused"] == "HOLD refused: NoIR camera: change it"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("shows")
 def test_a_vehicle_that_outruns_its_eyes_is_told_that_first(make_rig: MakeRig) -> None:
     rig = set_up(make_rig)

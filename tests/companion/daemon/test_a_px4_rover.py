@@ -243,6 +243,7 @@ CLOSE = Config(
 """It stops just before what it sees, and not 2.5 m further on."""
 
 
+@pytest.mark.slow
 def test_what_it_runs_on_in_loiter_is_reckoned_with_once_it_is_known_to_be_a_px4(make: MakePx4) -> None:
     rig = make("loiter", CLOSE)
     assert rig.told_policy is Policy.HOLD

@@ -46,6 +46,7 @@ def test_it_is_a_fault_in_every_policy_and_its_remedy_is_repeated(make_rig: Make
     assert "Companion FAULT: ROI does not fit" in rig.texts
 
 
+@pytest.mark.slow
 def test_the_ground_may_widen_it_in_steps_and_then_it_is_over_and_stays_over(make_rig: MakeRig) -> None:
     rig = narrow(make_rig(Policy.REPORT))
     rig.see(2.0)

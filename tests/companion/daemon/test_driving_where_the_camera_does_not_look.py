@@ -130,6 +130,7 @@ def test_it_never_resumes_without_a_go(
     assert rig.stage.mode == HOLD
 
 
+@pytest.mark.slow
 def test_after_a_restart_it_needs_a_go_all_the_same(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -198,6 +199,7 @@ def test_a_human_s_auto_accepts_it_for_twenty_seconds(rig: Rig) -> None:
     assert rig.stage.mode == HOLD
 
 
+@pytest.mark.slow
 def test_manual_over_the_hold_ends_the_fault(rig: Rig) -> None:
     drive = Drive(rig)
     drive.on(5.0, -2.0)

@@ -117,6 +117,7 @@ def test_where_the_speed_is_lost_the_region_stays_as_long_as_it_was(driving: Rig
     assert reach(driving) == further is not None
 
 
+@pytest.mark.slow
 def test_how_fast_a_human_drives_counts_for_nothing(driving: Rig) -> None:
     driving.stage.mode = MANUAL
     drive(driving, 5.0, 6.0)
@@ -126,6 +127,7 @@ def test_how_fast_a_human_drives_counts_for_nothing(driving: Rig) -> None:
     assert (driving.state, driving.stage.mode) == (("OK", 0), AUTO)
 
 
+@pytest.mark.slow
 def test_a_speed_that_only_the_longer_region_allows_is_allowed(driving: Rig) -> None:
     driving.stage.mode = AUTO
     drive(driving, 4.0, 1.6)
@@ -137,6 +139,7 @@ def test_a_speed_that_only_the_longer_region_allows_is_allowed(driving: Rig) -> 
     assert not alone.enough, "the configured region is too short for it"
 
 
+@pytest.mark.slow
 def test_a_camera_that_looks_aside_keeps_its_region(driving: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     def too_little(*_: object) -> None:
         raise SettingsError("the camera looks aside")
@@ -146,6 +149,7 @@ def test_a_camera_that_looks_aside_keeps_its_region(driving: Rig, monkeypatch: p
     assert reach(driving) is None
 
 
+@pytest.mark.slow
 def test_sides_that_the_ground_set_stay_where_they_are(driving: Rig) -> None:
     driving.set("AT_ROI_T", 0.4)
     drive(driving, 3.0, 1.2)

@@ -183,6 +183,7 @@ def test_the_protocols_page_names_every_key_of_the_documents(make_rig: MakeRig) 
     assert set().union(state, call, *inner) == set(re.findall(r"`([a-z][a-z0-9_]*)`", section))
 
 
+@pytest.mark.slow
 def test_a_call_is_told_with_its_place_its_answers_and_its_end_over_a_restart(make_rig: MakeRig) -> None:
     rig = make_rig(pictures=3)
     place(rig)
@@ -232,6 +233,7 @@ def test_an_answer_that_is_damaged_in_the_journal_is_lost_and_the_call_goes_on(
     assert "an answer to call 1 is lost: its record is damaged" in caplog.messages
 
 
+@pytest.mark.slow
 def test_file_picture_and_data_of_a_call_are_of_one_assessment_after_an_answer_too(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -92,6 +92,7 @@ def test_old_pictures_that_come_in_turn_are_no_change(
     assert counted[-1] == pytest.approx(0.1 * (60 - buffers))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quality", [95, 80, 60, 40])
 def test_a_still_picture_with_a_clock_compressed_each_time_anew_is_the_same(
     drive: Callable[[float], Picture], quality: int

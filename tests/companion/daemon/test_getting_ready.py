@@ -232,6 +232,7 @@ def test_a_vehicle_that_outruns_its_eyes_is_a_fault_in_policy_hold_and_says_whic
     assert "hold cannot be given: at 4 m/s it takes" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_stops_before_what_it_sees_may_hold(config: Config, radio: socket.socket) -> None:
     status = run_until_status(mounted(config, 1.0))
     assert (status["policy"], status["hold_refused"]) == ("hold", "")

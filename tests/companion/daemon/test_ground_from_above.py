@@ -61,6 +61,7 @@ def test_it_shows_what_is_drivable_and_what_no_word_explains(driving: Rig) -> No
     driving.answer(driving.calls.current_id, Motion.GO)
 
 
+@pytest.mark.slow
 def test_without_a_pose_or_an_age_of_seconds_there_is_none(driving: Rig) -> None:
     driving.see(2.0)
     assert NAME not in {entry.name for entry in driving.served.tree.entries("/maps")}
@@ -72,6 +73,7 @@ def test_without_a_pose_or_an_age_of_seconds_there_is_none(driving: Rig) -> None
         served(driving)
 
 
+@pytest.mark.slow
 def test_the_region_and_where_it_stands_are_those_of_the_speed_that_counts(driving: Rig) -> None:
     drive(driving, 3.0)
     shown = served(driving)

@@ -47,6 +47,7 @@ def test_frames_that_are_slow_for_five_seconds_hold_a_rover_that_drives(
     assert rig.daemon.status.figures()["hold_refused"] == "HOLD refused: 0.5 s a frame: make it faster"
 
 
+@pytest.mark.slow
 def test_frames_that_are_quick_for_ten_seconds_end_it(rig: Rig) -> None:
     rig.child.frame_s = SLOW
     rig.see(6.5)

@@ -61,6 +61,7 @@ def test_an_observer_that_raises_stops_neither_the_turn_nor_the_others(
     assert rig.texts.count(ERROR) == 2, "it goes on"
 
 
+@pytest.mark.slow
 def test_an_observer_that_is_slow_is_named_once_in_a_while(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -216,6 +217,7 @@ def test_an_error_in_one_text_costs_no_other_text_of_the_turn(
     assert ERROR in held.texts
 
 
+@pytest.mark.slow
 def test_an_error_in_one_picture_costs_no_file_of_the_turn(
     held: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -242,6 +244,7 @@ def test_a_takeover_is_told_with_the_mode_that_took_over(held: Rig) -> None:
     assert "C1 taken over by hand: MANUAL" in held.texts
 
 
+@pytest.mark.slow
 def test_an_accepted_fault_is_told_by_the_name_that_it_had(rig: Rig) -> None:
     drive = Drive(rig)
     drive.on(3.0, 2.0)

@@ -53,6 +53,7 @@ def test_it_ends_with_a_text_once_the_heartbeat_is_back(rig: Rig) -> None:
     assert rig.texts.count(TEXT) == 1
 
 
+@pytest.mark.slow
 def test_an_open_call_says_it_itself(held: Rig) -> None:
     broken(held)
     held.see(5.0, "drum")

@@ -41,6 +41,7 @@ def test_a_call_answered_by_a_tap_and_go_is_over_and_the_rover_drives_on(held: R
     assert held.state == ("OK", 0)
 
 
+@pytest.mark.slow
 def test_a_thing_named_not_drivable_keeps_the_rover_standing(held: Rig) -> None:
     held.word(1, "drum", -1.0, Motion.GO)
     held.see(10.0, "drum")
@@ -65,6 +66,7 @@ def test_a_tap_without_a_call_is_refused_with_what_to_do(rig: Rig) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("operation", "text"),
     [
@@ -206,6 +208,7 @@ def test_a_threshold_that_cannot_be_is_refused_and_the_old_one_stays(rig: Rig, n
     assert rig.state == ("OK", 0)
 
 
+@pytest.mark.slow
 def test_a_policy_without_holds_lets_go_of_the_hold_and_says_so(held: Rig) -> None:
     held.set("AT_POLICY", float(Policy.REPORT))
     held.see(2.0, "drum")
@@ -303,6 +306,7 @@ def test_an_autopilot_that_refuses_a_mode_is_in_the_log(rig: Rig, caplog: pytest
     assert "says no to mode 4: MAV_RESULT 2" in caplog.text
 
 
+@pytest.mark.slow
 def test_the_undo_of_an_answer_that_forgot_a_tapped_word_is_taken(held: Rig) -> None:
     call = held.calls.call
     assert call is not None

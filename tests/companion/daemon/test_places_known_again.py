@@ -96,6 +96,7 @@ def test_a_call_tells_in_text_record_and_state_which_place_it_missed_and_by_how_
     assert json.loads(state.read(0, state.size))["open"]["why"] == missed
 
 
+@pytest.mark.slow
 def test_only_words_that_the_place_changes_are_told(rig: Rig) -> None:
     rig.see(2.0, "drum", scene=90)
     rig.answer(1, Motion.GO, SetWord("drum", 0.5), SetWord("grass", 0.8))
@@ -139,6 +140,7 @@ def test_what_it_taught_and_that_it_was_refused_outlive_a_restart(back: Rig) -> 
     assert back.state[0] == "CALLING"
 
 
+@pytest.mark.slow
 def test_a_refusal_that_names_no_place_waits_until_the_match_can_have_been_read(back: Rig) -> None:
     while not any(text.startswith(AGAIN) for text in back.texts):
         back.see(0.1, scene=100)

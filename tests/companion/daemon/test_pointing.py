@@ -103,6 +103,7 @@ def test_a_point_beside_it_is_a_small_square_in_the_picture(viewer: Viewer) -> N
     assert box.left == pytest.approx(0.93)
 
 
+@pytest.mark.slow
 def test_the_word_is_chosen_by_a_parameter_for_one_tap(viewer: Viewer) -> None:
     rig = viewer.rig
     index = word_index(rig)
@@ -118,6 +119,7 @@ def test_the_word_is_chosen_by_a_parameter_for_one_tap(viewer: Viewer) -> None:
     assert rig.echoes("AT_TAP_WORD")[-1] == -1.0
 
 
+@pytest.mark.slow
 def test_the_word_is_an_obstacle_again_once_the_call_is_over(viewer: Viewer) -> None:
     rig = viewer.rig
     rig.set("AT_TAP_WORD", float(word_index(rig)))
@@ -222,6 +224,7 @@ def refused(viewer: Viewer, text: str, thing: str = "drum") -> None:
     assert viewer.rig.engine.memory.examples == {}
 
 
+@pytest.mark.slow
 def test_a_tap_in_a_video_that_does_not_show_the_calls_frame_changes_nothing(viewer: Viewer) -> None:
     viewer.since = viewer.rig.clock.now - 1.0
     refused(viewer, "C1 not in the video yet: look, then tap")

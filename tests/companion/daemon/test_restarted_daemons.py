@@ -73,6 +73,7 @@ def test_a_call_is_told_with_a_picture_before_and_after_a_restart(make_rig: Make
         rig.restart()
 
 
+@pytest.mark.slow
 def test_a_tap_in_a_holds_picture_of_before_a_restart_is_refused(rig: Rig) -> None:
     frames, number = [], 0
     for _ in range(2):
@@ -91,6 +92,7 @@ def test_a_tap_in_a_holds_picture_of_before_a_restart_is_refused(rig: Rig) -> No
     assert [ack.result for ack in rig.acks] == [Result.REFUSED, Result.APPLIED]
 
 
+@pytest.mark.slow
 def test_a_picture_that_is_no_bytes_in_the_journal_is_lost_and_the_call_goes_on(held: Rig) -> None:
     held.kill()
     with closing(sqlite3.connect(held.folder / "journal.db")) as connection, connection:
@@ -116,6 +118,7 @@ def test_a_call_whose_picture_is_lost_asks_about_the_newest_and_says_so(held: Ri
     assert held.stage.mode == AUTO
 
 
+@pytest.mark.slow
 def test_a_picture_that_the_perceiver_fails_on_after_a_restart_counts_as_lost(held: Rig) -> None:
     held.restart()
     with pytest.MonkeyPatch.context() as patched:
@@ -127,6 +130,7 @@ def test_a_picture_that_the_perceiver_fails_on_after_a_restart_counts_as_lost(he
     assert "C1 picture lost: it shows the newest now" in held.texts
 
 
+@pytest.mark.slow
 def test_an_answer_before_the_picture_is_judged_again_is_busy(held: Rig) -> None:
     held.restart()
     held.hung = True
@@ -139,6 +143,7 @@ def test_an_answer_before_the_picture_is_judged_again_is_busy(held: Rig) -> None
     assert [ack.result for ack in held.acks] == [Result.BUSY, Result.APPLIED]
 
 
+@pytest.mark.slow
 def test_words_answered_before_a_restart_are_in_force_after_it(held: Rig) -> None:
     held.word(1, "drum", -1.0)
     held.see(1.0, "drum")
@@ -148,6 +153,7 @@ def test_words_answered_before_a_restart_are_in_force_after_it(held: Rig) -> Non
     assert held.state == ("BLOCKED", 1)
 
 
+@pytest.mark.slow
 def test_ids_rise_over_restarts(rig: Rig) -> None:
     rig.wait(2.0)
     assert rig.state[1] == 1

@@ -30,6 +30,7 @@ def test_the_rover_is_held_all_the_same_and_nothing_else_is_said(rig: Rig) -> No
     assert rig.stage.mode == HOLD
 
 
+@pytest.mark.slow
 def test_it_is_not_driven_on_before_nobody_else_speaks(held: Rig) -> None:
     held.word(1, "drum", 1.0, Motion.GO)
     held.see(0.3, "drum")

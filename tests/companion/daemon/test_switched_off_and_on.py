@@ -140,6 +140,7 @@ def test_a_switch_is_said_only_when_it_falls_silent_and_when_it_is_back(switched
     assert set(said[:-1]) == {"Off switch RC7 not heard: stays on"}
 
 
+@pytest.mark.slow
 def test_a_switch_that_falls_silent_while_off_stays_off(switched: Rig) -> None:
     switched.switch = OFF
     switched.see(2.0)

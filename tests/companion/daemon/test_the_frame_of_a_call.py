@@ -77,6 +77,7 @@ def test_a_call_whose_frame_a_new_vision_cannot_judge_can_be_answered(
     answered(held)
 
 
+@pytest.mark.slow
 def test_the_frame_of_a_restored_call_outlives_a_vision_that_dies_over_it(held: Rig) -> None:
     asked = held.calls.call
     assert asked is not None

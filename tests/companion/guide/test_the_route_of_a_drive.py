@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import pytest
+
 from companion.guide import legs
 from companion.guide.route import MissionRoute
 from companion.sim.field.autopilot import SimulatedAutopilot
@@ -17,6 +19,7 @@ STEP = 0.02
 ROUND_AND_ON = 150.0
 
 
+@pytest.mark.slow
 def test_a_rover_that_drives_its_mission_drives_along_the_route() -> None:
     stage, rover = LoopbackLink(vehicle=None), Rover(Trail(1))
 

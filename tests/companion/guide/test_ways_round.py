@@ -39,6 +39,7 @@ def test_before_what_leaves_no_room_it_stops(trail: Trail) -> None:
         assert made.clear <= max(0.0, 6.0 - made.pose.x - OUTLINE.front)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stood", [0.0, 15.0])
 @pytest.mark.parametrize(("away", "radius", "aside"), [(0.1, 0.25, 0.0), (0.5, 0.1, 0.0), (0.6, 0.25, 0.2)])
 def test_what_steps_in_where_the_picture_does_not_show_its_foot_is_in_the_way(

@@ -111,6 +111,7 @@ def test_it_comes_every_half_minute_and_summaries_and_heartbeats_lose_nothing_by
     assert all(later - earlier < 1.2 for earlier, later in pairwise(stage.times("HEARTBEAT")))
 
 
+@pytest.mark.slow
 def test_before_the_first_figures_and_after_the_last_nothing_is_said() -> None:
     stage = LoopbackLink()
     drive(stage, 40.0)
@@ -127,6 +128,7 @@ def test_while_a_call_is_open_it_stays_off_the_wire() -> None:
     assert stage.sent("ONBOARD_COMPUTER_STATUS") == []
 
 
+@pytest.mark.slow
 def test_a_budget_without_room_for_it_carries_everything_else() -> None:
     stage = LoopbackLink(LinkSettings("udpout:127.0.0.1:14550", budget=160.0, burst=400.0))
     drive(stage, 100.0, FIGURES)

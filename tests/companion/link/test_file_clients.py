@@ -187,6 +187,7 @@ def test_pymavlinks_client_gets_all_parameters_and_their_defaults(connect: Conne
         assert {name: float(value) for name, value in told.items()} == pytest.approx(listed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [0.1, 0.3])
 def test_over_a_bad_radio_a_file_comes_whole_or_not_at_all(
     connect: Connect, tmp_path: Path, loss: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
 from companion.config.link_settings import LinkSettings
@@ -90,6 +91,7 @@ def test_strangers_under_many_names_get_no_more_than_one_of_them() -> None:
     assert OPERATOR in acked
 
 
+@pytest.mark.slow
 def test_strangers_who_may_not_change_anything_are_named_one_in_a_while() -> None:
     stage = flooded([(system, 7) for system in range(2, 122)], lambda _: SET)
     told = [text for message in stage.sent("STATUSTEXT") if "refused" in (text := message.text)]

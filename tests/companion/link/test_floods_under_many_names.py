@@ -64,6 +64,7 @@ def granted(request: Answer) -> Acknowledgement:
     )
 
 
+@pytest.mark.slow
 def test_2000_answers_a_second_under_many_names_are_bounded_and_the_operator_gets_through() -> None:
     stage, names = LoopbackLink(), cycle(NAMES)
     stage.send(GROUND_HEARTBEAT, OPERATOR)

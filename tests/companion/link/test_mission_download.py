@@ -255,6 +255,7 @@ def test_a_mission_as_long_that_reports_no_id_is_noticed_as_its_items_ahead_are_
     assert items[3].lon == 9.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("bad", "why"),
     [

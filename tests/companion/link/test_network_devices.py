@@ -157,6 +157,7 @@ def test_a_port_that_is_taken_is_tried_again_and_named(ground: socket.socket) ->
     link.close()
 
 
+@pytest.mark.slow
 def test_tcp_connects_survives_a_restart_of_the_other_end_and_connects_again() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(DEADLINE)

@@ -233,6 +233,7 @@ def test_no_parameter_message_ever_raises(name: bytes, value: float, kind: int, 
 BIT_PATTERNS = st.integers(0, 2**32 - 1).map(lambda bits: struct.unpack("<f", struct.pack("<I", bits))[0])
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.sampled_from(FULL), st.floats(width=32) | BIT_PATTERNS | st.integers(-3, 9).map(float))
 def test_every_parameter_takes_what_it_may_be_and_echoes_the_old_value_otherwise(

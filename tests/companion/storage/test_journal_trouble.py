@@ -61,6 +61,7 @@ def _edit(folder: Path, *statements: str) -> None:
     connection.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lines", [1, 2, 37, 80])
 def test_what_was_reported_as_kept_is_there_after_kill_9(tmp_path: Path, lines: int) -> None:
     writer = subprocess.Popen(

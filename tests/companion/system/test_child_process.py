@@ -72,6 +72,7 @@ child.close()
 """
 
 
+@pytest.mark.slow
 def test_the_main_loop_turns_while_the_disk_does_not_give_the_program(tmp_path: Path) -> None:
     try:
         disk = FailingDisk(tmp_path, tmp_path / "state")

@@ -393,6 +393,7 @@ def test_a_process_that_dies_before_it_has_the_whole_memory_gets_all_of_it_anew(
     assert [entry.call_id for entry in vision.memory.history] == list(range(1, 301))
 
 
+@pytest.mark.slow
 def test_a_played_process_remembers_only_what_it_was_asked_last(stage: Stage) -> None:
     for number in range(1, 301):
         stage.vision.tune(replace(Settings(), freshness=float(number)))

@@ -88,6 +88,7 @@ def test_the_seconds_count_from_the_first_bad_picture_and_end_with_the_first_goo
     assert detector.check(black, _ROI, 4.0) == ("picture black", 0.0)
 
 
+@pytest.mark.slow
 def test_real_daylight_is_hardly_ever_called_badly_exposed() -> None:
     paths = sorted((_DATA / "trail").glob("*0.jpg"))
     if not paths:

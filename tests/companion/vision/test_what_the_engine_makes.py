@@ -51,6 +51,7 @@ def test_a_scene_that_cannot_be_compared_is_a_fault_that_is_believed() -> None:
     heard(looked)
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(list(POOLINGS)), st.sampled_from(list(UNCERTAINTIES)))
 def test_every_map_that_the_engine_makes_is_believed(seed: int, pooling: str, uncertainty: str) -> None:

@@ -110,6 +110,7 @@ TOLD = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.lists(TOLD, min_size=1, max_size=40), max_size=6))
 def test_whoever_is_heard_is_in_the_table_and_the_silent_do_not_fill_it(bursts: list[list[Told]]) -> None:

@@ -360,6 +360,7 @@ def test_the_newest_files_stay_in_the_folder_and_what_is_none_of_ours(rover: Rov
     assert CONTENT in rover.stored()
 
 
+@pytest.mark.slow
 def test_where_the_rovers_page_is_named_files_come_from_it(
     thing_call: CallReport, quiet_summary: Summary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

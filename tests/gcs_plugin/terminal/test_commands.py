@@ -161,6 +161,7 @@ def written(change: Operation) -> str:
             return f"other place {call_id}" if call_id else "other place"
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(
     _CHANGES,

@@ -263,6 +263,7 @@ def test_a_signal_ends_it_with_the_figures(start: Callable[..., Operator], numbe
     assert operator.event("end")["calls"] == 0
 
 
+@pytest.mark.slow
 def test_a_rover_that_speaks_first_is_heard_on_a_port_that_listens(
     start: Callable[..., Operator], fly: Callable[..., Air]
 ) -> None:

@@ -129,6 +129,7 @@ def test_a_value_that_was_edited_in_the_file_since_counts_as_edited_from_the_fir
     assert (values["AT_THR_ROI"], values["AT_ROI_T"]) == (0.2, 0.7)
 
 
+@pytest.mark.slow
 @given(
     saved=JSON
     | st.fixed_dictionaries({"model": JSON, "values": st.dictionaries(st.sampled_from(sorted(LISTED)), JSON)})

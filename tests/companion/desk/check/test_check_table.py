@@ -48,6 +48,7 @@ _FIGURES = st.dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(_FIGURES)
 def test_beside_a_companion_each_check_has_a_row_whatever_its_status_says(

@@ -214,6 +214,7 @@ def test_a_small_file_that_says_far_more_takes_little_memory(tmp_path: Path, top
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_schemas_and_channels_are_not_held_without_bound(tmp_path: Path) -> None:
     path = tmp_path / "000001.mcap"
     with path.open("wb") as file:

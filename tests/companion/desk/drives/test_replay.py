@@ -35,6 +35,7 @@ def replayed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, 
     return code, json.loads(said.splitlines()[-1]), said
 
 
+@pytest.mark.slow
 def test_the_recorded_drive_is_judged_as_by_the_references(capsys: pytest.CaptureFixture[str]) -> None:
     code, figures, said = replayed(capsys, str(DRIVE))
     assert (code, figures["same"]) == (0, True), said
@@ -42,6 +43,7 @@ def test_the_recorded_drive_is_judged_as_by_the_references(capsys: pytest.Captur
     assert figures["left_out"] == {}
 
 
+@pytest.mark.slow
 def test_it_is_judged_as_the_rover_did_but_for_what_jpeg_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -71,6 +73,7 @@ def test_other_words_are_told_frame_by_frame(tmp_path: Path, capsys: pytest.Capt
     assert figures["reasons"] > 0
 
 
+@pytest.mark.slow
 def test_references_can_be_written_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mine = tmp_path / "mine.jsonl"
     assert main(["replay", str(DRIVE), "--refs", str(mine), "--update-refs"]) == 0
@@ -123,6 +126,7 @@ def again_at(copy: Copy, since: int) -> None:
         copy.add(one)
 
 
+@pytest.mark.slow
 def test_frames_of_two_starts_of_the_companion_are_told_apart(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -242,6 +246,7 @@ def test_what_differs_is_named_and_nothing_compared_is_not_the_same() -> None:
 NUMBERS = st.none() | st.floats(0, 1).map(lambda value: round(value, 5))
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.builds(

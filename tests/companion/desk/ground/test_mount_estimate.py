@@ -185,6 +185,7 @@ ANYTHING = st.recursive(
 NAMES = st.sampled_from(["position_at", "speed", "attitude_at", "attitude"])
 
 
+@pytest.mark.slow
 @given(st.lists(st.dictionaries(NAMES, ANYTHING | st.floats(0, 20), max_size=4), max_size=8))
 def test_whatever_a_recording_says_of_the_vehicle_its_pairs_are_short_and_straight(
     told: list[dict[str, Any]],

@@ -42,6 +42,7 @@ def sending(*datagrams: bytes) -> Iterator[str]:
         thread.join()
 
 
+@pytest.mark.slow
 def test_autopilot_and_ground_station_are_told_apart_the_autopilot_first() -> None:
     rover = heartbeat(7, 1, mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
     ground = heartbeat(255, 190, mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID)

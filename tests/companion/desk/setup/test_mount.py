@@ -34,6 +34,7 @@ def row_of(config: Config, metres: float) -> float:
     return float(rows[seen[0]])
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     height=st.floats(0.2, 3.0),

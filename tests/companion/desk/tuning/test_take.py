@@ -115,6 +115,7 @@ def test_what_cannot_be_taken_is_refused_and_the_file_stays(
     assert rover.read_text() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tuning.json", "calls.json"])
 def test_what_is_seen_too_late_by_the_configuration_of_now_is_refused(
     rover: Path, capsys: Out, name: str

@@ -94,6 +94,7 @@ def test_the_light_of_a_frame_is_measured_once_for_all_combinations(
     assert len(measured) == 16
 
 
+@pytest.mark.slow
 def test_what_was_perceived_is_all_that_judging_asks_for(drive: Path, tmp_path: Path) -> None:
     config = load_config(drive.parent / "companion.toml")
     episode, where = Episode(str(drive), 10.0), Where(tmp_path, 10**9)

@@ -43,6 +43,7 @@ def post(stage: Stage, path: str, content: Any) -> tuple[int, Mapping[str, Any]]
     return found[0].status, json.loads(found[0].body)
 
 
+@pytest.mark.slow
 def test_a_change_is_looked_at_refused_while_armed_and_written_when_the_vehicle_stands(
     stage: SettingsStage,
 ) -> None:

@@ -211,6 +211,7 @@ def test_paces_fall_and_the_next_one_is_skipped_where_the_computer_is_known_to_b
     assert allowed(PACES[4], 0.3) > 4 * allowed(PACES[0], SPEED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pace", PACES)
 @pytest.mark.parametrize("guide", [False, True])
 def test_at_each_pace_the_rover_stops_in_time(tmp_path: Path, pace: DemoPace, guide: bool) -> None:

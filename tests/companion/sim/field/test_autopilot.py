@@ -340,6 +340,7 @@ numbers = st.floats(width=32)
 KNOWN_COMMANDS = (176, 400, 511, 512, 520, 245, 193)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(number=st.sampled_from(KNOWN_COMMANDS) | st.integers(0, 65_535), first=numbers, second=numbers)
 def test_every_command_with_any_numbers_gets_one_acknowledgement(

@@ -48,6 +48,7 @@ def running(server: FieldServer) -> Iterator[FieldControl]:
         loop.join()
 
 
+@pytest.mark.slow
 def test_physics_keeps_time_while_the_camera_is_too_slow_for_its_rate() -> None:
     server = FieldServer(World(1), SlowCamera(), FieldOptions(fps=50.0, autostart=True))
     with running(server) as control:

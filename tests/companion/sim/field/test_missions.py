@@ -158,6 +158,7 @@ def test_px4_calls_a_mission_paused_that_it_does_not_drive() -> None:
     assert drive.state == PAUSED
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_mission_without_an_end_goes_round_and_has_a_jump_at_its_end(
     kind: type[SimulatedAutopilot],

@@ -176,6 +176,7 @@ def test_a_restart_of_scripting_does_not_stop_a_companion_s_rover_nor_forget_the
     assert scene.is_in(Mode.HOLD)
 
 
+@pytest.mark.slow
 def test_its_parameters_are_the_autopilot_s_own(scene: Scene) -> None:
     scene.pass_time(1.0)
     names = {row.name for row in scene.autopilot.parameters.rows()}

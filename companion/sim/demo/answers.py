@@ -71,17 +71,18 @@ class AutoOperator:
 
     def _line(self, call: Mapping[str, Any], shown: Shown, tries: int, *, stands_there: bool) -> str | None:
         thing = shown.thing is not None
-        # What the rover takes for a clear way, though the thing is there, has to be named all the same.
-        missed = call["kind"] == "call" and call["stage"] == "clear" and thing and stands_there
-        if (call["kind"] == "hold" or call["stage"] != "open") and not missed:
+        own = "".join(f" {side:.4f}" for side in shown.outline or ())
+        tap = f"tap {shown.kind} -1{own} go" if tries <= 2 else None
+        if thing and stands_there and call["kind"] == "call" and call["stage"] == "clear":
+            return tap  # what the rover takes for a clear way is none
+        if call["kind"] == "hold" or call["stage"] != "open":
             goes = call["stage"] == "clear" or (call["stage"] == "open" and not thing)
             goes = goes and not stands_there
             return "go" if tries == 0 and goes else None
-        if "unknown_scene" in call["reasons"] and tries == 0 and not missed:
+        if "unknown_scene" in call["reasons"] and tries == 0:
             return f"{WORDS_FOR_PLACE[shown.zone]}, go"
         if thing:
-            own = "".join(f" {side:.4f}" for side in shown.outline or ())
-            return f"tap {shown.kind} -1{own} go" if tries <= 2 else None
+            return tap
         if "unknown_scene" in call["reasons"] or tries > 0 or not shown.kind:
             return "go"
         dry = shown.kind == "grass" and shown.zone == DRY

@@ -25,7 +25,7 @@ MOST = 1_000_000
 """Messages that are read, of all recordings, for their memory."""
 _LONGEST_AGE, _LATEST = 60.0, 1e11
 _GAP = 2.0
-"""Seconds between two reports of the vehicle beyond which it is not known what it did."""
+"""Seconds between two messages beyond which it is not known what happened: the clock may have been set."""
 _LONGEST_NAME = 40
 _MOST_VEHICLES = 16
 _READ = (
@@ -181,6 +181,7 @@ class _Taking:
 
     def __init__(self) -> None:
         self.facts = DrivenFacts()
+        self._last: float | None = None
         self._odometer = Odometer()
         self._reported: tuple[float, float] | None = None
         """When the vehicle reported last, and its speed."""
@@ -193,7 +194,9 @@ class _Taking:
         facts = self.facts
         facts.begin = at if facts.begin is None else min(facts.begin, at)
         facts.end = at if facts.end is None else max(facts.end, at)
-        facts.seconds = facts.end - facts.begin
+        if self._last is not None and 0 < at - self._last <= _GAP:
+            facts.seconds += at - self._last
+        self._last = at
         told = read_json(data)
         match topic:
             case Topic.ASSESSMENT:

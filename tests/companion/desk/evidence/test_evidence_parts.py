@@ -295,6 +295,15 @@ def test_the_time_is_kept_within_a_recording(tmp_path: Path, monkeypatch: pytest
     assert 0 < len(read_drives(tmp_path, longest=30.0).gaps) < 40
 
 
+@pytest.mark.parametrize("set_by", [-7200.0, 3600.0])
+def test_a_clock_that_is_set_while_it_records_makes_the_recorded_time_no_longer(
+    tmp_path: Path, set_by: float
+) -> None:
+    before, after = [heard(float(each)) for each in range(10)], [heard(set_by + each) for each in range(10, 20)]
+    recorded(tmp_path, 1, [*before, *after])
+    assert read_drives(tmp_path).seconds == pytest.approx(18.0)
+
+
 def test_recordings_that_were_deleted_in_between_are_counted(tmp_path: Path) -> None:
     for number in (3, 4, 7):
         recorded(tmp_path, number, [heard(1.0)])

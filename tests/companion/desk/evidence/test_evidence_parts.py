@@ -299,8 +299,7 @@ def test_the_time_is_kept_within_a_recording(tmp_path: Path, monkeypatch: pytest
 def test_a_clock_that_is_set_while_it_records_makes_the_recorded_time_no_longer(
     tmp_path: Path, set_by: float
 ) -> None:
-    before, after = [heard(float(each)) for each in range(10)], [heard(set_by + each) for each in range(10, 20)]
-    recorded(tmp_path, 1, [*before, *after])
+    recorded(tmp_path, 1, [heard(each + (set_by if each >= 10 else 0.0)) for each in range(20)])
     assert read_drives(tmp_path).seconds == pytest.approx(18.0)
 
 

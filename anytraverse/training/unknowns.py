@@ -17,11 +17,13 @@ from anytraverse.frame import Image
 from anytraverse.training.classes import GROUND, UNKNOWN, UNLABELLED
 from anytraverse.training.cutouts import Cutout
 from anytraverse.training.folders import Labels
+from anytraverse.training.surfaces import recoloured, relief, surface
 
 Rng = np.random.Generator
 Floats = NDArray[np.float32]
 Window = tuple[slice, slice]
 
+_ACROSS = 0.12  # share of made things that cross the whole view
 EDGE = 1  # pixels around a thing that are left unlabelled
 
 
@@ -49,6 +51,8 @@ def move_patches(image: Image, labels: Labels, rng: Rng) -> tuple[Image, Labels]
     rows, columns = labels.shape
     for _ in range(int(rng.integers(1, 5))):
         size = rows * math.exp(rng.uniform(math.log(0.06), math.log(0.4))) * np.exp(rng.normal(0.0, 0.4, 2))
+        if rng.random() < _ACROSS:
+            size[0] = columns * rng.uniform(0.8, 1.5)
         centre = rng.uniform(0, columns), rng.uniform(0.4, 1.0) * rows
         mask = _shape((rows, columns), centre, (float(size[0]), float(size[1])), rng) > 0.5
         left, top, wide, high = cv2.boundingRect(mask.astype(np.uint8))
@@ -95,11 +99,14 @@ def paste_thing(
 ) -> None:
     """Paste one thing into `picture` and `names`; its surface may be copied from `source`.
 
-    at: column and row of its foot in pixels; None: drawn.
+    at: column and row of its foot in pixels; None: drawn, and some made things cross the whole view.
     """
     rows, columns = names.shape
     near = rng.random() < 0.15  # it fills much of the frame, as a car does just before the rover
+    across = cutout is None and at is None and rng.random() < _ACROSS
     high = rows * math.exp(rng.uniform(math.log(0.05), math.log(0.5)) if not near else rng.uniform(-0.7, 0.3))
+    if across:
+        high = rows * math.exp(rng.uniform(math.log(0.04), math.log(0.35)))
     wide = high * math.exp(rng.normal(0.0, 0.5 if rng.random() < 0.7 else 1.2))
     foot = np.clip(rng.normal(0.62, 0.2), 0.2, 1.1) * rows
     middle = rng.uniform(0, columns)
@@ -109,6 +116,8 @@ def paste_thing(
         wide = min(high * cutout.shape[1] / cutout.shape[0], (1.5 if near else 0.6) * columns)
         placed = _placed(cutout, (rows, columns), (middle, foot - high / 2), (wide, high), rng)
         mask: Floats = np.float32(1 / 255) * np.asarray(placed[..., 3], dtype=np.float32)
+    elif across:
+        mask = _band((rows, columns), (middle, foot), high, rng)
     else:
         mask = _shape((rows, columns), (middle, foot - high / 2), (wide, high), rng)
     box = cv2.boundingRect((mask > 0.5).astype(np.uint8))
@@ -118,16 +127,17 @@ def paste_thing(
     window = (slice(top, top + height), slice(left, left + width))
     level = float(source[window].mean()) / 128
     if cutout is not None:
-        surface = _recoloured(placed[window][..., :3], rng)
+        painted = recoloured(placed[window][..., :3], rng)
     else:
-        surface = _surface((height, width), source, rng) * _relief((height, width), rng)[..., None]
+        shape = height, width
+        painted = surface(shape, source, rng, across=across) * relief(shape, rng)[..., None]
     if rng.random() < 0.7:  # lit like its surroundings
-        surface = surface * np.float32(np.clip(level * math.exp(rng.normal(0, 0.3)), 0.1, 2.0))
+        painted = painted * np.float32(np.clip(level * math.exp(rng.normal(0, 0.3)), 0.1, 2.0))
     if rng.random() < 0.6:
         _shadow(picture, mask, (wide, high), rng)
     soft = mask[window][..., None]
     under = picture[window].astype(np.float32)
-    picture[window] = np.clip(under * (1 - soft) + surface * soft, 0, 255).astype(np.uint8)
+    picture[window] = np.clip(under * (1 - soft) + painted * soft, 0, 255).astype(np.uint8)
     solid = (mask > 0.5).astype(np.uint8)
     around = cv2.dilate(solid, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
     names[(around > 0) & (solid == 0)] = UNLABELLED
@@ -155,19 +165,6 @@ def _placed(
     return np.asarray(cv2.warpAffine(shrunk, matrix, shape[::-1], flags=cv2.INTER_LINEAR), dtype=np.uint8)
 
 
-def _recoloured(colours: NDArray[np.uint8], rng: Rng) -> Floats:
-    """Change the colours of a thing: paler or grey, tinted, lighter or darker; RGB 0 to 255."""
-    surface: Floats = colours.astype(np.float32)
-    if rng.random() < 0.5:
-        grey = surface.mean(axis=2, keepdims=True)
-        surface = grey + np.float32(rng.uniform(0.0, 1.3)) * (surface - grey)
-    if rng.random() < 0.5:
-        surface = surface * np.exp(rng.normal(0, 0.25, 3)).astype(np.float32)
-    contrast = np.float32(math.exp(rng.normal(0, 0.2)))
-    mean = np.float32(surface.mean())
-    return np.asarray(mean + contrast * (surface - mean), dtype=np.float32)
-
-
 def _shape(
     shape: tuple[int, int], centre: tuple[float, float], size: tuple[float, float], rng: Rng
 ) -> Floats:
@@ -190,69 +187,32 @@ def _shape(
             radius = rng.uniform(0.55, 1.0, count) if count < 32 else np.ones(32)
             corners = at + 0.5 * np.stack([np.cos(angles), np.sin(angles)], axis=1) * radius[:, None] * extent
         cv2.fillPoly(mask, [np.round(corners * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+    return _softened(mask)
+
+
+def _band(shape: tuple[int, int], foot: tuple[float, float], high: float, rng: Rng) -> Floats:
+    """Draw what lies or stands across the view, as a trunk, a wall or a tarp: opacity (rows, columns).
+
+    It ends outside of the view on both sides, or on one side of `foot`, a column and a row in pixels.
+    """
+    columns = shape[1]
+    slope, taper = math.tan(math.radians(rng.normal(0, 5))), rng.normal(0, 0.25)
+    at = np.linspace(-0.2, 1.2, 24) * columns
+    middle = foot[1] - high / 2 + slope * (at - foot[0])
+    rough = 1 + max(0.0, rng.uniform(-0.15, 0.15)) * rng.normal(0, 1, (2, len(at)))
+    half = high / 2 * np.exp(taper * (at / columns - 0.5)) * rough
+    mask = np.zeros(shape, dtype=np.uint8)
+    edge = np.concatenate([np.stack([at, middle - half[0]], 1), np.stack([at, middle + half[1]], 1)[::-1]])
+    cv2.fillPoly(mask, [np.round(edge * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+    if rng.random() < 0.3:  # one end is in view
+        end = round(foot[0] + rng.uniform(0.1, 0.6) * columns)
+        mask[:, end:] = 0
+    return _softened(mask)
+
+
+def _softened(mask: NDArray[np.uint8]) -> Floats:
     soft = np.asarray(mask, dtype=np.float32) / 255
     return np.asarray(cv2.GaussianBlur(soft, (3, 3), 0), dtype=np.float32)
-
-
-def _surface(shape: tuple[int, int], source: Image, rng: Rng) -> Floats:
-    """Draw a surface, RGB 0 to 255: paint, stripes, patches, or a piece of the frame in other colours."""
-    rows, columns = shape
-    colour = _colour(rng)
-    kind = rng.random()
-    if kind < 0.35:
-        surface = np.broadcast_to(colour, (rows, columns, 3)).astype(np.float32)
-    elif kind < 0.5:
-        period, angle = rng.uniform(3, 30), rng.uniform(0, math.pi)
-        y, x = np.mgrid[:rows, :columns]
-        wave = np.sin((x * math.cos(angle) + y * math.sin(angle)) * 2 * math.pi / period + rng.uniform(0, 6))
-        share = np.clip(wave * rng.uniform(1, 8) * 0.5 + 0.5, 0, 1)[..., None]
-        surface = (share * colour + (1 - share) * _colour(rng)).astype(np.float32)
-    elif kind < 0.7:
-        coarse = rng.uniform(size=(int(rng.integers(2, 7)), int(rng.integers(2, 7)))).astype(np.float32)
-        how = cv2.INTER_NEAREST if rng.random() < 0.5 else cv2.INTER_CUBIC
-        share = np.clip(np.asarray(cv2.resize(coarse, (columns, rows), interpolation=how)), 0, 1)[..., None]
-        surface = (share * colour + (1 - share) * _colour(rng)).astype(np.float32)
-    else:
-        surface = _borrowed(shape, source, rng)
-    grain = rng.standard_normal((rows, columns, 1), dtype=np.float32) * np.float32(rng.uniform(0, 0.12))
-    if rng.random() < 0.5:
-        grain = np.asarray(cv2.GaussianBlur(grain, (0, 0), 1.2), dtype=np.float32)[..., None] * 2
-    return np.asarray(surface * (1 + grain), dtype=np.float32)
-
-
-def _borrowed(shape: tuple[int, int], source: Image, rng: Rng) -> Floats:
-    """Copy a piece of the frame at another scale, with changed colours: swapped, negative or tinted."""
-    rows, columns = shape
-    high, wide = (int(rng.integers(8, side)) for side in source.shape[:2])
-    top, left = int(rng.integers(0, source.shape[0] - high)), int(rng.integers(0, source.shape[1] - wide))
-    there = source[top : top + high, left : left + wide]
-    piece = cv2.resize(there, (columns, rows), interpolation=cv2.INTER_AREA)
-    order = rng.permutation([1, 2, 0] if rng.random() < 0.5 else [2, 0, 1])
-    surface: Floats = np.asarray(piece, dtype=np.float32)[..., order]
-    if rng.random() < 0.4:
-        surface = 255 - surface
-    painted = surface.mean(axis=2, keepdims=True) * _colour(rng) / 128
-    return np.asarray(0.5 * surface + 0.5 * painted, dtype=np.float32)
-
-
-def _colour(rng: Rng) -> Floats:
-    """Draw any colour: vivid, pale, grey, black or white. RGB 0 to 255, (3,)."""
-    hue, value = rng.uniform(0, 180), 255 * rng.beta(1.3, 1.1)
-    vivid = 255 * (rng.beta(2, 1) if rng.random() < 0.6 else rng.beta(1, 4))
-    pixel = np.array([[[hue, vivid, value]]]).astype(np.uint8)
-    return np.asarray(cv2.cvtColor(pixel, cv2.COLOR_HSV2RGB)[0, 0], dtype=np.float32)
-
-
-def _relief(shape: tuple[int, int], rng: Rng) -> Floats:
-    """Draw the shading of a body: round from side to side and from above, or flat."""
-    rows, columns = shape
-    if rng.random() < 0.3:
-        return np.ones(shape, dtype=np.float32)
-    across = np.linspace(-1, 1, columns) - rng.uniform(-0.6, 0.6)
-    down = np.linspace(-1, 1, rows) - rng.uniform(-0.8, 0.2)
-    round_x, round_y = rng.uniform(0, 0.6), rng.uniform(0, 0.4)
-    relief = 1.1 - round_x * across[None] ** 2 - round_y * down[:, None] ** 2
-    return np.asarray(relief.clip(0.15), dtype=np.float32)
 
 
 def _shadow(picture: Image, mask: Floats, size: tuple[float, float], rng: Rng) -> None:

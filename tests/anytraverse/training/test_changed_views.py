@@ -55,6 +55,15 @@ def test_pasted_things_are_unknown_and_leave_the_rest_alone() -> None:
     assert pasted >= 18
 
 
+def test_some_things_cross_the_whole_view() -> None:
+    image, labels = blocks()
+    crossing = 0
+    for seed in range(60):
+        thing = paste_unknowns(image, labels, np.random.default_rng(seed))[1] == UNKNOWN
+        crossing += int((thing.any(axis=0).all()) and thing.mean() < 0.5)
+    assert 6 <= crossing <= 40
+
+
 def test_moved_patches_keep_their_labels() -> None:
     image, labels = blocks()
     moved_some = 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,7 +18,8 @@ from anytraverse.perception.runtime import Runtime
 from anytraverse.preferences import Preferences
 from anytraverse.regions import Box
 from companion.sim.field.render import LABELS, PinholeCamera
-from companion.sim.field.things import World
+from companion.sim.field.things import World, lying_across
+from companion.sim.field.trail import LOOP
 
 Labels = NDArray[np.uint8]
 
@@ -82,6 +84,23 @@ def test_a_thing_without_a_word_is_uncertain_and_the_trail_is_not(
         assert ground < 0.2  # with the rim of what lies across the way
 
 
+@pytest.mark.parametrize("seed", [3, 7, 23])
+def test_a_log_that_crosses_the_whole_picture_is_uncertain_and_the_trail_is_not(
+    network: GroundNetwork, seed: int
+) -> None:
+    world = World(seed, course=replace(LOOP, half=2.4))
+    at = world.trail.start + 31.0
+    world.add(lying_across(world.trail, at))
+    seen = PinholeCamera(world, 320, 240, seed)
+    things = []
+    for distance in (5.0, 4.5, 4.0, 3.5, 3.0):
+        image, labels = seen.render(world.trail.pose(at - distance), 0.0)
+        thing, ground = parts(1 - asked(network, image).max(axis=0), labels, "log")
+        things.append(thing)
+        assert ground < 0.1
+    assert np.mean(things) > 0.4
+
+
 @pytest.mark.parametrize("kind", ["drum", "rock", "log"])
 def test_a_tapped_thing_is_found_nearer_and_in_other_light(network: GroundNetwork, kind: str) -> None:
     image, labels = before(kind, 31, 4.5)
@@ -109,19 +128,22 @@ def test_a_tapped_thing_is_not_found_in_another_strange_thing(
 
 @pytest.mark.parametrize("kind", ["drum", "rock", "log"])
 def test_a_tapped_danger_covers_all_that_is_strange_about_it(network: GroundNetwork, kind: str) -> None:
-    image, labels = before(kind, 31, 5.5)
-    example = network.example(network.encode(image), thing_box(labels, kind))
-    for distance in (5.5, 4.5, 3.5):
-        image, labels = before(kind, 31, distance)
-        seen = network.encode(image)
-        danger = Prompt("named", (example,), drivable=False)
-        nothing, some, whole = (
-            parts(1 - asked(network, image, *more).max(axis=0), labels, kind)[0]
-            for more in ((), (Prompt("named", (example,)),), (danger,))
-        )
-        assert whole < 0.45 < nothing
-        assert whole <= some
-        assert parts(network.attend(seen, [danger])[0], labels, kind)[1] < 0.15
+    left = []
+    for seed in (31, 32, 33, 34):
+        image, labels = before(kind, seed, 5.5)
+        example = network.example(network.encode(image), thing_box(labels, kind))
+        for distance in (5.5, 4.5, 3.5):
+            image, labels = before(kind, seed, distance)
+            danger = Prompt("named", (example,), drivable=False)
+            nothing, some, whole = (
+                parts(1 - asked(network, image, *more).max(axis=0), labels, kind)[0]
+                for more in ((), (Prompt("named", (example,)),), (danger,))
+            )
+            assert nothing > 0.45
+            assert whole <= some
+            assert parts(network.attend(network.encode(image), [danger])[0], labels, kind)[1] < 0.15
+            left.append(whole > 0.15)
+    assert sum(left) <= 1  # of twelve views one may call again
 
 
 def test_a_weak_word_that_was_tapped_means_what_was_tapped(network: GroundNetwork) -> None:

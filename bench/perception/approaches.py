@@ -14,7 +14,7 @@ from bench.perception.figures import Figure, share
 from bench.perception.frames import Frames, LabelledSet, spread
 from bench.perception.judged import Judge
 from bench.perception.pasting import Cutout, covered, paste
-from bench.perception.things import KINDS, LARGE, OTHER, SMALL
+from bench.perception.things import ACROSS, KINDS, LARGE, OTHER, SMALL
 
 FARTHEST, NEAREST, STEPS = 10.0, 2.8, 9
 """Metres of the first and the last frame, and how many there are.
@@ -111,7 +111,7 @@ def backgrounds(sets: Sequence[LabelledSet], most: int) -> list[LabelledFrame]:
 def measure_approaches(driven: Sequence[Approach]) -> dict[str, Figure]:
     """Count what was never noticed, by place and group, by kind and by source."""
     found: dict[str, Figure] = {}
-    for group in (LARGE, SMALL, OTHER):
+    for group in (LARGE, SMALL, OTHER, ACROSS):
         kinds = [kind for kind in KINDS if KINDS[kind].group == group]
         for place in ("home", "abroad"):
             own = [one for one in driven if one.kind in kinds and one.place == place]

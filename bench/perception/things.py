@@ -17,6 +17,8 @@ from companion.sim.field.sprites import paint_all
 from companion.sim.field.tiles import noise
 
 LARGE, SMALL, OTHER = "person, vehicle, barrel", "rock, log, animal", "wall, tarp, other"
+ACROSS = "trunk, long wall"
+"""What crosses the whole picture before a rover stands before it."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ KINDS: dict[str, _Kind] = {
     "wall": _Kind(1.0, OTHER),
     "tarp": _Kind(1.2, OTHER),
     "thing": _Kind(0.35, OTHER),
+    "trunk": _Kind(0.44, ACROSS),
+    "long wall": _Kind(1.0, ACROSS),
 }
 PHOTOGRAPH, SPRITE, MADE = "photograph", "simulation's sprite", "made"
 REGION, CHIP = "region of a frame abroad", "rock's surface of a frame abroad, made outline"
@@ -44,6 +48,7 @@ _LOOKS = 3
 _SPRITES = {"rock": "rock", "log": "log", "drum": "barrel"}
 _LEAST = 24  # pixels: a smaller region shows too little
 _FILLED = 0.4  # share of its box that a region fills
+_ACROSS = 16  # length over thickness of what crosses the picture
 _LONG = 1.5  # a log's region is at least so many times as wide as high
 
 Bytes = NDArray[np.uint8]
@@ -69,6 +74,10 @@ def gather(photographs: Path | None, abroad: Sequence[LabelledSet], seed: int) -
     found["tarp"] += [
         Cutout(tarp(rng, look), KINDS["tarp"].height, MADE, flat=True) for look in range(_LOOKS)
     ]
+    for look in range(_LOOKS):
+        found["trunk"].append(Cutout(trunk(rng, look), KINDS["trunk"].height, MADE))
+        row = np.concatenate([wall(rng, look) for _ in range(4)], axis=1)
+        found["long wall"].append(Cutout(row, KINDS["long wall"].height, MADE))
     return found
 
 
@@ -140,6 +149,17 @@ def wall(rng: np.random.Generator, look: int) -> Bytes:
     rough = 1 + 0.07 * noise(rng, rows, columns, 2, 8) + 0.06 * noise(rng, rows, columns, 20, 80)
     shaded = np.clip(picture * rough[..., None], 0, 255).astype(np.uint8)
     return np.dstack([shaded, np.full((rows, columns), 255, dtype=np.uint8)])
+
+
+def trunk(rng: np.random.Generator, look: int) -> Bytes:
+    """Paint the side of a fallen trunk, `_ACROSS` times as long as thick: brown, grey or pale bark."""
+    rows, columns = 60, 60 * _ACROSS
+    base = np.array([(112, 78, 54), (110, 108, 102), (178, 170, 152)][look], dtype=np.float64)
+    bark = noise(rng, rows, columns, 2, 30) + 0.6 * noise(rng, rows, columns, 8, 200)
+    body = 0.35 + 0.8 * np.sin(np.linspace(0.25, 0.95, rows) * np.pi) * np.linspace(1.1, 0.7, rows)
+    picture = base * np.clip(1 + 0.2 * bark, 0.4, 1.6)[..., None] * body[:, None, None]
+    opaque = np.full((rows, columns), 255, dtype=np.uint8)
+    return np.dstack([np.clip(picture, 0, 255).astype(np.uint8), opaque])
 
 
 def tarp(rng: np.random.Generator, look: int) -> Bytes:

@@ -23,7 +23,7 @@ PYTEST = $(PYTHON_IN_VENV) -m pytest -n $(WORKERS) --dist=loadfile --no-loadscop
 AGAIN = { [ $$? = 1 ] && echo "make: tests that failed beside others run again, alone" && \
 	$(PYTHON_IN_VENV) -m pytest --last-failed --last-failed-no-failures none
 
-test: ready-dev ## run the fast tests on all cores (five to six minutes on two); ARGS="-k wheel" passes options on to pytest
+test: ready-dev ## run the fast tests on all cores (under five minutes on two); ARGS="-k wheel" passes options on to pytest
 	@$(PYTEST) -m "not slow" $(ARGS) || $(AGAIN) -m "not slow" $(ARGS); }
 
 test-slow: ready-dev ## run the other tests: real processes, benches, parity with torch and transformers; ARGS as for test

@@ -88,7 +88,7 @@ class Axis(NamedTuple):
 
     def encoded(self, field: str) -> dict[str, Any]:
         """Return the encoding of a field on it."""
-        scale: dict[str, Any] = {"padding": _PADDING}
+        scale: dict[str, Any] = {"padding": _PADDING, "nice": False}
         if self.span is not None:
             low, high = self.span
             beside = _BESIDE * (high - low)  # so that points at its ends are whole

@@ -21,14 +21,14 @@ from companion.sim.field.control import FieldControl
 from tests.waiting import wait_for
 
 DRIVE = Path(__file__).with_name("drive.mcap")
-_SECONDS, _EVERY = 45.0, 3
+_SECONDS, _EVERY, _FRAMES = 60.0, 3, 17
 _KEPT = {
     TOPICS[topic].name for topic in (Topic.CAMERA, Topic.ASSESSMENT, Topic.WORDS, Topic.SETTINGS, Topic.SETUP)
 }
 
 
 def main() -> None:
-    """Drive, record, and write every third of the recorded frames with its assessment."""
+    """Drive, record, and write every third of the recorded frames, 17 in all, with its assessment."""
     with tempfile.TemporaryDirectory() as folder:
         _record(Path(folder))
         found = [
@@ -36,7 +36,8 @@ def main() -> None:
             for path in sorted(Path(folder, "state", "recordings").glob("*.mcap"))
             for one in messages(path, _KEPT)
         ]
-    frames = sorted({one.message.sequence for one in found if one.channel.topic == "/camera"})[::_EVERY]
+    every = sorted({one.message.sequence for one in found if one.channel.topic == "/camera"})
+    frames = every[::_EVERY][:_FRAMES]
     with DRIVE.open("wb") as file:
         copy = Copy(file)
         for one in found:
@@ -70,10 +71,13 @@ def _record(folder: Path) -> None:
 
 
 def _without_names(one: Read) -> Read:
-    """Leave out where and on what the drive was recorded."""
-    if one.channel.topic != "/setup":
+    """Leave out where and on what the drive was recorded, and how the vehicle stood."""
+    if one.channel.topic not in ("/setup", "/assessment"):
         return one
     told = json.loads(one.message.data)
+    if one.channel.topic == "/assessment":
+        one.message.data = json.dumps({k: v for k, v in told.items() if k not in ("lean", "pose")}).encode()
+        return one
     told["computer"] = "simulated"
     told["config"] = re.sub(r'(?m)^(source|url|folder) = "[^"]+"', _neutral, told["config"])
     one.message.data = json.dumps(told).encode()

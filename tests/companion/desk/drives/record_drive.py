@@ -74,12 +74,10 @@ def _without_names(one: Read) -> Read:
     """Leave out where and on what the drive was recorded, and how the vehicle stood."""
     if one.channel.topic not in ("/setup", "/assessment"):
         return one
-    told = json.loads(one.message.data)
-    if one.channel.topic == "/assessment":
-        one.message.data = json.dumps({k: v for k, v in told.items() if k not in ("lean", "pose")}).encode()
-        return one
-    told["computer"] = "simulated"
-    told["config"] = re.sub(r'(?m)^(source|url|folder) = "[^"]+"', _neutral, told["config"])
+    told = {key: value for key, value in json.loads(one.message.data).items() if key not in ("lean", "pose")}
+    if one.channel.topic == "/setup":
+        told["computer"] = "simulated"
+        told["config"] = re.sub(r'(?m)^(source|url|folder) = "[^"]+"', _neutral, told["config"])
     one.message.data = json.dumps(told).encode()
     return one
 

@@ -1,7 +1,7 @@
 """Pastes things into frames, which teach the network the class of things without a name.
 
 Made things have random shapes and surfaces. They are meant to resemble nothing in particular: no drum, rock
-or log is drawn on purpose. Others are photographs without a background.
+or short log is drawn on purpose. Some cross the whole view. Others are photographs without a background.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ def _shape(
 def _band(shape: tuple[int, int], foot: tuple[float, float], high: float, rng: Rng) -> Floats:
     """Draw what lies or stands across the view, as a trunk, a wall or a tarp: opacity (rows, columns).
 
-    It ends outside of the view on both sides, or on one side of `foot`, a column and a row in pixels.
+    foot: column and row of its foot in pixels. Both ends are outside of the view, or the right one is in it.
     """
     columns = shape[1]
     slope, taper = math.tan(math.radians(rng.normal(0, 5))), rng.normal(0, 0.25)

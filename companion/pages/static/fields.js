@@ -8,7 +8,7 @@ const EMPTY = "not set";
 // key: "section.key". name: what stands before it, by default the setting's own. long: whether it may be a long text.
 export class Field {
   constructor(store, key, { name = "", help = "", wide = false } = {}) {
-    Object.assign(this, { store, key });
+    Object.assign(this, { store, key, together: [this] });
     const id = `f-${key.replace(".", "-")}`;
     this.row = store.row(key);
     this.input = this.made(id);
@@ -54,11 +54,25 @@ export class Field {
   async send() {
     const { value, wrong } = this.read(), typed = this.input.value;
     const nothing = this.row.hidden && typed.trim() === "";
-    const problem = wrong || nothing ? wrong ?? "" : await this.store.change({ [this.key]: value });
+    const problem = wrong || nothing ? wrong ?? "" : await this.change({ [this.key]: value });
     this.edited = Boolean(problem) || this.input.value !== typed;
     showText(this.problem, problem);
     this.input.setAttribute("aria-invalid", problem ? "true" : "false");
     this.show();
+  }
+
+  // Some settings are right only together, as width and height: what was refused is tried again with this one.
+  async change(changes) {
+    const refused = this.together.filter((field) => field !== this && field.refused);
+    if (refused.length && !(await this.store.change({ ...valuesOf(refused), ...changes }))) {
+      refused.forEach((field) => field.forget());
+      return "";
+    }
+    return this.store.change(changes);
+  }
+
+  get refused() {
+    return this.edited && this.input.getAttribute("aria-invalid") === "true" && !this.read().wrong;
   }
 
   // What is typed, and was not taken, does not count any more.
@@ -112,9 +126,12 @@ export function table(text, of) {
   return { value: found };
 }
 
+export const valuesOf = (fields) => Object.fromEntries(fields.map((field) => [field.key, field.read().value]));
+
 // Fields beside each other. told: key -> options of `Field`.
 export function fieldset(store, title, told) {
   const fields = Object.entries(told).map(([key, options]) => new Field(store, key, options));
+  fields.forEach((field) => (field.together = fields));
   const part = element("fieldset", {}, element("legend", {}, title), ...fields.map((field) => field.part));
   return { part, show: () => fields.forEach((field) => field.show()) };
 }

@@ -23,6 +23,7 @@ export class CameraPage {
       "camera.height": { name: "Height, pixels" },
       "camera.pixel_format": { name: "Pixel format" },
     });
+    this.more = element("details", {}, element("summary", {}, "Size and format"), this.format.part);
     this.part = element("div", { className: "columns" },
       element("section", {}, element("h2", {}, "Camera"),
         element("p", {}, "Choose what the rover sees with. It is opened at once."),
@@ -30,7 +31,7 @@ export class CameraPage {
         element("form", { className: "row", onsubmit: (event) => { event.preventDefault(); this.choose({ source: this.typed.value.trim() }); } },
           element("label", { for: "typed-source" }, "Another source"), this.typed, element("button", { type: "submit" }, "Use it")),
         element("p", { className: "faint" }, "rtsp://… and http://… for network cameras, pipe:COMMAND for a program that writes raw pictures, video:FILE, folder:FOLDER, field:HOST:PORT for the simulated field."),
-        this.problem, this.fields.part, element("details", {}, element("summary", {}, "Size and format"), this.format.part)),
+        this.problem, this.fields.part, this.more),
       element("section", {}, element("h2", {}, "What it delivers"), this.view, this.measured));
   }
 
@@ -62,6 +63,7 @@ export class CameraPage {
 
   async choose({ source, width = null, height = null, pixel_format = null }) {
     const changes = { "camera.source": source };
+    if (source.startsWith("pipe:")) this.more.open = true; // a program cannot say them
     if (width) Object.assign(changes, { "camera.width": width, "camera.height": height, "camera.pixel_format": pixel_format });
     showText(this.problem, await this.store.change(changes));
   }

@@ -244,3 +244,25 @@ def test_a_set_up_without_camera_and_autopilot_says_what_is_wrong_on_each_page(t
         if name == "policy":
             tab.locator(".policy").last.wait_for()
         looks_right(tab)
+
+
+NOISE = "import os, time\nwhile True:\n    os.write(1, os.urandom(320 * 240 * 3))\n    time.sleep(0.1)\n"
+
+
+def test_the_size_and_format_of_a_programs_pictures_are_typed_one_after_the_other(
+    tab: Any, tmp_path: Path
+) -> None:
+    program = tmp_path / "noise.py"
+    program.write_text(NOISE)
+    tab.get_by_label("Another source").fill(f"pipe:{sys.executable} {program}")
+    tab.get_by_role("button", name="Use it").click()
+    tab.get_by_text("a pipe needs [camera] width, height and pixel_format").first.wait_for()
+    fill(tab, "Width, pixels", "320")
+    refused = tab.locator("#f-camera-width-problem").get_by_text("give both")
+    refused.wait_for()
+    fill(tab, "Height, pixels", "240")
+    refused.wait_for(state="hidden")
+    tab.get_by_label("Pixel format", exact=True).select_option("rgb24")
+    tab.get_by_role("button", name="Use it").click()
+    tab.locator(".measured").get_by_text("320 x 240").wait_for()
+    looks_right(tab)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from anytraverse.regions import Box
+from companion.cli_config import SERVICE
 from companion.config import Config
 from companion.config.rows import all_settings
 from companion.desk.check.camera import check_camera, check_exposure, check_frames
@@ -61,6 +63,7 @@ class SetupSession:
             "words": dict(config.words),
             "vocabulary": list(config.vocabulary),
             "running": policies.running(config),
+            "next": next_steps(self.draft.file),
             "recorded": driven.is_recorded(config),
             **mount.ground(config, *self._driven(config)),
         }
@@ -161,6 +164,25 @@ class SetupSession:
         if self._perceives is None or self._perceives[0] != wanted:
             self._perceives = wanted, load_perceiver(config)
         return policies.document(str(self.draft.file), config, self.live.seen, self._perceives[1], self._read)
+
+
+def next_steps(file: Path) -> list[tuple[str, str]]:
+    """Return what comes after the file is written, and what to type for it.
+
+    The service's companion is started by systemd: one that is run by hand has another journal.
+    """
+    named = shlex.quote(str(file))
+    if str(file) != SERVICE:
+        return [
+            ("Check the file", f"companion config check {named}"),
+            ("Check the rover", f"companion check {named}"),
+            ("Start it", f"companion run {named}"),
+        ]
+    return [
+        ("Check the rover", f"sudo companion check {named}"),
+        ("Start it", "sudo systemctl restart companion"),
+        ("Have it start at each boot", "sudo systemctl enable companion"),
+    ]
 
 
 def _cameras() -> list[dict[str, Any]]:

@@ -28,7 +28,7 @@ export class ReviewPage {
     this.store.load(); // whether the companion runs by now
   }
 
-  show({ file, diff, changed: keys, guarded, written }) {
+  show({ next, diff, changed: keys, guarded, written }) {
     const count = keys.length;
     showText(this.text, count ? `${count} ${count === 1 ? "setting is" : "settings are"} changed and not written.` : written || "Nothing is changed yet.");
     showText(this.guarded, count && guarded.length ? `Only on this computer may these be set: ${guarded.join(", ")}.` : "");
@@ -37,12 +37,7 @@ export class ReviewPage {
       part.replaceChildren(...differences(diff));
     });
     this.write.disabled = this.undo.disabled = !diff;
-    changed(this.commands, file, (home) => home.replaceChildren(...[
-      ["Check the file", `companion config check ${file}`],
-      ["Check the rover", `companion check ${file}`],
-      ["Try it in the foreground", `companion run --config ${file}`],
-      ["Or start the service", "sudo systemctl restart companion"],
-    ].map(([what, command]) => element("li", {}, `${what}: `, element("code", {}, command)))));
+    changed(this.commands, next, (home) => home.replaceChildren(...next.map(([what, command]) => element("li", {}, `${what}: `, element("code", {}, command)))));
   }
 
   async post(path) {

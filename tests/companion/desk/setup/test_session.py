@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from companion.cli import main
+from companion.cli import main, parser
 from companion.config import ConfigError, load_config
 from companion.desk.check.watching import CameraDelivery
 from companion.desk.setup import trial
@@ -22,7 +23,7 @@ from companion.desk.setup.draft import Draft
 from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
 from companion.desk.setup.preview import PreviewPicture
-from companion.desk.setup.session import SetupSession
+from companion.desk.setup.session import SetupSession, next_steps
 from companion.pages.requests import RequestError
 from companion.sim.field.render import PinholeCamera
 from companion.sim.field.things import World
@@ -276,3 +277,13 @@ def test_whatever_is_posted_is_refused_or_leaves_a_valid_draft(
         session.change({"changes": json.loads(json.dumps(changes))})
     session.forget({})
     assert session.state()["changed"] == []
+
+
+def test_what_comes_next_is_typed_for_the_service_or_by_hand() -> None:
+    by_hand = [command for _, command in next_steps(Path("/home/me/my rover/companion.toml"))]
+    assert by_hand[-1] == "companion run '/home/me/my rover/companion.toml'"
+    service = [command for _, command in next_steps(Path("/etc/anytraverse/companion.toml"))]
+    assert all(command.startswith("sudo ") for command in service)
+    assert service[1:] == ["sudo systemctl restart companion", "sudo systemctl enable companion"]
+    for command in by_hand:
+        parser().parse_args(shlex.split(command)[1:])

@@ -29,7 +29,7 @@ export class MountPage {
       element("section", {}, element("h2", {}, "Where the ground is"), this.view, this.text, this.problem),
       element("section", {}, element("h2", {}, "Mount"),
         element("ol", { className: "todo-list" },
-          element("li", {}, "Stand the rover on level ground."),
+          element("li", {}, "Stand the rover on level ground, and type how far the lens is behind the vehicle's front."),
           element("li", {}, "Drag the horizon line to the horizon. It sets the tilt."),
           element("li", {}, element("label", { for: "mark-at" }, "Lay a mark on the ground ahead of the vehicle's front, at "), this.metres, ", and drag that line onto it. It sets the height."),
           element("li", {}, "Or measure, and type the numbers. Of a recorded drive, ", element("code", {}, "companion look-ground DRIVE --estimate"), " proposes them.")),

@@ -194,6 +194,7 @@ def _dry_run(folder: Path) -> dict[str, Any]:
     from companion.daemon.trial_call import ANSWERED_WITHIN, REQUEST  # slow to import: `status` needs it not
 
     if status(folder) is None:
+        _read(folder)  # a file that may not be read is told first
         raise _DryRunError(
             f"no companion runs with {folder}: start the companion first, then type this again"
         )

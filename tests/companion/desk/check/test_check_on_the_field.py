@@ -154,6 +154,18 @@ def test_a_dry_run_without_a_companion_says_to_start_it(
     assert "start the companion first" in capsys.readouterr().out
 
 
+def test_a_dry_run_that_may_not_read_the_status_says_to_use_sudo(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def denied(path: Path) -> int:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(here, "open_regular", denied)
+    config = write_config(tmp_path, camera="folder:none", link="udpin:127.0.0.1:0", policy="hold")
+    assert dry_run(str(config)) == 1
+    assert "may not be read: type this with sudo" in capsys.readouterr().out
+
+
 def test_a_companion_that_does_not_react_is_not_waited_for_and_nothing_is_left(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

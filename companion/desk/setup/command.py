@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import getpass
+import os
 import signal
 import socket
 import time
@@ -22,9 +23,8 @@ def run(file: str, *, port: int = 0) -> int:
     path = Path(file).expanduser().absolute()
     signal.signal(signal.SIGTERM, _interrupt)
     with SetupServer(SetupSession(path), port) as server:
-        host = f"{getpass.getuser()}@{socket.gethostname()}"
         print(f"Open {server.url}")
-        print(f"From another computer, first: ssh -L {server.port}:127.0.0.1:{server.port} {host}")
+        print(f"From another computer, first: ssh -L {server.port}:127.0.0.1:{server.port} {login()}")
         print(f"It changes {path} when you click Write. Ctrl-C ends it.", flush=True)
         try:
             while not server.is_idle:
@@ -33,6 +33,11 @@ def run(file: str, *, port: int = 0) -> int:
         except KeyboardInterrupt:
             print("It ends.")
     return 0
+
+
+def login() -> str:
+    """Return whom ssh takes here, user@host. Behind sudo it is who typed it: few computers let root in."""
+    return f"{os.environ.get('SUDO_USER') or getpass.getuser()}@{socket.gethostname()}"
 
 
 def _interrupt(_number: int, _frame: object) -> None:

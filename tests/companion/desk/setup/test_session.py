@@ -19,6 +19,7 @@ from companion.cli import main, parser
 from companion.config import ConfigError, load_config
 from companion.desk.check.watching import CameraDelivery
 from companion.desk.setup import trial
+from companion.desk.setup.command import login
 from companion.desk.setup.draft import Draft
 from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
@@ -287,3 +288,11 @@ def test_what_comes_next_is_typed_for_the_service_or_by_hand() -> None:
     assert service[1:] == ["sudo systemctl restart companion", "sudo systemctl enable companion"]
     for command in by_hand:
         parser().parse_args(shlex.split(command)[1:])
+
+
+def test_ssh_is_for_who_typed_sudo(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SUDO_USER", "pi")
+    assert login().startswith("pi@")
+    monkeypatch.delenv("SUDO_USER")
+    monkeypatch.setenv("LOGNAME", "me")
+    assert login().startswith("me@")

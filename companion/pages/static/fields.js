@@ -61,18 +61,15 @@ export class Field {
     this.show();
   }
 
-  // Some settings are right only together, as width and height: what was refused is tried again with this one.
+  // Some settings are right only together, as width and height: what was not taken is tried again with this one.
   async change(changes) {
-    const refused = this.together.filter((field) => field !== this && field.refused);
-    if (refused.length && !(await this.store.change({ ...valuesOf(refused), ...changes }))) {
-      refused.forEach((field) => field.forget());
+    const waiting = this.together.filter((field) => field !== this && field.edited && !field.read().wrong);
+    const values = Object.fromEntries(waiting.map((field) => [field.key, field.read().value]));
+    if (waiting.length && !(await this.store.change({ ...values, ...changes }))) {
+      waiting.forEach((field) => field.forget());
       return "";
     }
     return this.store.change(changes);
-  }
-
-  get refused() {
-    return this.edited && this.input.getAttribute("aria-invalid") === "true" && !this.read().wrong;
   }
 
   // What is typed, and was not taken, does not count any more.
@@ -125,8 +122,6 @@ export function table(text, of) {
   }
   return { value: found };
 }
-
-export const valuesOf = (fields) => Object.fromEntries(fields.map((field) => [field.key, field.read().value]));
 
 // Fields beside each other. told: key -> options of `Field`.
 export function fieldset(store, title, told) {

@@ -6,6 +6,7 @@ import { say } from "./sending.js";
 export class Store {
   constructor() {
     this.state = null;
+    this.last = null; // the change that is being made
     this.listeners = [];
   }
 
@@ -14,8 +15,14 @@ export class Store {
   }
 
   // changes: "section.key" -> value, null: removed. Resolves to "" or to what is wrong.
+  // One after the other: what is typed last is looked at last.
   async change(changes) {
-    return this.take(await ask("/draft", { changes }));
+    const before = this.last;
+    this.last = (async () => {
+      await before;
+      return this.take(await ask("/draft", { changes }));
+    })();
+    return this.last;
   }
 
   async post(path, content = {}) {

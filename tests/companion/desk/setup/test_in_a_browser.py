@@ -249,9 +249,7 @@ def test_a_set_up_without_camera_and_autopilot_says_what_is_wrong_on_each_page(t
 NOISE = "import os, time\nwhile True:\n    os.write(1, os.urandom(320 * 240 * 3))\n    time.sleep(0.1)\n"
 
 
-def test_the_size_and_format_of_a_programs_pictures_are_typed_one_after_the_other(
-    tab: Any, tmp_path: Path
-) -> None:
+def test_settings_that_go_together_are_typed_one_after_the_other(tab: Any, tmp_path: Path) -> None:
     program = tmp_path / "noise.py"
     program.write_text(NOISE)
     tab.get_by_label("Another source").fill(f"pipe:{sys.executable} {program}")
@@ -265,4 +263,8 @@ def test_the_size_and_format_of_a_programs_pictures_are_typed_one_after_the_othe
     tab.get_by_label("Pixel format", exact=True).select_option("rgb24")
     tab.get_by_role("button", name="Use it").click()
     tab.locator(".measured").get_by_text("320 x 240").wait_for()
+    forward(tab, "Mount")
+    fill(tab, "Height of the lens, m", "1")  # typed on, without a look at what was refused
+    fill(tab, "Tilt, degrees", "7")
+    tab.get_by_text("Height 1 m, tilt 7 degrees").wait_for()
     looks_right(tab)

@@ -10,18 +10,10 @@ from typing import NamedTuple
 
 from companion.cameras.shown import shown
 from companion.desk.evidence.drives import CameraSample
-from companion.desk.evidence.parts import (
-    Basis,
-    EvidencePart,
-    EvidenceTable,
-    NotKnown,
-    figures,
-    share,
-    spread,
-    utc,
-)
+from companion.desk.evidence.parts import Basis, EvidencePart, quantile, utc
 from companion.desk.evidence.sources import Sources
 
+_RECORD = "companion config set recording.size=1000, and drive"
 _GAP = 5.0
 """Seconds between two samples beyond which it is not known what the camera did."""
 
@@ -41,49 +33,46 @@ class CameraLoss(NamedTuple):
 
 def camera_part(sources: Sources) -> EvidencePart:
     """Describe the camera."""
-    driven = sources.driven
-    found = figures(
-        Basis("configuration"),
-        (("source", shown(sources.config.camera.source), ""),),
-    )
-    unknown = list[NotKnown]()
-    tables: tuple[EvidenceTable, ...] = ()
-    if samples := driven.camera:
-        over = Basis("recordings", len(samples), samples[0].at, samples[-1].at)
-        sizes = Counter(f"{one.size[0]} x {one.size[1]}" for one in samples if all(one.size))
-        rates = [one.rate for one in samples if one.rate is not None]
-        limit = sources.config.freshness
-        losses = camera_losses(samples, limit)
-        found += figures(
-            over,
-            (
-                ("size", ", ".join(sizes) or None, "pixels"),
-                ("frames per second, median", median(rates) if rates else None, "1/s"),
-                ("frames per second, 1 %", share(rates, 0.01) if rates else None, "1/s"),
-                (f"times without a picture for {limit:g} s", len(losses), ""),
-                ("of these, with trouble of the vision process", sum(one.by_vision for one in losses), ""),
-            ),
-        )
-        if losses:
-            rows = [(utc(one.at), one.least, one.most, one.by_vision) for one in losses]
-            tables = (
-                EvidenceTable.of(
-                    "Times without a picture",
-                    ("last picture by", "back after, s, at least", "at most", "vision in trouble"),
-                    rows,
-                ),
-            )
-    if not driven.camera:
-        unknown.append(_not_recorded(sources, "how often no picture came, and their rate while it drove"))
-    if driven.ages:
-        over = Basis("recordings", len(driven.ages), driven.begin, driven.end)
-        found += spread("from capture to judged", [1e3 * one for one in driven.ages], "ms", over)
-        faulty = 100.0 * driven.faulty / len(driven.ages)
-        found += figures(over, [("frames that were a fault", faulty, "%")])
+    part, driven = EvidencePart("Camera"), sources.driven
+    part.note = "The count of pictures is stored once a second: that bounds how long none came."
+    part.tell(Basis("configuration"), ("source", shown(sources.config.camera.source), ""))
+    why = driven.trouble or "nothing is recorded of it"
+    if driven.camera:
+        _tell_pictures(part, driven.camera, sources.config.freshness)
     else:
-        unknown.append(_not_recorded(sources, "the time from a picture's capture until it is judged"))
-    note = "The count of pictures is stored once a second: that bounds how long none came."
-    return EvidencePart("camera", "Camera", found, tables, tuple(unknown), note)
+        part.lack("how often no picture came, and their rate while it drove", why, _RECORD)
+    if driven.ages:
+        basis = driven.basis(len(driven.ages))
+        part.tell_spread(basis, "from capture to judged", [1e3 * one for one in driven.ages], "ms")
+        part.tell(basis, ("frames that were a fault", 100.0 * driven.faulty / len(driven.ages), "%"))
+    else:
+        part.lack("the time from a picture's capture until it is judged", why, _RECORD)
+    return part
+
+
+def _tell_pictures(part: EvidencePart, samples: Sequence[CameraSample], limit: float) -> None:
+    sizes = Counter(f"{one.size[0]} x {one.size[1]}" for one in samples if all(one.size))
+    rates = [one.rate for one in samples if one.rate is not None]
+    losses = camera_losses(samples, limit)
+    part.tell(
+        Basis("recordings", len(samples), samples[0].at, samples[-1].at),
+        ("size", ", ".join(sizes) or None, "pixels"),
+        ("frames per second, median", median(rates) if rates else None, "1/s"),
+        ("frames per second, 1 %", quantile(rates, 0.01) if rates else None, "1/s"),
+        (f"times without a picture for {limit:g} s", len(losses), ""),
+        ("of these, with trouble of the vision process", sum(one.by_vision for one in losses), ""),
+    )
+    if losses:
+        rows = [
+            {
+                "last picture by": utc(one.at),
+                "back after, s, at least": one.least,
+                "at most": one.most,
+                "vision in trouble": one.by_vision,
+            }
+            for one in losses
+        ]
+        part.tabulate("Times without a picture", rows)
 
 
 def camera_losses(samples: Sequence[CameraSample], least: float) -> list[CameraLoss]:
@@ -112,8 +101,3 @@ def camera_losses(samples: Sequence[CameraSample], least: float) -> list[CameraL
         known = before.at
     lost(None)
     return found
-
-
-def _not_recorded(sources: Sources, what: str) -> NotKnown:
-    why = sources.driven.trouble or "nothing is recorded of it"
-    return NotKnown(what, why, "companion config set recording.size=1000, and drive")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
 from collections.abc import Mapping
 from typing import Any
 
-from companion.desk.evidence.parts import EvidencePart, EvidenceTable, NotKnown
+from companion.desk.evidence.parts import EvidencePart
 from companion.desk.evidence.sources import Sources
+from companion.observers.recording.contents import read_json
 from companion.system.isolated import isolated
 from companion.wire.json_values import list_of, mapping_of
 from companion.wire.packing import clean
@@ -41,33 +41,25 @@ def run_check(file: str, longest: float = LONGEST) -> tuple[list[Mapping[str, st
         finally:
             if running.poll() is None:
                 os.killpg(running.pid, signal.SIGKILL)
-    rows = [_row(one) for one in list_of(_read(said).get("checks"))]
+    told = read_json((said.splitlines() or [b""])[-1])
+    rows = [_row(one) for one in list_of(told.get("checks"))]
     return rows, "" if rows else "companion check said nothing that can be read"
 
 
 def check_part(sources: Sources) -> EvidencePart:
     """List what the check found."""
+    part = EvidencePart("Check")
     if not sources.checked:
-        lacking = NotKnown("what companion check finds", sources.no_check, "companion check")
-        return EvidencePart("check", "Check", unknown=(lacking,))
-    rows = [(one["verdict"], one["check"], one["text"]) for one in sources.checked]
-    unknown = [
-        NotKnown(f"check: {check}", text, "companion check")
-        for verdict, check, text in rows
-        if verdict == "skip"
-    ]
-    table = EvidenceTable.of("What companion check says now", ("verdict", "check", "what"), rows)
-    return EvidencePart("check", "Check", (), (table,), tuple(unknown))
+        part.lack("what companion check finds", sources.no_check, "companion check")
+        return part
+    part.tabulate("What companion check says now", sources.checked)
+    for one in sources.checked:
+        if one["verdict"] == "skip":
+            part.lack(f"check: {one['check']}", one["what"], "companion check")
+    return part
 
 
 def _row(raw: Any) -> Mapping[str, str]:
     told = mapping_of(raw)
-    return {name: clean(str(told.get(name, ""))[:_LONGEST_TEXT]) for name in ("verdict", "check", "text")}
-
-
-def _read(said: bytes) -> Mapping[str, Any]:
-    lines = said.decode(errors="replace").splitlines()
-    try:
-        return mapping_of(json.loads(lines[-1])) if lines else {}
-    except (ValueError, RecursionError):
-        return {}
+    named = {"verdict": "verdict", "check": "check", "what": "text"}
+    return {name: clean(str(told.get(key, ""))[:_LONGEST_TEXT]) for name, key in named.items()}

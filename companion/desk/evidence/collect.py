@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from companion.config import Config, state_folder
@@ -28,17 +28,17 @@ from companion.vehicle.state import is_set
 
 VERSION = 1
 """Of evidence.json. What a key means changes only with it."""
-_PARTS: Sequence[Callable[[Sources], EvidencePart]] = (
-    computer_part,
-    camera_part,
-    stopping_part,
-    zone_part,
-    faults_part,
-    link_part,
-    calls_part,
-    versions_part,
-    check_part,
-)
+_PARTS: Mapping[str, Callable[[Sources], EvidencePart]] = {
+    "computer": computer_part,
+    "camera": camera_part,
+    "stopping": stopping_part,
+    "zone": zone_part,
+    "faults": faults_part,
+    "link": link_part,
+    "calls": calls_part,
+    "versions": versions_part,
+    "check": check_part,
+}
 _TOLD_EVERY = 5.0
 _NO_CHECK = "it was left out by --no-check"
 
@@ -75,43 +75,32 @@ def read_sources(config: Config, file: str, *, checks: bool = True) -> Sources:
     )
 
 
-def evidence(sources: Sources, fingerprint: str) -> tuple[dict[str, Any], list[EvidencePart], list[NotKnown]]:
-    """Return the document for a program, the parts, and all that is not known.
-
-    fingerprint: of the rover's key.
-    """
-    parts = [part(sources) for part in _PARTS]
-    unknown = [*_beside(sources), *(one for part in parts for one in part.unknown)]
-    document = {
+def evidence(sources: Sources, fingerprint: str) -> dict[str, Any]:
+    """Return the document: of it the page is made, too. fingerprint: of the rover's key."""
+    parts = {key: part(sources) for key, part in _PARTS.items()}
+    unknown = [*_beside(sources), *(one for part in parts.values() for one in part.unknown)]
+    return {
         "evidence": VERSION,
         "made_at": utc(sources.now),
-        "rover": rover_name(sources),
+        "rover": f"system {sources.config.link.system_id}",
         "key": fingerprint,
-        "parts": {part.key: part.document() for part in parts},
-        "unknown": [one.document() for one in unknown],
+        "parts": {key: part.document() for key, part in parts.items()},
+        "unknown": [one._asdict() for one in unknown],
     }
-    return document, parts, unknown
 
 
-def rover_name(sources: Sources) -> str:
-    """Name the rover, as far as that is configured: by its MAVLink system id."""
-    return f"system {sources.config.link.system_id}"
-
-
-def _beside(sources: Sources) -> list[NotKnown]:
-    """List what no part tells."""
-    found = []
+def _beside(sources: Sources) -> Iterator[NotKnown]:
+    """Yield what no part tells."""
     if not is_set(sources.now):
-        found.append(NotKnown("when this was made", "the computer's clock was never set", "companion check"))
+        yield NotKnown("when this was made", "the computer's clock was never set", "companion check")
     if sources.age is None:
-        found.append(NotKnown("how the companion does", "it has not run with this folder", "companion run"))
+        yield NotKnown("how the companion does", "it has not run with this folder", "companion run")
     if sources.driven.unread:
         what = f"{sources.driven.unread} older recordings"
-        found.append(NotKnown(what, "reading them would have taken too long", "companion record list"))
+        yield NotKnown(what, "reading them would have taken too long", "companion record list")
     if sources.driven.damaged:
         what = f"{sources.driven.damaged} damaged recordings"
-        found.append(NotKnown(what, "the disk cannot read them", "a new card or disk"))
-    return found
+        yield NotKnown(what, "the disk cannot read them", "a new card or disk")
 
 
 class _Told:

@@ -47,10 +47,10 @@ def write(file: str, out: str | None, *, checks: bool = True) -> int:
         signers = allowed_signers(key)
         mark = fingerprint(signers)
         sources = read_sources(loaded, file, checks=checks)
-        told, parts, unknown = evidence(sources, mark)
+        told = evidence(sources, mark)
         config = format_config(sources.config)
         members = {
-            PAGE: page(told, parts, unknown, config).encode("utf-8", "replace"),
+            PAGE: page(told, config).encode("utf-8", "replace"),
             DATA: json.dumps(told, indent=1, allow_nan=False).encode(),
             CONFIG: config.encode(),
         }
@@ -59,11 +59,11 @@ def write(file: str, out: str | None, *, checks: bool = True) -> int:
         raise EvidenceError(f"{path}: is there already: name another one with --out") from None
     except (NoToolError, PackageTooLargeError, SignatureError) as error:
         raise EvidenceError(str(error)) from error
-    count = sum(len(part.figures) for part in parts)
+    count, lacking = sum(len(part["figures"]) for part in told["parts"].values()), len(told["unknown"])
     print(f"{path}: {count} figures, {size / 1e6:.2f} MB, signed by {mark}")
     if checks and sources.no_check:
         print(f"  without what companion check finds: {sources.no_check}")
-    print(f"  {len(unknown)} things are not known: evidence.html in it lists them, with what would tell each")
+    print(f"  {lacking} things are not known: evidence.html in it lists them, with what would tell each")
     print("  times, modes and the configuration are in it: look through it before you give it to others")
     return 0
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import platform
 
 from anytraverse.bundle.machine import this_machine
-from companion.desk.evidence.parts import Basis, EvidencePart, NotKnown, figures
+from companion.desk.evidence.parts import Basis, EvidencePart
 from companion.desk.evidence.sources import Sources
 from companion.system.computer import Computer
 
 
 def computer_part(sources: Sources) -> EvidencePart:
     """Describe this computer. Takes milliseconds."""
-    machine, now = this_machine(), Computer(sources.folder).measure()
+    part, machine, now = EvidencePart("Computer"), this_machine(), Computer(sources.folder).measure()
     told = (
         ("CPU", machine.cpu, ""),
         ("architecture", machine.architecture, ""),
@@ -25,15 +25,13 @@ def computer_part(sources: Sources) -> EvidencePart:
         ("CPU slowed down", now["throttled"], ""),
         ("supply's voltage too low", now["under_voltage"], ""),
     )
-    found = figures(Basis("this computer", None, sources.now, sources.now), told)
+    part.tell(Basis("this computer", None, sources.now, sources.now), *told)
     driven = sources.driven
     if heat := driven.temperatures:
-        over = Basis("recordings", len(heat), driven.begin, driven.end)
-        found += figures(over, [("temperature while it was recorded, highest", max(heat), "°C")])
+        part.tell(driven.basis(len(heat)), ("temperature while it was recorded, highest", max(heat), "°C"))
     if limited := driven.throttled:
-        over = Basis("recordings", len(limited), driven.begin, driven.end)
         slowed = 100.0 * sum(limited) / len(limited)
-        found += figures(over, [("CPU slowed down while it was recorded", slowed, "%")])
-    lacking = ", ".join(name for name, value, _ in told if value is None)
-    unknown = NotKnown(lacking, "this computer does not tell it in /sys", "the board maker's own tool")
-    return EvidencePart("computer", "Computer", found, (), (unknown,) if lacking else ())
+        part.tell(driven.basis(len(limited)), ("CPU slowed down while it was recorded", slowed, "%"))
+    if lacking := ", ".join(name for name, value, _ in told if value is None):
+        part.lack(lacking, "this computer does not tell it in /sys", "the board maker's own tool")
+    return part

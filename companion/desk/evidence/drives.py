@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from companion.desk.evidence.parts import Basis
 from companion.observers.recording.contents import read_json
 from companion.observers.recording.foxglove import NS
 from companion.observers.recording.recorder import missing
@@ -99,6 +100,10 @@ class DrivenFacts:
     reboots: int = 0
     metres: float = 0.0
     moved: float = 0.0
+
+    def basis(self, samples: int) -> Basis:
+        """Return what a figure rests on that was found over so many samples of all recordings."""
+        return Basis("recordings", samples, self.begin, self.end)
 
     def add(self, later: DrivenFacts) -> None:
         """Append what a later recording tells."""

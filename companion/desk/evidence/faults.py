@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from companion.desk.evidence.log import LogFacts, LoggedFault
-from companion.desk.evidence.parts import Basis, EvidencePart, EvidenceTable, NotKnown, between, figures, utc
+from companion.desk.evidence.parts import Basis, EvidencePart, Value, between, utc
 from companion.desk.evidence.sources import Sources
 
 
@@ -77,55 +76,55 @@ FAULTS = (
 
 def faults_part(sources: Sources) -> EvidencePart:
     """List what was seen, and what was not."""
+    part, logged = EvidencePart("Faults"), sources.logged
+    if logged.lines:
+        _tell_faults(part, sources)
+    else:
+        part.lack("which faults were seen", "there is no log", "companion run, and drive")
+    if logged.trouble:
+        part.lack("a part of the log", logged.trouble, "sudo companion evidence")
+    return part
+
+
+def _tell_faults(part: EvidencePart, sources: Sources) -> None:
     logged, driven = sources.logged, sources.driven
-    unread = (
-        [NotKnown("a part of the log", logged.trouble, "sudo companion evidence")] if logged.trouble else []
-    )
-    if not logged.lines:
-        lacking = NotKnown("which faults were seen", "there is no log", "companion run, and drive")
-        return EvidencePart("faults", "Faults", unknown=(lacking, *unread))
-    rows, known = list[tuple[str | float | int | None, ...]](), 0
+    rows, known = list[dict[str, Value | None]](), 0
     for kind in FAULTS:
-        seen = _seen(logged, kind)
-        known += len(seen) if kind.ends is None else 0
+        if kind.ends is None:
+            seen = [one for one in logged.faults if re.match(kind.logged, one.name)]
+            known += len(seen)
+        else:
+            seen = logged.episodes(kind.logged, kind.ends)
         stood = [span for one in seen if (span := between(one.at, one.over)) is not None]
         rows.append(
-            (kind.name, len(seen) or "not in this log", max(stood, default=None), "; ".join(kind.rows))
+            {
+                "fault": kind.name,
+                "seen": len(seen) or "not in this log",
+                "stood, at most, s": max(stood, default=None),
+                "rows of docs/faults.md": "; ".join(kind.rows),
+            }
         )
+    part.tabulate("Kinds of faults", rows)
+    begin, end = logged.lines[0].at, logged.lines[-1].at
     unclean = logged.unclean + (logged.open and not sources.running)
-    found = figures(
-        Basis("log", len(logged.lines), logged.begin, logged.end),
-        (
-            ("faults of other kinds", len(logged.faults) - known, ""),
-            ("starts of the companion", logged.starts, ""),
-            ("ends without being told to stop: killed, crashed, or without power", unclean, ""),
-            ("reboots of the autopilot while it was recorded", driven.reboots if driven.files else None, ""),
-        ),
+    part.tell(
+        Basis("log", len(logged.lines), begin, end),
+        ("faults of other kinds", len(logged.faults) - known, ""),
+        ("starts of the companion", logged.starts, ""),
+        ("ends without being told to stop: killed, crashed, or without power", unclean, ""),
+        ("reboots of the autopilot while it was recorded", driven.reboots if driven.files else None, ""),
     )
-    columns = ("fault", "seen", "stood, at most, s", "rows of docs/faults.md")
-    unknown = (
-        NotKnown(
-            "what the autopilot's script did while the companion was dead or not heard",
-            "the companion cannot have seen it",
-            "read the autopilot's own log",
-        ),
-        NotKnown(
-            "the other rows of docs/faults.md",
-            "a rover's log does not show them",
-            "make faults, in simulation, or read what is known of them there",
-        ),
-        *unread,
+    part.lack(
+        "what the autopilot's script did while the companion was dead or not heard",
+        "the companion cannot have seen it",
+        "read the autopilot's own log",
     )
-    note = (
-        f"This log begins {utc(logged.begin)}: what is not in it is not proven on this rover. "
+    part.lack(
+        "the other rows of docs/faults.md",
+        "a rover's log does not show them",
+        "make faults, in simulation, or read what is known of them there",
+    )
+    part.note = (
+        f"This log begins {utc(begin)}: what is not in it is not proven on this rover. "
         "Stood: until the log says that it is over, with the time in which its cause lasted."
     )
-    return EvidencePart(
-        "faults", "Faults", found, (EvidenceTable.of("Kinds of faults", columns, rows),), unknown, note
-    )
-
-
-def _seen(logged: LogFacts, kind: FaultKind) -> list[LoggedFault]:
-    if kind.ends is not None:
-        return logged.episodes(kind.logged, kind.ends)
-    return [one for one in logged.faults if re.match(kind.logged, one.name)]

@@ -10,7 +10,7 @@ from typing import Any
 
 from anytraverse.html_page import document
 from companion.desk.evidence.package import PROVES
-from companion.desk.evidence.parts import EvidenceFigure, EvidencePart, EvidenceTable, NotKnown, Value, utc
+from companion.desk.evidence.parts import Value
 
 _STYLE = """
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0 1.4rem; width: 100%; }
@@ -36,16 +36,13 @@ _TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", re.ASCII)
 _NOT_KNOWN = "unknown"
 
 
-def page(
-    told: Mapping[str, Any], parts: Sequence[EvidencePart], unknown: Sequence[NotKnown], config: str
-) -> str:
+def page(told: Mapping[str, Any], config: str) -> str:
     """Return the page. told: the document for a program. config: without secrets."""
     title = f"Evidence of a rover, {told['rover']}"
-    named = [(part.key, part.title) for part in parts]
-    links = " ".join(
-        f'<a href="#{key}">{escape(name)}</a>'
-        for key, name in (*named, (_NOT_KNOWN, "What is not known"), ("config", "Configuration"))
-    )
+    parts, unknown = told["parts"], told["unknown"]
+    named = {key: part["title"] for key, part in parts.items()}
+    named |= {_NOT_KNOWN: "What is not known", "config": "Configuration"}
+    links = " ".join(f'<a href="#{key}">{escape(name)}</a>' for key, name in named.items())
     head = [
         f"<h1>{escape(title)}</h1>",
         f"<p>Made {_when(str(told['made_at']))}. {escape(PROVES)} README.txt has the commands that check it, "
@@ -55,37 +52,39 @@ def page(
         "What this software did in simulations is in docs/risks.md of the project.</p>",
         f"<nav>{links}</nav>",
     ]
-    body = [line for part in parts for line in _part(part)]
-    lacking = _table(
-        "", ("what", "why", "what would tell it"), [(one.what, one.why, one.command) for one in unknown]
-    )
+    body = [line for key, part in parts.items() for line in _part(key, part)]
+    lacking = [
+        {"what": one["what"], "why": one["why"], "what would tell it": one["command"]} for one in unknown
+    ]
     tail = [
         f'<h2 id="{_NOT_KNOWN}">What is not known</h2>',
-        lacking if unknown else "<p>Nothing that is asked for here.</p>",
+        _table("", lacking) if lacking else "<p>Nothing that is asked for here.</p>",
         '<h2 id="config">Configuration</h2>',
         f"<details><summary>without passwords and tokens</summary><pre>{escape(config)}</pre></details>",
     ]
     return document(title, _STYLE, [*head, *body, *tail])
 
 
-def _part(part: EvidencePart) -> Iterator[str]:
-    yield f'<h2 id="{part.key}">{escape(part.title)}</h2>'
-    for rests, group in groupby(part.figures, key=_rests):
+def _part(key: str, part: Mapping[str, Any]) -> Iterator[str]:
+    yield f'<h2 id="{key}">{escape(part["title"])}</h2>'
+    for rests, group in groupby(part["figures"], key=_rests):
         rows = "".join(map(_figure, group))
         yield f'<table class="figures"><caption>{escape(rests)}</caption><tbody>{rows}</tbody></table>'
-    if not part.figures and not part.tables:
+    if not part["figures"] and not part["tables"]:
         yield "<p>Nothing is known.</p>"
-    for table in part.tables:
-        yield _of(table)
-    if part.note:
-        yield f'<p class="faint">{escape(part.note)}</p>'
+    for one in part["tables"]:
+        rows, left_out = one["rows"], one["left_out"]
+        more = f" (the last {len(rows)}; {left_out} earlier ones are left out)" if left_out else ""
+        yield _table(f"{one['title']}{more}", rows)
+    if part["note"]:
+        yield f'<p class="faint">{escape(part["note"])}</p>'
 
 
-def _rests(one: EvidenceFigure) -> str:
+def _rests(one: Mapping[str, Any]) -> str:
     """Say on what a figure rests."""
-    source, samples, begin, end = one.basis
-    span = " to ".join(dict.fromkeys(_when(at) for at in (utc(begin), utc(end)) if at is not None))
-    return ", ".join(filter(None, (source, "" if samples is None else f"samples: {samples}", span)))
+    samples = "" if one["samples"] is None else f"samples: {one['samples']}"
+    span = " to ".join(dict.fromkeys(_when(at) for at in (one["from"], one["to"]) if at is not None))
+    return ", ".join(filter(None, (one["source"], samples, span)))
 
 
 def _when(at: str) -> str:
@@ -93,22 +92,15 @@ def _when(at: str) -> str:
     return at.replace("T", " ").removesuffix("Z")
 
 
-def _figure(one: EvidenceFigure) -> str:
-    figure = f"{_cell(one.value)} {one.unit}".strip()
-    return f'<tr><td>{escape(one.name)}</td><td class="n">{escape(figure)}</td></tr>'
+def _figure(one: Mapping[str, Any]) -> str:
+    figure = f"{_cell(one['value'])} {one['unit']}".strip()
+    return f'<tr><td>{escape(one["name"])}</td><td class="n">{escape(figure)}</td></tr>'
 
 
-def _of(table: EvidenceTable) -> str:
-    more = (
-        f" (the last {len(table.rows)}; {table.left_out} earlier ones are left out)" if table.left_out else ""
-    )
-    return _table(f"{table.title}{more}", table.columns, table.rows)
-
-
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Value | None]]) -> str:
+def _table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
     caption = f"<caption>{escape(title)}</caption>" if title else ""
-    head = "".join(f"<th>{escape(one)}</th>" for one in columns)
-    body = "".join(f"<tr>{''.join(map(_td, row, columns))}</tr>" for row in rows)
+    head = "".join(f"<th>{escape(column)}</th>" for column in (rows[0] if rows else ()))
+    body = "".join(f"<tr>{''.join(map(_td, row.values(), row))}</tr>" for row in rows)
     return (
         f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
     )

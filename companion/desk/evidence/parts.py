@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from statistics import median
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from companion.vehicle.state import is_set
 
@@ -32,101 +33,66 @@ class Basis(NamedTuple):
     end: float | None = None
 
 
-@dataclass(frozen=True)
-class EvidenceFigure:
-    """One figure. name: what it is, in words. unit: "" where it has none."""
-
-    name: str
-    value: Value
-    basis: Basis
-    unit: str = ""
-
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON values."""
-        basis = self.basis
-        return {
-            "name": self.name,
-            "value": self.value,
-            "unit": self.unit,
-            "samples": basis.samples,
-            "from": utc(basis.begin),
-            "to": utc(basis.end),
-            "source": basis.source,
-        }
-
-
-@dataclass(frozen=True)
-class EvidenceTable:
-    """Rows of one kind. columns: their names, with units. left_out: rows that are not in it."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Value | None, ...], ...]
-    left_out: int = 0
-
-    @classmethod
-    def of(cls, title: str, columns: Sequence[str], rows: Sequence[Sequence[Value | None]]) -> EvidenceTable:
-        """Make a table of the last `MOST_ROWS` rows."""
-        kept = tuple(tuple(map(_rounded, row)) for row in rows[-MOST_ROWS:])
-        return cls(title, tuple(columns), kept, len(rows) - len(kept))
-
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON values: each row is an object by the columns' names."""
-        rows = [dict(zip(self.columns, row, strict=True)) for row in self.rows]
-        return {"title": self.title, "rows": rows, "left_out": self.left_out}
-
-
-@dataclass(frozen=True)
-class NotKnown:
+class NotKnown(NamedTuple):
     """What this evidence lacks. command: what to type, or to do, to have it next time."""
 
     what: str
     why: str
     command: str
 
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON values."""
-        return {"what": self.what, "why": self.why, "command": self.command}
 
-
-@dataclass(frozen=True)
 class EvidencePart:
-    """One part. key: its name in JSON. note: how its figures were found, where that needs words."""
+    """One part: JSON values as evidence.json has them. unknown: what it lacks.
 
-    key: str
-    title: str
-    figures: tuple[EvidenceFigure, ...] = ()
-    tables: tuple[EvidenceTable, ...] = ()
-    unknown: tuple[NotKnown, ...] = ()
-    note: str = ""
+    note: how its figures were found, where that needs words.
+    """
+
+    def __init__(self, title: str) -> None:
+        self.title, self.note = title, ""
+        self.figures = list[dict[str, Any]]()
+        self.tables = list[dict[str, Any]]()
+        self.unknown = list[NotKnown]()
+
+    def tell(self, basis: Basis, *told: tuple[str, Value | None, str]) -> None:
+        """Add a figure for each name, value and unit, "" for none. A value that is None is left out."""
+        for name, raw, unit in told:
+            if (value := _rounded(raw)) is not None:
+                self.figures.append(
+                    {
+                        "name": name,
+                        "value": value,
+                        "unit": unit,
+                        "samples": basis.samples,
+                        "from": utc(basis.begin),
+                        "to": utc(basis.end),
+                        "source": basis.source,
+                    }
+                )
+
+    def tell_spread(self, basis: Basis, name: str, values: Sequence[float], unit: str) -> None:
+        """Add median, 99 % and longest of values that are good when small; nothing for none."""
+        if values:
+            spread = {"median": median(values), "99 %": quantile(values, 0.99), "longest": max(values)}
+            told = ((f"{name}, {which}", value, unit) for which, value in spread.items())
+            self.tell(basis._replace(samples=len(values)), *told)
+
+    def tabulate(self, title: str, rows: Sequence[Mapping[str, Value | None]]) -> None:
+        """Add a table of the last `MOST_ROWS` rows: values by the columns' names, which have the units."""
+        kept = [{name: _rounded(value) for name, value in row.items()} for row in rows[-MOST_ROWS:]]
+        self.tables.append({"title": title, "rows": kept, "left_out": len(rows) - len(kept)})
+
+    def lack(self, what: str, why: str, command: str) -> None:
+        """Say what is not known: see `NotKnown`."""
+        self.unknown.append(NotKnown(what, why, command))
 
     def document(self) -> dict[str, Any]:
-        """Return it as JSON values."""
-        return {
-            "title": self.title,
-            "note": self.note,
-            "figures": [one.document() for one in self.figures],
-            "tables": [one.document() for one in self.tables],
-        }
+        """Return it as JSON values, without what is not known."""
+        return {"title": self.title, "note": self.note, "figures": self.figures, "tables": self.tables}
 
 
-def figures(basis: Basis, told: Iterable[tuple[str, Value | None, str]]) -> tuple[EvidenceFigure, ...]:
-    """Return a figure for each name, value and unit. A value that is None is left out."""
-    found = ((name, _rounded(value), unit) for name, value, unit in told)
-    return tuple(EvidenceFigure(name, value, basis, unit) for name, value, unit in found if value is not None)
-
-
-def spread(name: str, values: Sequence[float], unit: str, basis: Basis) -> tuple[EvidenceFigure, ...]:
-    """Return median, 99 % and longest of values that are good when small; nothing for none."""
-    if not values:
-        return ()
-    told = (("median", median(values)), ("99 %", share(values, 0.99)), ("longest", max(values)))
-    return figures(basis, ((f"{name}, {which}", value, unit) for which, value in told))
-
-
-def share(values: Sequence[float], least: float) -> float:
-    """Return the smallest value that is no less than this share of all values. Of none: ValueError."""
-    return sorted(values)[max(0, math.ceil(least * len(values)) - 1)]
+def quantile(values: Sequence[float], share: float) -> float:
+    """Return the smallest value that is no less than this share of all values. Of none: IndexError."""
+    return float(np.quantile(values, share, method="inverted_cdf"))
 
 
 def between(begin: float | None, end: float | None) -> float | None:

@@ -42,8 +42,3 @@ class Sources:
     def written(self) -> float | None:
         """When the status was written, seconds since 1970."""
         return None if self.age is None else self.now - self.age
-
-    def told(self, name: str) -> Mapping[str, Any]:
-        """Return a table of the status, {} where it has none."""
-        found = self.status.get(name)
-        return found if isinstance(found, Mapping) else {}

@@ -3,15 +3,7 @@
 from __future__ import annotations
 
 from companion.desk.check.stop_file import MeasuredStops, read_stops
-from companion.desk.evidence.parts import (
-    Basis,
-    EvidenceFigure,
-    EvidencePart,
-    EvidenceTable,
-    NotKnown,
-    figures,
-    utc,
-)
+from companion.desk.evidence.parts import Basis, EvidencePart, utc
 from companion.desk.evidence.sources import Sources
 from companion.vehicle.brakes import fit
 
@@ -20,40 +12,38 @@ _MEASURE = "companion check --measure"
 
 def stopping_part(sources: Sources) -> EvidencePart:
     """Describe the measured stops."""
-    found: tuple[EvidenceFigure, ...] = ()
+    part = EvidencePart("Stopping")
     measured, unread = read_stops(sources.folder)
-    unknown = [NotKnown(f"the stops in {name}", why, _MEASURE) for name, why in unread]
-    tables = list[EvidenceTable]()
+    for name, why in unread:
+        part.lack(f"the stops in {name}", why, _MEASURE)
     for one in measured:
-        found += _fitted(one)
-        rows = [(stop.speed, stop.way) for stop in one.stops]
-        tables.append(
-            EvidenceTable.of(
-                f"Stops by {one.mode}, {utc(one.at)}", ("speed, m/s", "way to standstill, m"), rows
-            )
+        _tell_fitted(part, one)
+        rows = [{"speed, m/s": stop.speed, "way to standstill, m": stop.way} for stop in one.stops]
+        part.tabulate(f"Stops by {one.mode}, {utc(one.at)}", rows)
+    if measured:
+        part.note = (
+            "Speed at the order, and way from the order to standstill, both by the autopilot's speeds."
         )
-    if not measured:
-        unknown.append(NotKnown("how far it rolls after HOLD", "no measured stop is stored", _MEASURE))
-    note = "Speed at the order, and way from the order to standstill, both by the autopilot's speeds."
-    return EvidencePart(
-        "stopping", "Stopping", found, tuple(tables), tuple(unknown), note if measured else ""
-    )
+    else:
+        part.lack("how far it rolls after HOLD", "no measured stop is stored", _MEASURE)
+    return part
 
 
-def _fitted(one: MeasuredStops) -> tuple[EvidenceFigure, ...]:
-    basis = Basis(f"companion check --measure, {one.mode}", len(one.stops), one.at, one.at)
+def _tell_fitted(part: EvidencePart, one: MeasuredStops) -> None:
+    basis = Basis(f"{_MEASURE}, {one.mode}", len(one.stops), one.at, one.at)
     speeds = [stop.speed for stop in one.stops]
-    told = [
+    part.tell(
+        basis,
         (f"slowest stop measured by {one.mode}", min(speeds), "m/s"),
         (f"fastest stop measured by {one.mode}", max(speeds), "m/s"),
-    ]
+    )
     try:
         fitted = fit(one.stops, one.mode)
     except ValueError:
-        return figures(basis, told)
-    told += [
+        return
+    part.tell(
+        basis,
         (f"time constant fitted, {one.mode}", fitted.time_constant, "s"),
         (f"deceleration fitted, {one.mode}", fitted.braking, "m/s2"),
         (f"longer than measured, at most, {one.mode}", 100.0 * fitted.excess, "%"),
-    ]
-    return figures(basis, told)
+    )

@@ -8,10 +8,10 @@ from pathlib import Path
 from anytraverse.bundle.manifest import manifest_digest
 from anytraverse.errors import AnyTraverseError
 from anytraverse.release import program_identity
-from companion.desk.evidence.parts import Basis, EvidencePart, NotKnown, figures
+from companion.desk.evidence.parts import Basis, EvidencePart
 from companion.desk.evidence.sources import Sources
 from companion.observers.recording.incident import versions
-from companion.wire.json_values import text_of
+from companion.wire.json_values import mapping_of, text_of
 from companion.wire.packing import clean
 
 _ROOT = Path(__file__).resolve().parents[3]
@@ -20,34 +20,24 @@ _PATIENCE = 5.0
 
 def versions_part(sources: Sources) -> EvidencePart:
     """Describe what is installed."""
-    commit, digest, unknown = _commit(), _bundle_digest(sources.config.perceiver.name), list[NotKnown]()
-    model, driven = clean(text_of(sources.told("perceiver").get("model"))), sources.driven
-    told = Basis("status.json", None, sources.written, sources.written)
-    if not model:
-        model, told = driven.model, Basis("recordings", driven.files, driven.begin, driven.end)
-    found = figures(
+    part, driven, commit = EvidencePart("Versions"), sources.driven, _commit()
+    part.tell(
         Basis("this computer", None, sources.now, sources.now),
-        (
-            *(
-                (f"version of {name}", number, "")
-                for name, number in versions().items()
-                if name != "computer"
-            ),
-            ("commit", commit or None, ""),
-            ("digest of the judging code and its libraries", program_identity(), ""),
-            ("digest of the bundle's manifest", digest or None, ""),
-        ),
+        *((f"version of {name}", number, "") for name, number in versions().items() if name != "computer"),
+        ("commit", commit or None, ""),
+        ("digest of the judging code and its libraries", program_identity(), ""),
+        ("digest of the bundle's manifest", _bundle_digest(sources.config.perceiver.name), ""),
     )
-    if model:
-        found += figures(told, [("model", model, "")])
+    if model := clean(text_of(mapping_of(sources.status.get("perceiver")).get("model"))):
+        part.tell(Basis("status.json", None, sources.written, sources.written), ("model", model, ""))
+    elif driven.model:
+        part.tell(driven.basis(driven.files), ("model", driven.model, ""))
     else:
-        unknown.append(
-            NotKnown("the model that judged", "no companion has run with this folder", "companion run")
-        )
+        part.lack("the model that judged", "no companion has run with this folder", "companion run")
     if not commit:
-        why = "an installed package does not name it"
-        unknown.append(NotKnown("the commit", why, "install from a checkout, or compare the digest above"))
-    return EvidencePart("versions", "Versions", found, (), tuple(unknown))
+        how = "install from a checkout, or compare the digest above"
+        part.lack("the commit", "an installed package does not name it", how)
+    return part
 
 
 def _commit() -> str:
@@ -65,9 +55,9 @@ def _commit() -> str:
     return ran.stdout.strip()[:64]
 
 
-def _bundle_digest(perceiver: str) -> str:
+def _bundle_digest(perceiver: str) -> str | None:
     folder = perceiver.partition(":")[2]
     try:
-        return manifest_digest(Path(folder)) if folder else ""
+        return manifest_digest(Path(folder)) if folder else None
     except (AnyTraverseError, OSError):
-        return ""
+        return None

@@ -6,96 +6,77 @@ from calendar import timegm
 from time import strptime
 
 from companion.desk.check.zone_file import Zone, read_zone_files
-from companion.desk.evidence.parts import (
-    Basis,
-    EvidenceFigure,
-    EvidencePart,
-    EvidenceTable,
-    NotKnown,
-    figures,
-)
+from companion.desk.evidence.parts import Basis, EvidencePart
 from companion.desk.evidence.sources import Sources
 
 _COMMAND = "companion check --zone"
 
 
 def zone_part(sources: Sources) -> EvidencePart:
-    """Describe the measured zones: a figure of each, and all marks of the newest."""
+    """Describe the measured zones: figures of each, and all marks of the newest."""
+    part = EvidencePart("Detection zone")
     unread = list[str]()
     zones = read_zone_files(sources.folder, unread.append)
-    unknown = [NotKnown("a measured zone", why, _COMMAND) for why in unread]
+    for why in unread:
+        part.lack("a measured zone", why, _COMMAND)
     if not zones:
-        unknown.append(NotKnown("where a thing before the rover is noticed", "no zone is stored", _COMMAND))
-        return EvidencePart("zone", "Detection zone", unknown=tuple(unknown))
-    found = tuple(figure for zone in zones for figure in _figures(zone))
+        part.lack("where a thing before the rover is noticed", "no zone is stored", _COMMAND)
+        return part
+    for zone in zones:
+        _tell_zone(part, zone)
     newest = zones[-1]
     if newest.covers is None:
-        unknown.append(
-            NotKnown(
-                "whether the zone covers the stop", "its stopping distance is not known", "companion check"
-            )
-        )
-    missing = sum(
-        not any(mark.line == line and mark.distance_m == metres for mark in newest.marks)
-        for line in {mark.line for mark in newest.marks}
-        for metres in newest.distances
-    )
-    if missing:
-        unknown.append(NotKnown(f"{missing} marks of the newest zone", "they were left out", _COMMAND))
-    note = f"The newest: {newest.thing}; {newest.verdict or 'no verdict'}."
-    return EvidencePart("zone", "Detection zone", found, _tables(newest), tuple(unknown), note)
+        why = "its stopping distance is not known"
+        part.lack("whether the zone covers the stop", why, "companion check")
+    measured = {(mark.line, mark.distance_m) for mark in newest.marks}
+    planned = {(line, metres) for line, _ in measured for metres in newest.distances}
+    if missing := len(planned - measured):
+        part.lack(f"{missing} marks of the newest zone", "they were left out", _COMMAND)
+    _tabulate(part, newest)
+    part.note = f"The newest: {newest.thing}; {newest.verdict or 'no verdict'}."
+    return part
 
 
-def _figures(zone: Zone) -> tuple[EvidenceFigure, ...]:
+def _tell_zone(part: EvidencePart, zone: Zone) -> None:
     at = float(timegm(strptime(zone.at, "%Y%m%dT%H%M%SZ")))
     frames = sum(one.frames for one in (*zone.marks, *zone.arcs))
     noticed = [mark.distance_m for mark in zone.marks if mark.noticed]
-    return figures(
+    empty = None if zone.empty is None else 100.0 * zone.empty.share
+    part.tell(
         Basis(_COMMAND, frames, at, at),
-        (
-            (f"{zone.at}: marks at which {zone.thing} was noticed", len(noticed), ""),
-            (f"{zone.at}: marks measured", len(zone.marks), ""),
-            (f"{zone.at}: farthest mark at which it was noticed", max(noticed, default=None), "m"),
-            (f"{zone.at}: what stopping needs", zone.stop.get("needs"), "m"),
-            (f"{zone.at}: noticed in time all across the way", zone.covers, ""),
-            (f"{zone.at}: frames with nothing there in which something was noticed", _share(zone), "%"),
-        ),
+        (f"{zone.at}: marks at which {zone.thing} was noticed", len(noticed), ""),
+        (f"{zone.at}: marks measured", len(zone.marks), ""),
+        (f"{zone.at}: farthest mark at which it was noticed", max(noticed, default=None), "m"),
+        (f"{zone.at}: what stopping needs", zone.stop.get("needs"), "m"),
+        (f"{zone.at}: noticed in time all across the way", zone.covers, ""),
+        (f"{zone.at}: frames with nothing there in which something was noticed", empty, "%"),
     )
 
 
-def _share(zone: Zone) -> float | None:
-    return None if zone.empty is None else 100.0 * zone.empty.share
-
-
-def _tables(zone: Zone) -> tuple[EvidenceTable, ...]:
-    columns = (
-        "line",
-        "bearing, °",
-        "distance, m",
-        "noticed",
-        "frames",
-        "noticed in, %",
-        "in picture",
-        "brightness",
-    )
-    rows = [
-        (
-            mark.line,
-            mark.bearing_deg,
-            mark.distance_m,
-            mark.noticed,
-            mark.frames,
-            100.0 * mark.share,
-            mark.in_picture,
-            None if mark.light is None else mark.light.mean,
-        )
+def _tabulate(part: EvidencePart, zone: Zone) -> None:
+    marks = [
+        {
+            "line": mark.line,
+            "bearing, °": mark.bearing_deg,
+            "distance, m": mark.distance_m,
+            "noticed": mark.noticed,
+            "frames": mark.frames,
+            "noticed in, %": 100.0 * mark.share,
+            "in picture": mark.in_picture,
+            "brightness": None if mark.light is None else mark.light.mean,
+        }
         for mark in zone.marks
     ]
-    tables = [EvidenceTable.of(f"Marks of {zone.at}", columns, rows)]
-    if zone.arcs:
-        arcs = [
-            (arc.distance_m, arc.from_deg, arc.to_deg, arc.frames, 100.0 * arc.share) for arc in zone.arcs
-        ]
-        walked = ("distance, m", "from, °", "to, °", "frames", "noticed in, %")
-        tables.append(EvidenceTable.of(f"Walks of {zone.at}", walked, arcs))
-    return tuple(tables)
+    walks = [
+        {
+            "distance, m": arc.distance_m,
+            "from, °": arc.from_deg,
+            "to, °": arc.to_deg,
+            "frames": arc.frames,
+            "noticed in, %": 100.0 * arc.share,
+        }
+        for arc in zone.arcs
+    ]
+    part.tabulate(f"Marks of {zone.at}", marks)
+    if walks:
+        part.tabulate(f"Walks of {zone.at}", walks)

@@ -39,16 +39,7 @@ from companion.desk.evidence.faults import FAULTS, faults_part
 from companion.desk.evidence.link import link_part
 from companion.desk.evidence.log import read_log
 from companion.desk.evidence.page import page
-from companion.desk.evidence.parts import (
-    MOST_ROWS,
-    Basis,
-    EvidenceFigure,
-    EvidencePart,
-    EvidenceTable,
-    NotKnown,
-    share,
-    utc,
-)
+from companion.desk.evidence.parts import MOST_ROWS, Basis, EvidencePart, quantile, utc
 from companion.desk.evidence.sources import Sources
 from companion.desk.evidence.stopping import stopping_part
 from companion.desk.evidence.versions import versions_part
@@ -70,7 +61,7 @@ def sources(folder: Path, **more: Any) -> Sources:
 
 
 def figures(part: EvidencePart) -> dict[str, Any]:
-    return {one.name: one.value for one in part.figures}
+    return {one["name"]: one["value"] for one in part.figures}
 
 
 @given(
@@ -127,8 +118,8 @@ def logged(folder: Path, *lines: tuple[float, str], name: str = LOG) -> None:
 
 
 def table(part: EvidencePart, title: str) -> list[dict[str, Any]]:
-    (found,) = [one.document() for one in part.tables if one.title == title]
-    return list(found["rows"])
+    (found,) = [one["rows"] for one in part.tables if one["title"] == title]
+    return list(found)
 
 
 def test_the_log_alone_tells_each_fault_and_how_long_it_stood(tmp_path: Path) -> None:
@@ -274,8 +265,8 @@ def test_heartbeats_that_did_not_come_are_told_but_not_the_time_between_recordin
     recorded(tmp_path, 2, [heard(900.0), heard(901.0)])
     told = link_part(sources(tmp_path, driven=read_drives(tmp_path)))
     name = "between two heartbeats of the autopilot, in one recording, longest"
-    (longest,) = [one for one in told.figures if one.name == name]
-    assert (longest.value, longest.basis.samples) == (4.0, 3)
+    (longest,) = [one for one in told.figures if one["name"] == name]
+    assert (longest["value"], longest["samples"]) == (4.0, 3)
     assert figures(told)["autopilot"] == "system 1, ArduPilot"
     other = link_part(sources(tmp_path, driven=DrivenFacts(files=1, vehicles={(2, 99, 1)})))
     assert figures(other)["autopilot"] == "system 2, MAV_AUTOPILOT 99, MAV_TYPE 1"
@@ -321,8 +312,8 @@ def test_a_bad_sector_costs_one_recording(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(reading, "opened", failing)
     found = read_drives(tmp_path)
     assert (found.files, found.damaged, found.unread) == (1, 1, 0)
-    _, _, unknown = evidence(sources(tmp_path, driven=found), "SHA256:x")
-    assert "1 damaged recordings" in [one.what for one in unknown]
+    told = evidence(sources(tmp_path, driven=found), "SHA256:x")
+    assert "1 damaged recordings" in [one["what"] for one in told["unknown"]]
 
 
 def test_stops_are_stored_read_and_fitted(tmp_path: Path) -> None:
@@ -397,8 +388,8 @@ def test_a_measured_zone_is_told_with_its_marks(tmp_path: Path) -> None:
 def test_with_no_time_left_all_recordings_are_unread_and_that_is_told(driven: Path) -> None:
     found = read_drives(driven.parent / "state", longest=-1.0)
     assert (found.files, found.unread) == (0, 1)
-    _, _, unknown = evidence(sources(driven.parent / "state", driven=found), "SHA256:x")
-    assert "1 older recordings" in [one.what for one in unknown]
+    told = evidence(sources(driven.parent / "state", driven=found), "SHA256:x")
+    assert "1 older recordings" in [one["what"] for one in told["unknown"]]
 
 
 def test_damaged_recordings_are_no_error(driven: Path, tmp_path: Path) -> None:
@@ -421,29 +412,30 @@ def test_damaged_recordings_are_no_error(driven: Path, tmp_path: Path) -> None:
 )))  # fmt: skip
 def test_a_status_may_hold_anything(tmp_path_factory: pytest.TempPathFactory, said: dict[str, Any]) -> None:
     folder = tmp_path_factory.mktemp("status")
-    told, parts, unknown = evidence(sources(folder, age=1.0, status=said, no_journal="x"), "SHA256:x")
+    told = evidence(sources(folder, age=1.0, status=said, no_journal="x"), "SHA256:x")
     json.dumps(told, allow_nan=False)
-    assert page(told, parts, unknown, "")
+    assert page(told, "")
 
 
 def test_all_that_is_shown_is_text(tmp_path: Path) -> None:
-    told, _, _ = evidence(sources(tmp_path), "SHA256:<x>")
     evil = "<script>alert(1)</script>"
-    part = EvidencePart(
-        "x",
-        evil,
-        (EvidenceFigure(evil, evil, Basis(evil), evil),),
-        (EvidenceTable.of(evil, (evil,), [(evil,)]),),
-        note=evil,
-    )
-    shown = page(told, [part], [NotKnown(evil, evil, evil)], evil)
+    part = EvidencePart(evil)
+    part.tell(Basis(evil), (evil, evil, evil))
+    part.tabulate(evil, [{evil: evil}])
+    part.lack(evil, evil, evil)
+    part.note = evil
+    told = evidence(sources(tmp_path), "SHA256:<x>")
+    unknown = [one._asdict() for one in part.unknown]
+    shown = page({**told, "parts": {"x": part.document()}, "unknown": unknown}, evil)
     assert "<script" not in shown
     assert shown.count("&lt;script&gt;") == 15
 
 
 def test_a_long_table_has_its_last_rows_and_counts_the_others() -> None:
-    made = EvidenceTable.of("t", ("n",), [(number,) for number in range(MOST_ROWS + 5)])
-    assert (len(made.rows), made.left_out, made.rows[-1]) == (MOST_ROWS, 5, (MOST_ROWS + 4,))
+    part = EvidencePart("x")
+    part.tabulate("t", [{"n": number} for number in range(MOST_ROWS + 5)])
+    (made,) = part.tables
+    assert (len(made["rows"]), made["left_out"], made["rows"][-1]) == (MOST_ROWS, 5, {"n": MOST_ROWS + 4})
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root reads a checkout of somebody else")
@@ -463,7 +455,7 @@ def test_the_commit_of_another_users_checkout_is_told(
 
 @given(st.lists(st.floats(0, 100), min_size=1), st.floats(0.01, 1))
 def test_a_share_of_all_values_is_no_greater(values: list[float], least: float) -> None:
-    found = share(values, least)
+    found = quantile(values, least)
     assert sum(value <= found for value in values) >= least * len(values) - 1e-9
 
 

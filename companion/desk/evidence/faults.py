@@ -88,10 +88,10 @@ def faults_part(sources: Sources) -> EvidencePart:
 
 def _tell_faults(part: EvidencePart, sources: Sources) -> None:
     logged, driven = sources.logged, sources.driven
-    rows, known = list[dict[str, Value | None]](), 0
+    rows, faults, known = list[dict[str, Value | None]](), logged.faults(), 0
     for kind in FAULTS:
         if kind.ends is None:
-            seen = [one for one in logged.faults if re.match(kind.logged, one.name)]
+            seen = [one for one in faults if re.match(f"fault: ({kind.logged})", one.text)]
             known += len(seen)
         else:
             seen = logged.episodes(kind.logged, kind.ends)
@@ -109,7 +109,7 @@ def _tell_faults(part: EvidencePart, sources: Sources) -> None:
     unclean = logged.unclean + (logged.open and not sources.running)
     part.tell(
         Basis("log", len(logged.lines), begin, end),
-        ("faults of other kinds", len(logged.faults) - known, ""),
+        ("faults of other kinds", len(faults) - known, ""),
         ("starts of the companion", logged.starts, ""),
         ("ends without being told to stop: killed, crashed, or without power", unclean, ""),
         ("reboots of the autopilot while it was recorded", driven.reboots if driven.files else None, ""),

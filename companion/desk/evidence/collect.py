@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -39,7 +38,6 @@ _PARTS: Mapping[str, Callable[[Sources], EvidencePart]] = {
     "versions": versions_part,
     "check": check_part,
 }
-_TOLD_EVERY = 5.0
 _NO_CHECK = "it was left out by --no-check"
 
 
@@ -68,7 +66,7 @@ def read_sources(config: Config, file: str, *, checks: bool = True) -> Sources:
         running=running,
         journal=journal,
         no_journal=no_journal,
-        driven=read_drives(folder, _Told()),
+        driven=read_drives(folder),
         logged=read_log(folder),
         checked=checked,
         no_check=no_check,
@@ -101,15 +99,3 @@ def _beside(sources: Sources) -> Iterator[NotKnown]:
     if sources.driven.damaged:
         what = f"{sources.driven.damaged} damaged recordings"
         yield NotKnown(what, "the disk cannot read them", "a new card or disk")
-
-
-class _Told:
-    """Says on stderr how far reading is, every five seconds."""
-
-    def __init__(self) -> None:
-        self._at = time.monotonic()
-
-    def __call__(self, done: int, of: int) -> None:
-        if time.monotonic() - self._at >= _TOLD_EVERY:
-            self._at = time.monotonic()
-            print(f"recording {done + 1} of {of}", file=sys.stderr, flush=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import time
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ LONGEST = 120.0
 """Seconds of reading. Recordings that are older than what was read by then are left out, and counted."""
 MOST = 1_000_000
 """Messages that are read, of all recordings, for their memory."""
+_TOLD_EVERY = 5.0
 _LONGEST_AGE, _LATEST = 60.0, 1e11
 _GAP = 2.0
 """Seconds between two messages beyond which it is not known what happened: the clock may have been set."""
@@ -124,24 +126,25 @@ class _EnoughError(Exception):
 
 def read_drives(
     folder: Path,
-    tell: Callable[[int, int], object] = lambda _done, _of: None,
     longest: float = LONGEST,
     most: int = MOST,
 ) -> DrivenFacts:
     """Read the recordings in a companion's state folder. Raises OSError where it may not be read.
 
-    tell: called with how many are read, and of how many. longest, most: see `LONGEST` and `MOST`.
+    It says on stderr how far it is. longest, most: see `LONGEST` and `MOST`.
     """
     whole = DrivenFacts()
     if trouble := missing():
         whole.trouble = trouble
         return whole
     found, reading = recordings(folder / FOLDER), _Reading(time.monotonic() + longest, most)
-    each, damaged = list[DrivenFacts](), 0
-    for number, one in enumerate(reversed(found)):
+    each, damaged, told_at = list[DrivenFacts](), 0, time.monotonic()
+    for number, one in enumerate(reversed(found), 1):
         if reading.ended():
             break
-        tell(number, len(found))
+        if time.monotonic() >= told_at + _TOLD_EVERY:
+            told_at = time.monotonic()
+            print(f"recording {number} of {len(found)}", file=sys.stderr, flush=True)
         try:
             each.append(reading.facts_of(folder / FOLDER / one.name))
         except PermissionError:

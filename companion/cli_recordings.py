@@ -66,7 +66,7 @@ def _evidence(options: argparse.Namespace) -> int:
 
 
 def _of_recordings(act: Callable[[], int]) -> int:
-    from companion.desk.evidence.command import EvidenceError
+    from companion.desk.evidence.signature import EvidenceError
     from companion.observers.recording.command import RecordError
 
     try:

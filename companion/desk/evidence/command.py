@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import os
 import signal
-import time
 from pathlib import Path
 
 from companion.config import format_config, load_config, state_folder
+from companion.desk.check.zone_file import utc_now
 from companion.desk.evidence.collect import evidence, read_sources
-from companion.desk.evidence.package import CONFIG, DATA, PAGE, PackageTooLargeError, write_package
+from companion.desk.evidence.package import CONFIG, DATA, PAGE, write_package
 from companion.desk.evidence.page import page
 from companion.desk.evidence.signature import (
-    NoToolError,
+    EvidenceError,
     SignatureError,
     allowed_signers,
     fingerprint,
@@ -24,10 +24,6 @@ from companion.desk.evidence.verify import NotEvidenceError, verify
 _NICENESS = 10
 
 
-class EvidenceError(Exception):
-    """The command cannot be carried out. The text says what to do."""
-
-
 def write(file: str, out: str | None, *, checks: bool = True) -> int:
     """Write the file. Returns 0. checks: whether `companion check` is run for it.
 
@@ -35,30 +31,24 @@ def write(file: str, out: str | None, *, checks: bool = True) -> int:
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the check's process is ended, too
     os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
-    now = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(time.time()))
-    path = Path(out or f"evidence-{now}.zip")
-    if path.exists():
+    path = Path(out or f"evidence-{utc_now()}.zip")
+    # Both are known before what takes minutes.
+    if os.path.lexists(path):
         raise EvidenceError(f"{path}: is there already: name another one with --out")
-    if not os.access(path.parent, os.W_OK):  # known before what takes minutes
+    if not os.access(path.parent, os.W_OK):
         raise EvidenceError(f"{path.parent} cannot be written: name another place with --out")
-    try:
-        loaded = load_config(file)
-        key = rover_key(state_folder(loaded))
-        signers = allowed_signers(key)
-        mark = fingerprint(signers)
-        sources = read_sources(loaded, file, checks=checks)
-        told = evidence(sources, mark)
-        config = format_config(sources.config)
-        members = {
-            PAGE: page(told, config).encode("utf-8", "replace"),
-            DATA: json.dumps(told, indent=1, allow_nan=False).encode(),
-            CONFIG: config.encode(),
-        }
-        size = write_package(path, key, signers, members)
-    except FileExistsError:
-        raise EvidenceError(f"{path}: is there already: name another one with --out") from None
-    except (NoToolError, PackageTooLargeError, SignatureError) as error:
-        raise EvidenceError(str(error)) from error
+    loaded = load_config(file)
+    key = rover_key(state_folder(loaded))
+    signers = allowed_signers(key)
+    mark = fingerprint(signers)
+    sources = read_sources(loaded, file, checks=checks)
+    told, config = evidence(sources, mark), format_config(loaded)
+    members = {
+        PAGE: page(told, config).encode("utf-8", "replace"),
+        DATA: json.dumps(told, indent=1, allow_nan=False).encode(),
+        CONFIG: config.encode(),
+    }
+    size = write_package(path, key, signers, members)
     count, lacking = sum(len(part["figures"]) for part in told["parts"].values()), len(told["unknown"])
     print(f"{path}: {count} figures, {size / 1e6:.2f} MB, signed by {mark}")
     if checks and sources.no_check:
@@ -72,8 +62,6 @@ def check(path: str) -> int:
     """Check a file, and say which key signed it. Returns 0, or 1 where it differs. Raises EvidenceError."""
     try:
         found = verify(Path(path))
-    except NoToolError as error:
-        raise EvidenceError(str(error)) from error
     except NotEvidenceError as error:
         print(f"{path}: NOT as it was signed: {error}")
         return 1

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 
-from companion.desk.evidence.signature import NAMESPACE, SIGNER, sign
+from companion.desk.evidence.signature import NAMESPACE, SIGNER, EvidenceError, sign
 
 LARGEST = 20_000_000
 """Bytes of the zip."""
@@ -54,10 +54,6 @@ _TIME = (1980, 1, 1, 0, 0, 0)
 _UNIX = 3
 
 
-class PackageTooLargeError(Exception):
-    """The zip would be larger than `LARGEST`."""
-
-
 def sums_of(members: Mapping[str, bytes]) -> bytes:
     """Return the sums as `sha256sum` writes them."""
     lines = (f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in members.items())
@@ -79,8 +75,7 @@ def write_package(out: Path, key: Path, signers: str, members: Mapping[str, byte
     """Write the zip, and return its size in bytes.
 
     key: the private one. signers: as of `allowed_signers`. members: by name, without README, signers, sums
-    and signature. Raises SignatureError, NoToolError, PackageTooLargeError, OSError, FileExistsError where
-    `out` is there already.
+    and signature. Raises EvidenceError, OSError, FileExistsError where `out` is there already.
     """
     readme = README_TEXT.format(
         name=shlex.quote(out.name),
@@ -96,12 +91,11 @@ def write_package(out: Path, key: Path, signers: str, members: Mapping[str, byte
     sums = sums_of(signed)
     content = pack({**signed, SUMS: sums, SIGNATURE: sign(key, sums)})
     if len(content) > LARGEST:
-        raise PackageTooLargeError(f"it would be larger than {LARGEST // 1_000_000} MB")
+        raise EvidenceError(f"it would be larger than {LARGEST // 1_000_000} MB")
+    file = out.open("xb")
     try:
-        with out.open("xb") as file:
+        with file:
             file.write(content)
-    except FileExistsError:
-        raise
     except BaseException:
         out.unlink(missing_ok=True)
         raise

@@ -10,7 +10,6 @@ import os
 import re
 import subprocess
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 from anytraverse.regular_file import open_regular
@@ -28,19 +27,19 @@ _PATIENCE = 20.0
 _INSTALL = "ssh-keygen is not installed: sudo apt install openssh-client"
 
 
-class SignatureError(Exception):
+class EvidenceError(Exception):
+    """The command cannot be carried out. The text says what to do."""
+
+
+class SignatureError(EvidenceError):
     """Nothing can be signed, or a signature is not good. The text says what to do."""
-
-
-class NoToolError(Exception):
-    """OpenSSH is not installed. The text says what to install."""
 
 
 def rover_key(folder: Path) -> Path:
     """Return the rover's private key; makes it, readable by its owner alone, where there is none.
 
     Root makes and reads it with the rights of the folder's owner. folder: the companion's state. Raises
-    SignatureError, OSError.
+    EvidenceError, OSError.
     """
     path = folder / KEY
     with as_owner(folder):
@@ -62,7 +61,7 @@ def rover_key(folder: Path) -> Path:
 
 
 def allowed_signers(key: Path) -> str:
-    """Return the public key as a line for `ssh-keygen -Y verify`. Raises SignatureError."""
+    """Return the public key as a line for `ssh-keygen -Y verify`. Raises EvidenceError."""
     what = f"{key} cannot be used: move it away, to have a new one"
     with as_owner(key.parent):
         told = _run("-y", "-P", "", "-f", str(key), what=what)
@@ -74,7 +73,7 @@ def allowed_signers(key: Path) -> str:
 
 
 def sign(key: Path, content: bytes) -> bytes:
-    """Return the signature of some bytes, armoured. Raises SignatureError."""
+    """Return the signature of some bytes, armoured. Raises EvidenceError."""
     with as_owner(key.parent):  # who put a link in its place cannot have root's own key used
         return _run("-Y", "sign", "-f", str(key), "-n", NAMESPACE, content=content)
 
@@ -117,12 +116,11 @@ def _is_armoured(signature: bytes) -> bool:
 
 
 def _run(*asked: str, content: bytes = b"", what: str = "ssh-keygen failed") -> bytes:
-    """Run ssh-keygen, and return what it says. what: begins the error. Raises SignatureError."""
+    """Run ssh-keygen, and return what it says. what: begins the error. Raises EvidenceError."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("SSH_")}
-    command: Sequence[str] = ("ssh-keygen", *asked)
     try:
         done = subprocess.run(
-            command,
+            ["ssh-keygen", *asked],
             input=content,
             capture_output=True,
             timeout=_PATIENCE,
@@ -131,7 +129,7 @@ def _run(*asked: str, content: bytes = b"", what: str = "ssh-keygen failed") -> 
             start_new_session=True,  # it can ask for a passphrase nowhere
         )
     except FileNotFoundError:
-        raise NoToolError(_INSTALL) from None
+        raise EvidenceError(_INSTALL) from None
     except (OSError, subprocess.TimeoutExpired) as error:
         raise SignatureError(f"{what}: {error}") from error
     if done.returncode:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import zipfile
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
-from anytraverse.regular_file import open_regular
+from anytraverse.regular_file import read_regular
 from companion.desk.evidence.package import (
     DATA,
     LARGEST,
@@ -42,9 +41,8 @@ class Verified(NamedTuple):
 
 
 def verify(path: Path) -> Verified:
-    """Check a file. Raises NotEvidenceError with all that differs, SignatureError, NoToolError, OSError."""
-    with os.fdopen(open_regular(path), "rb") as file:
-        content = file.read(LARGEST + 1)
+    """Check a file. Raises NotEvidenceError with all that differs, EvidenceError, OSError."""
+    content = read_regular(path, LARGEST + 1)
     if len(content) > LARGEST:
         raise NotEvidenceError(f"it is larger than {LARGEST // 1_000_000} MB: no evidence is")
     members = _members(content)

@@ -50,18 +50,17 @@ def read_sources(config: Config, file: str, *, checks: bool = True) -> Sources:
     folder, now = state_folder(config), time.time()
     age, status = read_status(folder)
     running = age is not None and age <= RUNNING and is_alive(status.get("pid"))
-    no_journal = ""
+    journal, no_journal = None, f"there is no journal in {folder}"
     try:
         journal = read_stored_calls(folder)
-        no_journal = "" if journal is not None else f"there is no journal in {folder}"
     except JournalError as error:
-        journal, no_journal = None, str(error)
+        no_journal = str(error)
     checked, no_check = run_check(file) if checks else ([], _NO_CHECK)
     return Sources(
         config,
         folder,
         now,
-        age=age,
+        written=None if age is None else now - age,
         status=status,
         running=running,
         journal=journal,
@@ -91,7 +90,7 @@ def _beside(sources: Sources) -> Iterator[NotKnown]:
     """Yield what no part tells."""
     if not is_set(sources.now):
         yield NotKnown("when this was made", "the computer's clock was never set", "companion check")
-    if sources.age is None:
+    if sources.written is None:
         yield NotKnown("how the companion does", "it has not run with this folder", "companion run")
     if sources.driven.unread:
         what = f"{sources.driven.unread} older recordings"

@@ -18,7 +18,7 @@ class Sources:
     """What evidence is made from.
 
     folder: the companion's state. now: seconds since 1970.
-    age, status: of status.json: seconds since it was written, None without one, and its content.
+    written, status: when status.json was written, seconds since 1970, None without one, and its content.
     running: whether a companion runs with this folder now.
     driven: what the recordings tell. logged: what the log tells. journal: closed calls with their answers,
     None where the journal could not be read: `no_journal` says why. checked: rows of `companion check`;
@@ -28,7 +28,7 @@ class Sources:
     config: Config
     folder: Path
     now: float
-    age: float | None = None
+    written: float | None = None
     status: Mapping[str, Any] = field(default_factory=dict)
     running: bool = False
     journal: Sequence[CallReport] | None = None
@@ -37,8 +37,3 @@ class Sources:
     logged: LogFacts = field(default_factory=LogFacts)
     checked: Sequence[Mapping[str, str]] = ()
     no_check: str = ""
-
-    @property
-    def written(self) -> float | None:
-        """When the status was written, seconds since 1970."""
-        return None if self.age is None else self.now - self.age

@@ -412,7 +412,7 @@ def test_damaged_recordings_are_no_error(driven: Path, tmp_path: Path) -> None:
 )))  # fmt: skip
 def test_a_status_may_hold_anything(tmp_path_factory: pytest.TempPathFactory, said: dict[str, Any]) -> None:
     folder = tmp_path_factory.mktemp("status")
-    told = evidence(sources(folder, age=1.0, status=said, no_journal="x"), "SHA256:x")
+    told = evidence(sources(folder, written=NOON, status=said, no_journal="x"), "SHA256:x")
     json.dumps(told, allow_nan=False)
     assert page(told, "")
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 
-from companion.desk.evidence.signature import NAMESPACE, SIGNER, EvidenceError, sign
+from companion.desk.evidence.signature import EvidenceError, sign
 
 LARGEST = 20_000_000
 """Bytes of the zip."""
@@ -38,7 +38,7 @@ To check it, with coreutils and OpenSSH 8.2 or newer:
 
   unzip {name} -d evidence && cd evidence
   sha256sum --check --strict SHA256SUMS
-  ssh-keygen -Y verify -f {signers} -I {signer} -n {namespace} -s {signature} < {sums}
+  ssh-keygen -Y verify -f allowed_signers -I rover -n anytraverse-evidence -s SHA256SUMS.sig < SHA256SUMS
 
 or, where the companion is installed, which also refuses what unzip might show otherwise:
 
@@ -77,15 +77,7 @@ def write_package(out: Path, key: Path, signers: str, members: Mapping[str, byte
     key: the private one. signers: as of `allowed_signers`. members: by name, without README, signers, sums
     and signature. Raises EvidenceError, OSError, FileExistsError where `out` is there already.
     """
-    readme = README_TEXT.format(
-        name=shlex.quote(out.name),
-        signers=SIGNERS,
-        signer=SIGNER,
-        namespace=NAMESPACE,
-        signature=SIGNATURE,
-        sums=SUMS,
-        proves=fill(PROVES, 100),
-    )
+    readme = README_TEXT.format(name=shlex.quote(out.name), proves=fill(PROVES, 100))
     all_signed = {**members, README: readme.encode(), SIGNERS: signers.encode()}
     signed = {name: all_signed[name] for name in SIGNED}
     sums = sums_of(signed)

@@ -18,7 +18,7 @@ from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.desk.check.here import status
 from companion.desk.check.new_thing import NewThing
 from companion.desk.check.typed_lines import TypedLines
-from companion.desk.check.zone_file import FOLDER, ZoneArc, ZoneLook, ZoneMark, utc_now, write_zone
+from companion.desk.check.zone_file import FOLDER, ZoneArc, ZoneLook, ZoneMark, write_zone
 from companion.desk.check.zone_judge import NotMeasuredError, ZoneFrames, ZoneJudge
 from companion.desk.check.zone_plan import (
     LineVerdict,
@@ -186,7 +186,7 @@ class ZoneWalk:
                 f"({', '.join(sorted(found.reasons))}): turn it to ground that its words describe, or see "
                 "`companion setup`, page Words"
             )
-        self._empty, empty = found, ZoneLook(**found.looked(), at=utc_now())
+        self._empty, empty = found, ZoneLook(**found.looked())
         self._zone = replace(self._zone, empty=empty)
         noticed = f"something noticed in {found.noticed} of {found.count} frames"
         print(f"  it would not stop: {noticed}; {light_text(empty)}")
@@ -238,7 +238,6 @@ class ZoneWalk:
         elsewhere = thing is not None and not thing.stands_at(at, line.bearing)
         mark = ZoneMark(
             **found.looked(),
-            at=utc_now(),
             line=line.name,
             bearing_deg=line.bearing,
             distance_m=at,
@@ -274,9 +273,7 @@ class ZoneWalk:
         except NotMeasuredError as error:
             print(f"  not measured: {error}")
             return
-        arc = ZoneArc(
-            **found.looked(), at=utc_now(), distance_m=at, from_deg=first.bearing, to_deg=last.bearing
-        )
+        arc = ZoneArc(**found.looked(), distance_m=at, from_deg=first.bearing, to_deg=last.bearing)
         self._zone = replace(self._zone, arcs=(arc,))
 
     def _ask(self, question: str) -> str:

@@ -111,8 +111,9 @@ class ZoneFrames:
         return np.asarray(self._strangeness / max(1, self.count), np.float32)
 
     def looked(self) -> dict[str, Any]:
-        """Return what a `ZoneLook` holds, but the time."""
+        """Return the attributes of a `ZoneLook` of now."""
         return {
+            "at": utc_now(),
             "frames": self.count,
             "noticed_frames": self.noticed,
             "reasons": tuple(sorted(self.reasons)),

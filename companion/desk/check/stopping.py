@@ -12,7 +12,7 @@ from companion.config.whole_check import unchecked
 from companion.daemon.policy.hold_gate import HoldConditions, HoldGate
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
-from companion.desk.check.zone_file import newest_zone
+from companion.desk.check.zone_file import read_zone_files
 from companion.desk.check.zone_match import changed_since
 
 CHECK = "stopping"
@@ -84,11 +84,12 @@ def check_tile(rover: CheckedRover) -> list[CheckFinding]:
 
 def check_zone(rover: CheckedRover) -> list[CheckFinding]:
     """Tell whether the newest measured detection zone covers the stop as it is judged now."""
-    told: list[str] = []
-    zone = newest_zone(rover.folder, told.append)
-    if zone is None:
-        text = "not measured: `companion check --zone`, on blocks"
-        return [warned(ZONE, told[0]) if told else skipped(ZONE, text)]
+    zones, left_out = read_zone_files(rover.folder, most=1)
+    if left_out:
+        return [warned(ZONE, left_out[0])]
+    if not zones:
+        return [skipped(ZONE, "not measured: `companion check --zone`, on blocks")]
+    (zone,) = zones
     text = f"measured {zone.at[:4]}-{zone.at[4:6]}-{zone.at[6:8]}: {zone.verdict}"
     if not zone.covers:
         return [warned(ZONE, text)]

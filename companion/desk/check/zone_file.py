@@ -7,20 +7,19 @@ is read is checked: the file may come from anywhere.
 from __future__ import annotations
 
 import json
-import logging
 import re
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from msgspec import Meta, ValidationError, convert
 
 from anytraverse.light import Light
 from anytraverse.regular_file import read_regular
 from companion.system.atomic_write import write_atomically
-from companion.wire.json_values import LARGEST, number_of, read_object
-
-log = logging.getLogger(__name__)
+from companion.wire.json_values import LARGEST, read_object
 
 FOLDER = "zone"
 """Of the data folder."""
@@ -28,12 +27,17 @@ FORMAT, VERSION = "anytraverse zone", 1
 MOST_FILES = 100
 """The newest are kept."""
 MOST_MARKS = 400
-_TEXT, _NAMES = 400, 64
+_TEXT = 400
 _NAME = re.compile(r"[0-9]{8}T[0-9]{6}Z\.json", re.ASCII)
 _TIME = "%Y%m%dT%H%M%SZ"
-_FARTHEST = 1000.0
+_BRIGHTEST = 255.0
 
-Figures = Mapping[str, float | None]
+_Figure = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Figures = Annotated[Mapping[str, _Figure | None], Meta(max_length=64)]
+_Metres = Annotated[float, Meta(ge=0.0, le=1000.0)]
+_Bearing = Annotated[float, Meta(ge=-180.0, le=180.0)]
+_Weight = Annotated[float, Meta(ge=-1.0, le=1.0)]
+_Many = Meta(max_length=MOST_MARKS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +48,9 @@ class ZoneLook:
     that any frame had, by name. light: of the last frame, None: not measured. at: UTC, as of `utc_now`.
     """
 
-    frames: int
-    noticed_frames: int
-    reasons: tuple[str, ...] = ()
+    frames: Annotated[int, Meta(ge=1, le=1_000_000)]
+    noticed_frames: Annotated[int, Meta(ge=0)]
+    reasons: Annotated[tuple[str, ...], _Many]
     light: Light | None = None
     at: str
 
@@ -68,13 +72,13 @@ class ZoneMark(ZoneLook):
     """
 
     line: str
-    bearing_deg: float
-    distance_m: float
+    bearing_deg: _Bearing
+    distance_m: _Metres
     noticed: bool
-    in_picture: bool = False
-    elsewhere: bool = False
-    ground_m: float | None = None
-    ground_deg: float | None = None
+    in_picture: bool
+    elsewhere: bool
+    ground_m: _Figure | None = None  # no _Metres: below the horizon a row of the picture covers kilometres
+    ground_deg: _Bearing | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,9 +88,9 @@ class ZoneArc(ZoneLook):
     distance_m: the radius. from_deg, to_deg: bearings at which it began and ended.
     """
 
-    distance_m: float
-    from_deg: float
-    to_deg: float
+    distance_m: _Metres
+    from_deg: _Bearing
+    to_deg: _Bearing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,19 +111,19 @@ class Zone:
     program: str
     identity: str
     model: str
-    words: Mapping[str, float]
-    thresholds: Figures
-    region: Figures
-    mount: Figures
-    stop: Figures
+    words: Annotated[Mapping[str, _Weight], Meta(max_length=64)]
+    thresholds: _Figures
+    region: _Figures
+    mount: _Figures
+    stop: _Figures
     thing: str
-    distances: tuple[float, ...] = ()
-    verdict: str = ""
+    distances: Annotated[tuple[_Metres, ...], _Many]
+    verdict: str
     covers: bool | None = None
     empty: ZoneLook | None = None
     clear: bool | None = None
-    marks: tuple[ZoneMark, ...] = field(default=())
-    arcs: tuple[ZoneArc, ...] = field(default=())
+    marks: Annotated[tuple[ZoneMark, ...], _Many]
+    arcs: Annotated[tuple[ZoneArc, ...], _Many]
 
 
 class ZoneFileError(Exception):
@@ -146,15 +150,10 @@ def write_zone(folder: Path, zone: Zone) -> Path:
     return path
 
 
-def read_zone_files(folder: Path, tell: Callable[[str], None] = log.warning) -> tuple[Zone, ...]:
-    """Read all zones of the data folder, oldest first. tell: is told of each file that cannot be read."""
-    return _read(_paths(folder), tell)
-
-
-def newest_zone(folder: Path, tell: Callable[[str], None] = log.warning) -> Zone | None:
-    """Read the newest zone, None without one. tell: as of `read_zone_files`."""
-    found = _read(_paths(folder)[-1:], tell)
-    return found[0] if found else None
+def read_zone_files(folder: Path, most: int = MOST_FILES) -> tuple[list[Zone], list[str]]:
+    """Read the newest zones of the data folder, oldest first, and say why each other file is left out."""
+    found = [_read(path) for path in _paths(folder)[-most:]]
+    return [one for one in found if isinstance(one, Zone)], [one for one in found if isinstance(one, str)]
 
 
 def _paths(folder: Path) -> list[Path]:
@@ -164,17 +163,13 @@ def _paths(folder: Path) -> list[Path]:
         return []
 
 
-def _read(paths: list[Path], tell: Callable[[str], None]) -> tuple[Zone, ...]:
-    return tuple(zone for path in paths if (zone := _read_file(path, tell)) is not None)
-
-
-def _read_file(path: Path, tell: Callable[[str], None]) -> Zone | None:
+def _read(path: Path) -> Zone | str:
+    """Read a file, and return the zone, or why it is left out."""
     try:
         return parsed_zone(read_regular(path, LARGEST + 1, follow=False))
     except (OSError, ZoneFileError) as error:
         why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
-        tell(f"{path} is left out: {why}")
-        return None
+        return f"{path} is left out: {why}"
 
 
 def parsed_zone(content: bytes) -> Zone:
@@ -184,125 +179,38 @@ def parsed_zone(content: bytes) -> Zone:
         if told.get("format") != FORMAT:
             raise ValueError("it is no file of `companion check --zone`")
         if told.get("version") != VERSION:
-            version = str(told.get("version"))[:20]
+            version = ascii(told.get("version"))[:20]
             raise ValueError(f"it has version {version}, and this program reads {VERSION}")
-        return _zone(told)
-    except ValueError as error:
+        zone = convert(told, Zone)
+        _check(zone)
+    except (ValueError, ValidationError) as error:
         raise ZoneFileError(str(error)[:_TEXT]) from error
+    return zone
 
 
-def _zone(told: Mapping[str, Any]) -> Zone:
-    words = _figures(told, "words", 1.0)
-    if None in words.values():
-        raise ValueError("a word has no weight")
-    covers, clear = told.get("covers"), told.get("clear")
-    if not all(one is None or isinstance(one, bool) for one in (covers, clear)):
-        raise ValueError("covers or clear is not true, false or null")
-    return Zone(
-        at=_time(told),
-        program=_text(told, "program"),
-        identity=_text(told, "identity"),
-        model=_text(told, "model"),
-        words={word: weight for word, weight in words.items() if weight is not None},
-        thresholds=_figures(told, "thresholds"),
-        region=_figures(told, "region"),
-        mount=_figures(told, "mount"),
-        stop=_figures(told, "stop"),
-        thing=_text(told, "thing"),
-        distances=tuple(
-            _number({"distances": one}, "distances", _FARTHEST) for one in _list(told, "distances")
-        ),
-        verdict=_text(told, "verdict"),
-        covers=covers,
-        clear=clear,
-        empty=None if told.get("empty") is None else ZoneLook(**_watched(_table(told["empty"], "empty"))),
-        marks=tuple(_mark(_table(one, "a mark")) for one in _list(told, "marks")),
-        arcs=tuple(_arc(_table(one, "an arc")) for one in _list(told, "arcs")),
-    )
+def _check(zone: Zone) -> None:
+    """Refuse what the types do not. Raises ValueError."""
+    looks = [*zone.marks, *zone.arcs, *([] if zone.empty is None else [zone.empty])]
+    for at in (zone.at, *(look.at for look in looks)):
+        if not _NAME.fullmatch(f"{at}.json"):
+            raise ValueError("at is no time as 20261127T234500Z")
+        time.strptime(at, _TIME)
+    for look in looks:
+        if look.noticed_frames > look.frames:
+            raise ValueError(f"{look.noticed_frames} of {look.frames} frames")
+        if look.light is not None and not all(0.0 <= one <= _BRIGHTEST for one in astuple(look.light)):
+            raise ValueError(f"light is not 0 to {_BRIGHTEST:g}")
+    if not all(len(text) <= _TEXT and text.isprintable() for text in _texts(asdict(zone))):
+        raise ValueError(f"a text is not printable, or longer than {_TEXT} characters")
 
 
-def _mark(told: Mapping[str, Any]) -> ZoneMark:
-    flags: dict[str, Any] = {name: told.get(name) for name in ("noticed", "in_picture", "elsewhere")}
-    if not all(isinstance(one, bool) for one in flags.values()):
-        raise ValueError(f"{', '.join(flags)} are not all true or false")
-    return ZoneMark(
-        **_watched(told),
-        line=_text(told, "line"),
-        bearing_deg=_number(told, "bearing_deg", 180.0),
-        distance_m=_number(told, "distance_m", _FARTHEST),
-        **flags,
-        ground_m=number_of(told.get("ground_m"), 0.0, _FARTHEST),
-        ground_deg=number_of(told.get("ground_deg"), -180.0, 180.0),
-    )
-
-
-def _arc(told: Mapping[str, Any]) -> ZoneArc:
-    return ZoneArc(
-        **_watched(told),
-        distance_m=_number(told, "distance_m", _FARTHEST),
-        from_deg=_number(told, "from_deg", 180.0),
-        to_deg=_number(told, "to_deg", 180.0),
-    )
-
-
-def _watched(told: Mapping[str, Any]) -> dict[str, Any]:
-    frames, noticed = (_number(told, name, 1e6) for name in ("frames", "noticed_frames"))
-    if not (frames >= 1 and 0 <= noticed <= frames and frames % 1 == noticed % 1 == 0):
-        raise ValueError(f"{noticed:g} of {frames:g} frames")
-    light = told.get("light")
-    return {
-        "frames": int(frames),
-        "noticed_frames": int(noticed),
-        "reasons": tuple(_text({"reasons": one}, "reasons") for one in _list(told, "reasons")),
-        "light": None
-        if light is None
-        else Light(*(_number(_table(light, "light"), name, 255.0) for name in ("mean", "darkest"))),
-        "at": _time(told),
-    }
-
-
-def _table(value: object, what: str) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise ValueError(f"{what} is no object")
-    return value
-
-
-def _list(told: Mapping[str, Any], name: str) -> list[Any]:
-    value = told.get(name)
-    if not isinstance(value, list) or len(value) > MOST_MARKS:
-        raise ValueError(f"{name} is no list of at most {MOST_MARKS}")
-    return value
-
-
-def _text(told: Mapping[str, Any], name: str) -> str:
-    value = told.get(name)
-    if not isinstance(value, str) or len(value) > _TEXT or not value.isprintable():
-        raise ValueError(f"{name} is no printable text of at most {_TEXT} characters")
-    return value
-
-
-def _time(told: Mapping[str, Any]) -> str:
-    value = _text(told, "at")
-    if not _NAME.fullmatch(f"{value}.json"):
-        raise ValueError("at is no time as 20261127T234500Z")
-    time.strptime(value, _TIME)
-    return value
-
-
-def _number(told: Mapping[str, Any], name: str, most: float) -> float:
-    """Return a number as float. Raises ValueError unless it is finite, and at most `most` either way."""
-    value = number_of(told.get(name), -most, most)
-    if value is None:
-        raise ValueError(f"{name} is no number of at most {most:g}")
-    return value
-
-
-def _figures(told: Mapping[str, Any], name: str, most: float = 1e9) -> dict[str, float | None]:
-    table = _table(told.get(name), name)
-    if len(table) > _NAMES:
-        raise ValueError(f"{name} has more than {_NAMES} figures")
-    found: dict[str, float | None] = {}
-    for key, value in table.items():
-        _text({name: key}, name)
-        found[key] = None if value is None else _number(table, key, most)
-    return found
+def _texts(value: object) -> Iterator[str]:
+    """Yield all texts in a value of JSON, the names in its objects, too."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for pair in value.items():
+            yield from _texts(pair)
+    elif isinstance(value, tuple | list):
+        for one in value:
+            yield from _texts(one)

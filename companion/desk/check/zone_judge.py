@@ -223,4 +223,8 @@ class ZoneJudge:
                 "needs": None if stopping is None else round(stopping.needs, 2),
             },
             thing="",
+            distances=(),
+            verdict="",
+            marks=(),
+            arcs=(),
         )

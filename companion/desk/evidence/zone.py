@@ -15,9 +15,8 @@ _COMMAND = "companion check --zone"
 def zone_part(sources: Sources) -> EvidencePart:
     """Describe the measured zones: figures of each, and all marks of the newest."""
     part = EvidencePart("Detection zone")
-    unread = list[str]()
-    zones = read_zone_files(sources.folder, unread.append)
-    for why in unread:
+    zones, left_out = read_zone_files(sources.folder)
+    for why in left_out:
         part.lack("a measured zone", why, _COMMAND)
     if not zones:
         part.lack("where a thing before the rover is noticed", "no zone is stored", _COMMAND)

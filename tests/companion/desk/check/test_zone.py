@@ -61,7 +61,7 @@ def configured(folder: Path, field: StandingField) -> Path:
 
 
 def kept(folder: Path) -> Zone:
-    (found,) = read_zone_files(folder / "state")
+    (found,), _ = read_zone_files(folder / "state")
     return found
 
 
@@ -141,7 +141,7 @@ def test_what_was_measured_is_kept_when_the_person_ends(
     for end in ("q", EOFError(), KeyboardInterrupt()):
         read = Person(field, lambda: capsys.readouterr().out, {"ahead, 2": [end], "Distances": ["2.7"]})
         assert measure_zone(str(config), read) == 0
-        found = read_zone_files(tmp_path / "state")[-1]
+        (*_, found), _ = read_zone_files(tmp_path / "state")
         assert [one.line for one in found.marks] == ["left edge", "left side"]
         assert found.covers is not True, "the rest is not known"
 
@@ -201,7 +201,7 @@ def test_ground_that_would_stop_the_rover_by_itself_is_not_measured_on(
     said = person.said + capsys.readouterr().out
     assert "the empty ground would stop the rover in" in said
     assert "no mark was measured" in said
-    assert read_zone_files(tmp_path / "state") == ()
+    assert read_zone_files(tmp_path / "state") == ([], [])
 
 
 @pytest.mark.usefixtures("quick")

@@ -46,12 +46,14 @@ def mark(at: float, *, noticed: bool = True, line: WalkLine = AHEAD) -> ZoneMark
     return ZoneMark(
         frames=10,
         noticed_frames=10 if noticed else 3,
+        reasons=(),
         at=utc_now(),
         line=line.name,
         bearing_deg=line.bearing,
         distance_m=at,
         noticed=noticed,
         in_picture=True,
+        elsewhere=False,
     )
 
 
@@ -70,8 +72,10 @@ def zone(*marks: ZoneMark, distances: tuple[float, ...] = (1.0, 2.0, 3.0)) -> Zo
         stop=stop,
         thing="box",
         distances=distances,
+        verdict="",
         clear=True,
         marks=marks,
+        arcs=(),
     )
 
 

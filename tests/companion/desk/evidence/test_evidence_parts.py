@@ -341,18 +341,11 @@ def test_a_file_of_stops_may_hold_anything(tmp_path_factory: pytest.TempPathFact
 
 
 def test_a_measured_zone_is_told_with_its_marks(tmp_path: Path) -> None:
-    look: dict[str, Any] = {"frames": 10, "at": "20261127T234500Z"}
+    look: dict[str, Any] = {"frames": 10, "reasons": (), "at": "20261127T234500Z"}
+    mark = {**look, "line": "middle", "bearing_deg": 0.0, "elsewhere": False}
     marks = (
-        ZoneMark(
-            **look,
-            noticed_frames=10,
-            line="middle",
-            bearing_deg=0,
-            distance_m=1,
-            noticed=True,
-            in_picture=True,
-        ),
-        ZoneMark(**look, noticed_frames=1, line="middle", bearing_deg=0, distance_m=2, noticed=False),
+        ZoneMark(**mark, noticed_frames=10, distance_m=1.0, noticed=True, in_picture=True),
+        ZoneMark(**mark, noticed_frames=1, distance_m=2.0, noticed=False, in_picture=False),
     )
     zone = Zone(
         at="20261127T234500Z",
@@ -366,6 +359,7 @@ def test_a_measured_zone_is_told_with_its_marks(tmp_path: Path) -> None:
         stop={"speed": 1.0, "needs": 1.5},
         thing="a crate <b>",
         distances=(1.0, 2.0, 3.0),
+        verdict="",
         marks=marks,
         arcs=(ZoneArc(**look, noticed_frames=5, distance_m=1, from_deg=-30, to_deg=30),),
         empty=ZoneLook(**look, noticed_frames=2),

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -45,26 +45,13 @@ class NotMeasuredError(Exception):
     """A mark could not be measured. The text says why, and what to do."""
 
 
-class JudgedFrame(NamedTuple):
-    """A judged frame.
-
-    fault: why it shows nothing, "" where it does. noticed: whether it shows something in the region that
-    stops the rover. stops: whether the daemon's rule would stop it by now.
-    """
-
-    seen: Assessment
-    fault: str
-    noticed: bool
-    stops: bool
-
-
 @dataclass
 class ZoneFrames:
     """Collects the frames of a mark.
 
-    judged: all of them. count: without those with a fault. noticed: of these. stood: of those from the
-    `window`-th on, for which the rule said that it stops the rover. raised: whether it ever said so. fault:
-    the newest.
+    judged: all of them. count: without those with a fault. noticed: of these, with something in the region
+    that stops the rover. stood: of those from the `window`-th on, for which the rule said that it stops the
+    rover. raised: whether it ever said so. fault, picture: the newest.
     """
 
     window: int
@@ -76,19 +63,20 @@ class ZoneFrames:
     fault: str = ""
     reasons: set[str] = field(default_factory=set)
     light: Light | None = None
+    picture: Image | None = None
     _strangeness: Map | None = None
 
-    def add(self, one: JudgedFrame) -> None:
-        """Take in a frame."""
-        seen = one.seen
+    def add(self, seen: Assessment, fault: str, *, stops: bool) -> None:
+        """Take in a frame. fault: why it shows nothing, "" where it does. stops: what the rule says now."""
         self.judged += 1
-        if one.fault:
-            self.fault = one.fault
+        self.picture = seen.frame.image
+        if fault:
+            self.fault = fault
             return
         self.count += 1
-        self.noticed += one.noticed
-        self.raised = self.raised or one.stops
-        self.stood += one.stops and self.count >= self.window
+        self.noticed += bool(seen.reasons & PASSABLE)
+        self.raised = self.raised or stops
+        self.stood += stops and self.count >= self.window
         self.reasons |= {reason.value for reason in seen.reasons}
         self.light = seen.light or self.light
         if seen.maps is not None:
@@ -141,11 +129,6 @@ class ZoneJudge:
             size=(camera.width, camera.height),
         )
 
-    @property
-    def window(self) -> int:
-        """Frames within which a thing must be noticed."""
-        return self._numbers.window
-
     def close(self) -> None:
         """Release the camera."""
         self._camera.close()
@@ -155,12 +138,8 @@ class ZoneJudge:
 
         longest: seconds. Raises NotMeasuredError where the camera is silent, or too few frames can be judged.
         """
-        began, found = time.monotonic(), ZoneFrames(self.window)
-        picture: Image | None = None
-        for one in self._judged(began, longest):
-            if one is not None:
-                found.add(one)
-                picture = one.seen.frame.image
+        began, found = time.monotonic(), ZoneFrames(self._numbers.window)
+        for _ in self._judge_into(found, began, longest):
             enough = (
                 time.monotonic() - began >= LASTS and max(found.count, found.judged - found.count) >= FRAMES
             )
@@ -168,17 +147,19 @@ class ZoneJudge:
                 break
         if 2 * found.count < found.judged:
             raise NotMeasuredError(f"the frames cannot be judged: {found.fault}")
-        if found.count < self.window:
+        if found.count < found.window:
             few = f"{found.count} frames in {longest:.0f} s are too few"
             raise NotMeasuredError(f"{few}: see `companion check`, rows frames and perceiver")
-        same = self._before is not None and picture is not None and np.array_equal(self._before, picture)
-        if same:
+        before, self._before = self._before, found.picture
+        if before is not None and self._before is not None and np.array_equal(before, self._before):
             raise NotMeasuredError("the picture is the same as at the mark before: the camera is frozen")
-        self._before = picture
         return found
 
-    def _judged(self, began: float, longest: float) -> Iterator[JudgedFrame | None]:
-        """Yield the frames captured from `began` on, and None while none comes. The rule begins anew."""
+    def _judge_into(self, found: ZoneFrames, began: float, longest: float) -> Iterator[None]:
+        """Add the frames captured from `began` on to `found`, by a rule that begins anew.
+
+        Yields after each, and while none comes.
+        """
         rule, due, came = ReasonFilter(self._numbers, began), began, began
         while (now := time.monotonic()) - began < longest:
             frame = self._camera.take(_WAIT)
@@ -187,7 +168,7 @@ class ZoneJudge:
                 if now - came > SILENT or self._camera.state is CameraState.ENDED:
                     why = self._camera.status.reason or "no new picture comes"
                     raise NotMeasuredError(f"the camera is silent: {why}")
-                yield None
+                yield
                 continue
             came = now
             if now < due - self._period / 2:
@@ -200,7 +181,8 @@ class ZoneJudge:
             why = dim if fault is None else fault.figure
             if not why:
                 rule.add_frame(seen, time.monotonic(), None)
-            yield JudgedFrame(seen, why, bool(seen.reasons & PASSABLE), rule.shows_passable)
+            found.add(seen, why, stops=rule.shows_passable)
+            yield
 
     def new_thing(self, frames: ZoneFrames, empty: ZoneFrames) -> NewThing | None:
         """Return what the frames show that the empty ground did not. Nothing is judged by it."""

@@ -53,10 +53,6 @@ _KEYS = (
 )
 
 
-class _EndError(Exception):
-    """The person ends the walk."""
-
-
 def measure_zone(file: str, typed: TypedLines | None = None) -> int:
     """Lead through the walk, and print what was noticed. Returns 1 where nothing could be measured.
 
@@ -77,7 +73,7 @@ def measure_zone(file: str, typed: TypedLines | None = None) -> int:
     try:
         walk = ZoneWalk(config, folder, judge, typed or TypedLines())
         walk.go()
-    except (EOFError, KeyboardInterrupt, _EndError):
+    except (EOFError, KeyboardInterrupt):
         print()
     except OSError as error:
         why = (error.strerror or str(error)).lower()
@@ -277,12 +273,12 @@ class ZoneWalk:
         self._zone = replace(self._zone, arcs=(arc,))
 
     def _ask(self, question: str) -> str:
-        """Return what is typed. Raises _EndError for `q` and after `LONGEST` s, and EOFError."""
+        """Return what is typed. Raises EOFError at its end, for `q`, and after `LONGEST` s."""
         self._typed.forget()
         print(question, end=" ", flush=True)
         typed = self._typed.line(LONGEST)
         if typed is None or typed.lower() in ("q", "quit"):
-            raise _EndError
+            raise EOFError
         return typed
 
 

@@ -39,8 +39,7 @@ def judged_by(config: Config, settings: Settings | None) -> dict[str, Any]:
 
 def changed_since(zone: Zone, rover: CheckedRover) -> list[str]:
     """Return what a zone was measured with and is another one now. What is not known now is left out."""
-    now = dict(_now(zone, rover))
-    return [name for name, value in now.items() if getattr(zone, name) != value]
+    return [name for name, now in _now(zone, rover) if getattr(zone, name) != now]
 
 
 def _now(zone: Zone, rover: CheckedRover) -> Iterator[tuple[str, Any]]:

@@ -171,9 +171,3 @@ def verdict(
     )
     sees, fits = (replace(stopping, sees=line.point(at)[0] + _SPARE) for at in (found.noticed_to, sure))
     return replace(found, needs=needs, enough=sees.enough, speed=max(0.0, fits.fits))
-
-
-def slowest(verdicts: Sequence[LineVerdict]) -> float | None:
-    """Return the speed, m/s, at which every line would do; None: not known."""
-    known = [one.speed for one in verdicts if one.speed is not None]
-    return min(known) if known else None

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from anytraverse.light import light_name
 from companion.desk.check.zone_file import Zone, ZoneArc, ZoneLook, ZoneMark
-from companion.desk.check.zone_plan import LineVerdict, WalkLine, slowest
+from companion.desk.check.zone_plan import LineVerdict, WalkLine
 
 _SLOWEST = 0.05
 """m/s. Below, no speed is slow enough."""
@@ -88,7 +88,8 @@ def conclusion(
         return "it is not known whether that is enough: set [mount] and [stopping] speed", None
     at = f"at {speed:g} m/s it takes {needs:.1f} m to stop, without the autopilot's own overrun"
     in_way = [one for one in verdicts if one.enough is not None]
-    fits, short = slowest(in_way), [one.line.name for one in in_way if not one.enough]
+    fits = min((one.speed for one in in_way if one.speed is not None), default=None)
+    short = [one.line.name for one in in_way if not one.enough]
     fastest = "" if fits is None or math.isinf(fits) else f"{math.floor(100 * fits) / 100:.2f} m/s"
     if short:
         remedy = "no speed is slow enough: mend the gaps nearest to the rover first"

@@ -14,7 +14,7 @@ pytest.importorskip("mcap")
 
 from anytraverse.perception import KINDS
 from companion.cli import main
-from tests.companion.desk.evidence.test_evidence_command import figure
+from tests.companion.desk.evidence.told import figures
 from tests.companion.observers.recording.test_beside_a_daemon import PAINTED
 from tests.companion.processes import Companion
 
@@ -38,14 +38,13 @@ def test_it_reads_what_runs_and_disturbs_nothing(tmp_path: Path, monkeypatch: py
         companion.until(lambda: companion.told().get("recording", {}).get("written", 0) > 100)
         frames = companion.told()["frames"]
         told = packed(companion, tmp_path / "running.zip")
-        assert figure(told, "versions", "model") == "painted-1"
-        assert figure(told, "calls", "time recorded") > 0.0
+        assert figures(told["parts"]["versions"])["model"] == "painted-1"
+        assert figures(told["parts"]["calls"])["time recorded"] > 0.0
         companion.until(lambda: companion.told()["frames"] > frames + 5)
         assert companion.told()["vision"]["restarts"] == 0
         companion.process.kill()
         companion.process.wait()
         told = packed(companion, tmp_path / "killed.zip")
-        assert (
-            figure(told, "faults", "ends without being told to stop: killed, crashed, or without power") == 1
-        )
-        assert figure(told, "faults", "starts of the companion") == 1
+        faults = figures(told["parts"]["faults"])
+        assert faults["ends without being told to stop: killed, crashed, or without power"] == 1
+        assert faults["starts of the companion"] == 1

@@ -16,10 +16,11 @@ import pytest
 
 from companion.cli import main
 from companion.desk.evidence import collect
-from companion.desk.evidence.package import LARGEST, README, SIGNED, SIGNERS, SUMS
+from companion.desk.evidence.package import LARGEST, README
 from companion.desk.evidence.signature import KEY
 from companion.system.isolated import isolated
 from tests.companion.desk.evidence.driven import ANSWERED_AFTER, SECRETS, SILENT_FOR, configured
+from tests.companion.desk.evidence.told import figures, table
 
 
 def typed(capsys: pytest.CaptureFixture[str], *words: str | Path) -> tuple[int, str]:
@@ -34,33 +35,19 @@ def document(path: Path) -> dict[str, Any]:
     return told
 
 
-def figure(told: dict[str, Any], part: str, name: str) -> Any:
-    (found,) = [one for one in told["parts"][part]["figures"] if one["name"] == name]
-    return found["value"]
-
-
-def row(told: dict[str, Any], part: str, table: str, first: str) -> dict[str, Any]:
-    (found,) = [one for one in told["parts"][part]["tables"] if one["title"] == table]
-    (rows,) = [one for one in found["rows"] if first in one.values()]
-    assert isinstance(rows, dict)
-    return rows
-
-
 @pytest.mark.slow
 def test_a_drive_becomes_figures_with_their_samples_and_times(package: Path) -> None:
     told = document(package)
     assert told["evidence"] == 1
     assert told["rover"] == "system 1"
-    assert figure(told, "calls", "calls") == figure(told, "calls", "calls answered") == 1
-    assert figure(told, "calls", "from call to first answer, median") == pytest.approx(
-        ANSWERED_AFTER, abs=0.3
-    )
-    assert figure(told, "calls", "closed: answered") == 1
-    assert figure(told, "calls", "holds") >= 2, "of the call and of the fault"
-    assert figure(told, "calls", "of these, a mode of ours within 2 s") == 0
-    assert figure(told, "camera", "times without a picture for 1 s") == 1
-    assert figure(told, "camera", "source") == "rtsp://camera.local/..."
-    assert figure(told, "link", "autopilot") == "system 1, ArduPilot"
+    calls, camera, link = (figures(told["parts"][name]) for name in ("calls", "camera", "link"))
+    assert calls["calls"] == calls["calls answered"] == calls["closed: answered"] == 1
+    assert calls["from call to first answer, median"] == pytest.approx(ANSWERED_AFTER, abs=0.3)
+    assert calls["holds"] >= 2, "of the call and of the fault"
+    assert calls["of these, a mode of ours within 2 s"] == 0
+    assert camera["times without a picture for 1 s"] == 1
+    assert camera["source"] == "rtsp://camera.local/..."
+    assert link["autopilot"] == "system 1, ArduPilot"
     for part in told["parts"].values():
         for one in part["figures"]:
             assert one["source"]
@@ -70,15 +57,15 @@ def test_a_drive_becomes_figures_with_their_samples_and_times(package: Path) -> 
 
 
 def test_a_lost_camera_is_told_with_the_bounds_of_its_absence(package: Path) -> None:
-    told = document(package)
-    (table,) = [one for one in told["parts"]["camera"]["tables"] if one["title"] == "Times without a picture"]
-    (lost,) = table["rows"]
+    parts = document(package)["parts"]
+    (lost,) = table(parts["camera"], "Times without a picture")
     assert lost["back after, s, at least"] <= SILENT_FOR <= lost["at most"] + 0.2
     assert lost["at most"] - lost["back after, s, at least"] <= 2.5
-    seen = row(told, "faults", "Kinds of faults", "no pictures from the camera")
+    faults = {one["fault"]: one for one in table(parts["faults"], "Kinds of faults")}
+    seen = faults["no pictures from the camera"]
     assert seen["seen"] == 1
     assert SILENT_FOR - 2.0 <= seen["stood, at most, s"] <= SILENT_FOR + 1.0
-    assert row(told, "faults", "Kinds of faults", "camera frozen")["seen"] == "not in this log"
+    assert faults["camera frozen"]["seen"] == "not in this log"
 
 
 def test_what_is_not_known_names_what_would_tell_it(package: Path) -> None:
@@ -151,6 +138,8 @@ def test_with_an_empty_data_folder_everything_is_unknown_and_it_is_signed(
     lacking = {one["what"] for one in told["unknown"]}
     assert {
         "how the companion does",
+        "the time from a picture's capture until it is judged",
+        "what companion check finds",
         "which faults were seen",
         "which autopilot was heard",
         "calls in the journal",
@@ -158,7 +147,7 @@ def test_with_an_empty_data_folder_everything_is_unknown_and_it_is_signed(
         "where a thing before the rover is noticed",
         "the model that judged",
     } <= lacking
-    assert figure(told, "computer", "memory") >= 1
+    assert figures(told["parts"]["computer"])["memory"] >= 1
     assert typed(capsys, "evidence", "--verify", out)[0] == 0
     assert out.stat().st_size < LARGEST
 
@@ -276,12 +265,3 @@ def test_told_to_stop_it_ends_its_check(tmp_path: Path) -> None:
         assert time.monotonic() < until
         time.sleep(0.02)
     assert not (tmp_path / "it.zip").exists()
-
-
-def test_the_sums_list_all_but_themselves(package: Path) -> None:
-    with zipfile.ZipFile(package) as packed:
-        names = set(packed.namelist())
-        listed = {line.split("  ")[1] for line in packed.read(SUMS).decode().splitlines()}
-        assert packed.read(SIGNERS).startswith(b'rover namespaces="anytraverse-evidence" ssh-ed25519 ')
-    assert listed == set(SIGNED)
-    assert names == listed | {SUMS, f"{SUMS}.sig"}

@@ -234,7 +234,3 @@ def test_a_link_to_it_is_followed_and_it_stays_as_it_is(package: Path, tmp_path:
     assert verify(link) == verify(package)
     assert package.read_bytes() == before
     assert stat.S_ISLNK(link.lstat().st_mode)
-
-
-def test_the_same_members_are_always_packed_the_same(package: Path) -> None:
-    assert pack(members(package)) == package.read_bytes()

@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("mcap")
 
-from companion.cli import main
 from tests.companion.desk.evidence.driven import configured, drive
+from tests.companion.desk.evidence.told import packed
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -34,5 +34,5 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def package(driven: Path) -> Path:
     """A file of evidence of that rover."""
     path = driven.parent / "evidence.zip"
-    assert main(["evidence", "--no-check", "--config", str(driven), "--out", str(path)]) == 0
+    packed(driven, path)
     return path

@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 pytest.importorskip("mcap")
 
 from anytraverse.perception import KINDS
-from companion.cli import main
-from tests.companion.desk.evidence.told import figures
+from tests.companion.desk.evidence.told import figures, packed
 from tests.companion.observers.recording.test_beside_a_daemon import PAINTED
 from tests.companion.processes import Companion
 
 pytestmark = pytest.mark.slow
-
-
-def packed(companion: Companion, out: Path) -> dict[str, Any]:
-    assert main(["evidence", "--no-check", str(companion.config), "--out", str(out)]) == 0
-    assert main(["evidence", "--verify", str(out)]) == 0
-    with zipfile.ZipFile(out) as found:
-        told = json.loads(found.read("evidence.json"))
-    assert isinstance(told, dict)
-    return told
 
 
 def test_it_reads_what_runs_and_disturbs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,14 +24,14 @@ def test_it_reads_what_runs_and_disturbs_nothing(tmp_path: Path, monkeypatch: py
         companion.until(lambda: companion.told().get("current_id"))
         companion.until(lambda: companion.told().get("recording", {}).get("written", 0) > 100)
         frames = companion.told()["frames"]
-        told = packed(companion, tmp_path / "running.zip")
+        told = packed(companion.config, tmp_path / "running.zip")
         assert figures(told["parts"]["versions"])["model"] == "painted-1"
         assert figures(told["parts"]["calls"])["time recorded"] > 0.0
         companion.until(lambda: companion.told()["frames"] > frames + 5)
         assert companion.told()["vision"]["restarts"] == 0
         companion.process.kill()
         companion.process.wait()
-        told = packed(companion, tmp_path / "killed.zip")
+        told = packed(companion.config, tmp_path / "killed.zip")
         faults = figures(told["parts"]["faults"])
         assert faults["ends without being told to stop: killed, crashed, or without power"] == 1
         assert faults["starts of the companion"] == 1

@@ -27,14 +27,10 @@ from companion.desk.evidence.package import (
 )
 from companion.desk.evidence.signature import SignatureError, allowed_signers, fingerprint, rover_key, sign
 from companion.desk.evidence.verify import NotEvidenceError, verify
+from tests.companion.desk.evidence.told import document, members
 
 
-def members(path: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(path) as packed:
-        return {name: packed.read(name) for name in packed.namelist()}
-
-
-def packed(content: Mapping[str, bytes], path: Path) -> Path:
+def repacked(content: Mapping[str, bytes], path: Path) -> Path:
     """Pack these members as ours are, others as they come."""
     if set(content) == set(MEMBERS):
         path.write_bytes(pack(content))
@@ -56,7 +52,7 @@ def test_a_flipped_byte_in_any_member_is_noticed(
     content = bytearray(whole[name])
     place = data.draw(st.integers(0, len(content) - 1))
     content[place] ^= data.draw(st.integers(1, 255))
-    path = packed({**whole, name: bytes(content)}, tmp_path_factory.mktemp("flipped") / "it.zip")
+    path = repacked({**whole, name: bytes(content)}, tmp_path_factory.mktemp("flipped") / "it.zip")
     with pytest.raises((NotEvidenceError, SignatureError)):
         verify(path)
 
@@ -70,7 +66,7 @@ def test_each_bit_of_the_signature_counts(package: Path, tmp_path: Path) -> None
             content = bytearray(whole[SIGNATURE])
             content[place] ^= 1 << bit
             with pytest.raises((NotEvidenceError, SignatureError)):
-                verify(packed({**whole, SIGNATURE: bytes(content)}, tmp_path / "it.zip"))
+                verify(repacked({**whole, SIGNATURE: bytes(content)}, tmp_path / "it.zip"))
 
 
 @settings(max_examples=150, deadline=None)
@@ -105,7 +101,7 @@ def test_a_missing_member_is_named(
     name: str, package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     left = {each: content for each, content in members(package).items() if each != name}
-    refused(packed(left, tmp_path / "it.zip"), f"{name} missing", capsys)
+    refused(repacked(left, tmp_path / "it.zip"), f"{name} missing", capsys)
 
 
 @pytest.mark.parametrize(
@@ -119,14 +115,14 @@ def test_a_missing_member_is_named(
 def test_a_member_that_was_added_is_named(
     name: str, said: str, package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused(packed({**members(package), name: b"x"}, tmp_path / "it.zip"), said, capsys)
+    refused(repacked({**members(package), name: b"x"}, tmp_path / "it.zip"), said, capsys)
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_a_name_that_comes_twice_is_refused(
     package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = packed(members(package), tmp_path / "it.zip")
+    path = repacked(members(package), tmp_path / "it.zip")
     with zipfile.ZipFile(path, "a") as written:
         written.writestr(DATA, b"{}")
     refused(path, "a member is in it twice", capsys)
@@ -191,38 +187,33 @@ def test_what_is_no_regular_file_is_not_waited_for(
         assert "sudo" not in said
 
 
+def signed(key: Path, content: Mapping[str, bytes]) -> dict[str, bytes]:
+    sums = sums_of({name: content[name] for name in SIGNED})
+    return {**content, SUMS: sums, SIGNATURE: sign(key, sums)}
+
+
 def test_who_signs_anew_has_another_key(
     package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The signature is good, as its own: only the fingerprint tells who it was."""
-    key = rover_key(tmp_path)
-    told = json.loads(members(package)[DATA])
-    document_key = told["key"]
-    forged = {name: members(package)[name] for name in SIGNED}
+    key, path, whole, told = rover_key(tmp_path), tmp_path / "it.zip", members(package), document(package)
     signers = allowed_signers(key)
-    forged |= {SIGNERS: signers.encode()}
-    sums = sums_of(forged)
-    path = packed({**forged, SUMS: sums, SIGNATURE: sign(key, sums)}, tmp_path / "it.zip")
-    refused(path, "names another key", capsys)
-    told |= {"rover": "system 9\x1b[2J", "key": fingerprint(signers)}
-    forged |= {DATA: json.dumps(told).encode()}
-    sums = sums_of(forged)
-    packed({**forged, SUMS: sums, SIGNATURE: sign(key, sums)}, path)
-    assert main(["evidence", "--verify", str(path)]) == 0
+    forged = {**whole, SIGNERS: signers.encode()}
+    refused(repacked(signed(key, forged), path), "names another key", capsys)
+    lie = {**told, "rover": "system 9\x1b[2J", "key": fingerprint(signers)}
+    forged[DATA] = json.dumps(lie).encode()
+    assert main(["evidence", "--verify", str(repacked(signed(key, forged), path))]) == 0
     said = capsys.readouterr().out
-    assert document_key not in said
+    assert told["key"] not in said
     assert "\x1b" not in said
-    with_old_name = {**forged, SIGNERS: members(package)[SIGNERS]}
-    sums = sums_of(with_old_name)
-    packed({**with_old_name, SUMS: sums, SIGNATURE: sign(key, sums)}, path)
-    refused(path, "the signature is not good", capsys)
+    with_old_name = {**forged, SIGNERS: whole[SIGNERS]}
+    refused(repacked(signed(key, with_old_name), path), "the signature is not good", capsys)
 
 
 def test_signers_that_stand_for_anybody_are_refused(package: Path, tmp_path: Path) -> None:
     whole = members(package)
     line = b"* " + whole[SIGNERS].split(b" ", 1)[1]
-    changed = {**{name: whole[name] for name in SIGNED}, SIGNERS: line}
-    path = packed({**changed, SUMS: sums_of(changed), SIGNATURE: whole[SIGNATURE]}, tmp_path / "it.zip")
+    path = repacked(signed(rover_key(tmp_path), {**whole, SIGNERS: line}), tmp_path / "it.zip")
     with pytest.raises(SignatureError, match="not one ed25519 key"):
         verify(path)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -67,4 +68,23 @@ def test_a_key_of_another_user_is_not_used(tmp_path: Path) -> None:
 def test_a_pipe_in_place_of_the_key_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / KEY)
     with pytest.raises(OSError, match="no regular file"):
+        rover_key(tmp_path)
+
+
+def test_a_key_that_is_none_is_told_and_stays(tmp_path: Path) -> None:
+    key = tmp_path / KEY
+    key.write_text("rubbish")
+    key.chmod(0o600)
+    with pytest.raises(SignatureError, match="cannot be used: move it away"):
+        allowed_signers(rover_key(tmp_path))
+    assert key.read_text() == "rubbish"
+    key.unlink()
+    subprocess.run(["ssh-keygen", "-q", "-t", "ecdsa", "-N", "", "-f", str(key)], check=True)
+    with pytest.raises(SignatureError, match="is no ed25519 key"):
+        allowed_signers(rover_key(tmp_path))
+
+
+def test_a_key_that_others_may_read_is_not_used(tmp_path: Path) -> None:
+    rover_key(tmp_path).chmod(0o640)
+    with pytest.raises(SignatureError, match=f"chmod 600 {tmp_path / KEY}"):
         rover_key(tmp_path)

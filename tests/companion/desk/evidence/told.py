@@ -1,14 +1,18 @@
-"""Makes sources of evidence, and reads what a part tells as evidence.json has it."""
+"""Makes evidence, and reads what it tells as evidence.json has it."""
 
 from __future__ import annotations
 
+import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from companion.cli import main
 from companion.config import Config
 from companion.config.schema import JournalSection
+from companion.desk.evidence.package import DATA
 from companion.desk.evidence.sources import Sources
 
 NOON = 1_790_000_000.0
@@ -17,6 +21,24 @@ NOON = 1_790_000_000.0
 def sources(folder: Path, **more: Any) -> Sources:
     config = replace(Config(), journal=JournalSection(folder=str(folder)))
     return Sources(config, folder, NOON, **more)
+
+
+def packed(config: Path, out: Path) -> dict[str, Any]:
+    """The document of a file that the command writes, and finds good."""
+    assert main(["evidence", "--no-check", str(config), "--out", str(out)]) == 0
+    assert main(["evidence", "--verify", str(out)]) == 0
+    return document(out)
+
+
+def members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as found:
+        return {name: found.read(name) for name in found.namelist()}
+
+
+def document(path: Path) -> dict[str, Any]:
+    told = json.loads(members(path)[DATA])
+    assert isinstance(told, dict)
+    return told
 
 
 def figures(part: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,8 +12,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from typing import Protocol
 
 import pytest
 
@@ -27,14 +28,12 @@ from companion.desk.check.typed_lines import TypedLines
 from companion.desk.check.zone import measure_zone
 from companion.desk.check.zone_file import Zone, read_zone_files
 from companion.sim.demo.config import write_config
-from tests.companion.desk.check.zone_field import Person, StandingField
-
-SPEED = 0.8
+from tests.companion.desk.check.zone_field import Answers, Person, StandingField
 
 
 @pytest.fixture(scope="module")
 def rover() -> Iterator[StandingField]:
-    with StandingField() as made:
+    with closing(StandingField()) as made:
         yield made
 
 
@@ -47,17 +46,33 @@ def field(rover: StandingField) -> StandingField:
 
 
 @pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def config(tmp_path: Path, field: StandingField) -> Path:
+    link = "udpout:127.0.0.1:9"
+    return write_config(
+        tmp_path, camera=field.source, link=link, policy="hold", speed=0.8, guide=True, rate=20.0
+    )
+
+
+class Walk(Protocol):
+    def __call__(self, answers: Answers, *, kind: type[Person] = Person, code: int = 0) -> Person: ...
+
+
+@pytest.fixture
+def walk(
+    field: StandingField, config: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Walk:
+    """Leads a person through the command, who stands at each mark for a moment, and returns them."""
     monkeypatch.setattr(zone_judge, "LASTS", 0.0)
     monkeypatch.setattr(zone_judge, "FRAMES", 4)
     monkeypatch.setattr(zone_judge, "SILENT", 0.5)
 
+    def led(answers: Answers, *, kind: type[Person] = Person, code: int = 0) -> Person:
+        person = kind(field, lambda: capsys.readouterr().out, answers)
+        assert measure_zone(str(config), person) == code
+        person.said += capsys.readouterr().out
+        return person
 
-def configured(folder: Path, field: StandingField) -> Path:
-    link = "udpout:127.0.0.1:9"
-    return write_config(
-        folder, camera=field.source, link=link, policy="hold", speed=SPEED, guide=True, rate=20.0
-    )
+    return led
 
 
 def kept(folder: Path) -> Zone:
@@ -65,29 +80,16 @@ def kept(folder: Path) -> Zone:
     return found
 
 
-def far_of(config: Path) -> float:
+def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(walk: Walk, config: Path, tmp_path: Path) -> None:
     ground = ground_region(load_config(config))
     assert ground is not None
-    return ground.far
-
-
-@pytest.mark.usefixtures("quick")
-def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
-    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    config = configured(tmp_path, field)
-    far = far_of(config)
-    inside, outside = round(far - 0.5, 1), round(far + 0.7, 1)
-    person = Person(
-        field, lambda: capsys.readouterr().out, {"Distances": [f"1.5 {inside} {outside}"], "What": ["a drum"]}
-    )
-    assert measure_zone(str(config), person) == 0
-    said = person.said + capsys.readouterr().out
+    inside, outside = round(ground.far - 0.5, 1), round(ground.far + 0.7, 1)
+    person = walk({"Distances": [f"1.5 {inside} {outside}"], "What": ["a drum"]})
     found = kept(tmp_path)
     noticed = {(one.line, one.distance_m): one.noticed for one in found.marks}
     assert len(noticed) == 20, "and at what stopping needs"
     for line in ("left side", "ahead", "right side"):
-        assert [noticed[line, at] for at in (1.5, inside, outside)] == [True, True, False], said
+        assert [noticed[line, at] for at in (1.5, inside, outside)] == [True, True, False], person.said
     for line in ("left edge", "right edge"):
         assert not any(noticed[line, at] for at in (inside, outside)), "beside the region"
     for one in found.marks:
@@ -98,9 +100,9 @@ def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
     assert found.thing == "a drum"
     assert found.covers is True, found.verdict
     assert 0.2 < found.arcs[0].share < 0.8, "in the middle"
-    assert found.verdict in said
-    assert "something noticed in 0 of" in said
-    assert said.count("\a") == len(noticed), "a bell at the end of each"
+    assert found.verdict in person.said
+    assert "something noticed in 0 of" in person.said
+    assert person.said.count("\a") == len(noticed), "a bell at the end of each"
     assert "without the autopilot's own overrun" in found.verdict
     checked = CheckedRover(load_config(str(config)), "", tmp_path / "state")
     checked.__dict__["asked"] = AutopilotReadings()
@@ -108,9 +110,8 @@ def test_a_drum_is_noticed_in_the_region_and_not_beyond_it(
     assert row.verdict.name == "PASS", row.text
 
 
-@pytest.mark.usefixtures("quick")
 def test_a_thing_that_lies_in_the_way_is_not_noticed_at_the_marks(
-    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: Walk, field: StandingField, tmp_path: Path
 ) -> None:
     class LeavesIt(Person):
         def line(self, seconds: float) -> str | None:
@@ -119,41 +120,29 @@ def test_a_thing_that_lies_in_the_way_is_not_noticed_at_the_marks(
                 field.put(1.8, 0.0)
             return answer
 
-    config = configured(tmp_path, field)
-    person = LeavesIt(field, lambda: capsys.readouterr().out, {"Last": ["n"], "Distances": ["1.5 4"]})
-    assert measure_zone(str(config), person) == 0
-    said = person.said + capsys.readouterr().out
+    person = walk({"Last": ["n"], "Distances": ["1.5 4"]}, kind=LeavesIt)
     found = kept(tmp_path)
     marks = {(one.line, one.distance_m): one for one in found.marks}
     assert not marks["ahead", 4.0].noticed
     assert marks["ahead", 4.0].elsewhere
     assert not marks["left edge", 1.5].noticed
-    assert "noticed, but not the thing on the mark" in said
+    assert "noticed, but not the thing on the mark" in person.said
     assert found.clear is False
     assert found.covers is not True, found.verdict
 
 
-@pytest.mark.usefixtures("quick")
-def test_what_was_measured_is_kept_when_the_person_ends(
-    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    config = configured(tmp_path, field)
+def test_what_was_measured_is_kept_when_the_person_ends(walk: Walk, tmp_path: Path) -> None:
     for end in ("q", EOFError(), KeyboardInterrupt()):
-        read = Person(field, lambda: capsys.readouterr().out, {"ahead, 2": [end], "Distances": ["2.7"]})
-        assert measure_zone(str(config), read) == 0
+        walk({"ahead, 2": [end], "Distances": ["2.7"]})
         (*_, found), _ = read_zone_files(tmp_path / "state")
         assert [one.line for one in found.marks] == ["left edge", "left side"]
         assert found.covers is not True, "the rest is not known"
 
 
-@pytest.mark.usefixtures("quick")
 def test_the_data_folder_is_made_with_the_rights_of_who_owns_the_place(
-    field: StandingField,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    walk: Walk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config, state, entered = configured(tmp_path, field), tmp_path / "state", list[tuple[Path, bool]]()
+    state, entered = tmp_path / "state", list[tuple[Path, bool]]()
 
     @contextmanager
     def spy(folder: Path) -> Iterator[None]:
@@ -161,25 +150,20 @@ def test_the_data_folder_is_made_with_the_rights_of_who_owns_the_place(
         yield
 
     monkeypatch.setattr(zone, "as_owner", spy)
-    person = Person(field, lambda: capsys.readouterr().out, {"left side": ["q"], "Distances": ["2.7"]})
-    assert measure_zone(str(config), person) == 0
+    walk({"left side": ["q"], "Distances": ["2.7"]})
     assert entered[:2] == [(state, False)] * 2
     assert state.exists()
 
 
-@pytest.mark.usefixtures("quick")
-def test_keys_go_back_and_to_the_next_line_and_other_keys_are_explained(
-    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    config = configured(tmp_path, field)
-    answers: dict[str, list[str | BaseException]] = {
-        "Distances": ["two", "-1", "2, 2,7"],
-        "left edge": ["n"],
-        "left side, 2 ": ["b", "x", "0"],
-        "ahead, 2.7": ["q"],
-    }
-    person = Person(field, lambda: capsys.readouterr().out, answers)
-    assert measure_zone(str(config), person) == 0
+def test_keys_go_back_and_to_the_next_line_and_other_keys_are_explained(walk: Walk, tmp_path: Path) -> None:
+    person = walk(
+        {
+            "Distances": ["two", "-1", "2, 2,7"],
+            "left edge": ["n"],
+            "left side, 2 ": ["b", "x", "0"],
+            "ahead, 2.7": ["q"],
+        }
+    )
     assert person.said.count("give metres between 0.1 and 100") == 2
     assert person.said.count("b: the mark before") == 2, "at first, and after x"
     assert [at for line, at in person.marks if line == "left side"][:3] == [2.7, 2.0, 2.7]
@@ -189,53 +173,41 @@ def test_keys_go_back_and_to_the_next_line_and_other_keys_are_explained(
     ]
 
 
-@pytest.mark.usefixtures("quick")
 def test_ground_that_would_stop_the_rover_by_itself_is_not_measured_on(
-    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: Walk, config: Path, tmp_path: Path
 ) -> None:
-    config = configured(tmp_path, field)
     text = config.read_text().replace('"dirt path" = 1.0', '"dirt path" = -1.0')
     config.write_text(text.replace('"grass" = 1.0', '"grass" = -1.0'))
-    person = Person(field, lambda: capsys.readouterr().out, {"Go out": ["", "q"]})
-    assert measure_zone(str(config), person) == 1
-    said = person.said + capsys.readouterr().out
-    assert "the empty ground would stop the rover in" in said
-    assert "no mark was measured" in said
+    person = walk({"Go out": ["", "q"]}, code=1)
+    assert "the empty ground would stop the rover in" in person.said
+    assert "no mark was measured" in person.said
     assert read_zone_files(tmp_path / "state") == ([], [])
 
 
-@pytest.mark.usefixtures("quick")
 def test_a_camera_that_falls_silent_is_said_and_the_mark_is_asked_for_again(
-    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: Walk, field: StandingField, tmp_path: Path
 ) -> None:
-    config = configured(tmp_path, field)
-
     class Unplugs(Person):
         def line(self, seconds: float) -> str | None:
             answer = super().line(seconds)
             field.blind = len(self.marks) == 2
             return answer
 
-    answers: dict[str, list[str | BaseException]] = {"left side": ["q"], "Distances": ["2 2.7"]}
-    person = Unplugs(field, lambda: capsys.readouterr().out, answers)
-    assert measure_zone(str(config), person) == 0
+    person = walk({"left side": ["q"], "Distances": ["2 2.7"]}, kind=Unplugs)
     assert "not measured: the camera is silent" in person.said
     assert person.marks[1] == person.marks[2]
     assert len(kept(tmp_path).marks) == 2
 
 
-@pytest.mark.usefixtures("quick")
 def test_a_frozen_camera_measures_no_mark(
-    field: StandingField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    walk: Walk, field: StandingField, config: Path, tmp_path: Path
 ) -> None:
-    config = configured(tmp_path, field)
     (tmp_path / "frames").mkdir()
     (tmp_path / "frames" / "0.png").write_bytes(field.png())
     still = config.read_text().replace(field.source, f"folder:{tmp_path}/frames")
     config.write_text(still.replace("[camera]", "[camera]\nloop = true"))
-    person = Person(field, lambda: capsys.readouterr().out, {"left edge": ["", "q"]})
-    assert measure_zone(str(config), person) == 1
-    assert "the camera is frozen" in person.said + capsys.readouterr().out
+    person = walk({"left edge": ["", "q"]}, code=1)
+    assert "the camera is frozen" in person.said
 
 
 def test_a_companion_that_runs_keeps_its_camera(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -304,9 +276,9 @@ class Terminal:
 
 @pytest.mark.slow
 def test_the_command_in_a_terminal_is_led_through_marks_and_ended_by_ctrl_c(
-    field: StandingField, tmp_path: Path
+    field: StandingField, config: Path, tmp_path: Path
 ) -> None:
-    terminal = Terminal(configured(tmp_path, field))
+    terminal = Terminal(config)
     try:
         terminal.until(r"Distances in m \(Enter takes [^)]*\):")
         terminal.type("2 4\n")

@@ -6,9 +6,7 @@ import math
 import re
 import threading
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from types import TracebackType
+from collections.abc import Callable, Mapping
 
 import cv2
 import numpy as np
@@ -24,27 +22,21 @@ PERIOD = 0.05
 _MARK = re.compile(r"(.+), ([\d.]+) m \((-?[\d.]+) ahead(?:, ([\d.]+) (left|right))?\):")
 
 
-class StandingField(AbstractContextManager["StandingField"]):
+class StandingField:
     """Serves the pictures of a rover that stands, with a drum or without. blind: no new picture comes."""
 
-    def __init__(self, at: float = 14.0, seed: int = 1) -> None:
-        """at: m along the trail."""
-        self._world = World(seed, ())
+    def __init__(self) -> None:
+        self._world = World(1, ())
         self._camera = PinholeCamera(self._world)
-        self._pose = self._world.trail.pose(at)
+        self._pose = self._world.trail.pose(14.0)
         self._server = FrameServer()
         self._lock = threading.Lock()
         self._ends = False
         self.blind = False
         self._thread = threading.Thread(target=self._show)
-
-    def __enter__(self) -> StandingField:
         self._thread.start()
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         self._ends = True
         self._thread.join()
         self._server.close()
@@ -75,11 +67,6 @@ class StandingField(AbstractContextManager["StandingField"]):
         with self._lock:
             self._world.add(FieldThing("drum", "drum", float(x), float(y), 0.3, 0.9, surprise=True))
 
-    def light(self, level: float) -> None:
-        """Set how light it is, 1: as by day."""
-        with self._lock:
-            self._world.light = level
-
     def _show(self) -> None:
         number, began = 0, time.monotonic()
         while not self._ends:
@@ -92,6 +79,9 @@ class StandingField(AbstractContextManager["StandingField"]):
             time.sleep(max(0.005, PERIOD - (time.monotonic() - at)))
 
 
+Answers = Mapping[str, list[str | BaseException]]
+
+
 class Person(TypedLines):
     """Answers what is asked, and carries the drum to the marks.
 
@@ -99,9 +89,7 @@ class Person(TypedLines):
     the next times, before Enter alone; an exception is raised. said: all that was printed.
     """
 
-    def __init__(
-        self, field: StandingField, read: Callable[[], str], answers: dict[str, list[str | BaseException]]
-    ) -> None:
+    def __init__(self, field: StandingField, read: Callable[[], str], answers: Answers) -> None:
         super().__init__()
         self._field, self._read = field, read
         self._answers = answers

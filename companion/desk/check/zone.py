@@ -24,7 +24,7 @@ from companion.desk.check.zone_plan import (
     LineVerdict,
     WalkLine,
     typed_distances,
-    verdict,
+    verdicts,
     walk_distances,
     walk_lines,
 )
@@ -145,9 +145,7 @@ class ZoneWalk:
         return 0
 
     def _verdicts(self) -> list[LineVerdict]:
-        zone = self._zone
-        found = (verdict(line, zone.marks, zone.distances, self._stopping) for line in self._lines)
-        return [one for one in found if one is not None]
+        return verdicts(self._lines, self._zone.marks, self._zone.distances, self._stopping)
 
     def _write(self) -> Path:
         text, covers = conclusion(self._zone, self._lines, self._verdicts())

@@ -144,16 +144,24 @@ class LineVerdict:
     speed: float | None = None
 
 
-def verdict(
-    line: WalkLine, marks: Iterable[ZoneMark], distances: Sequence[float], stopping: Stopping | None
-) -> LineVerdict | None:
-    """Judge a line by its marks; None without any. A mark that was not measured counts as not noticed.
+def verdicts(
+    lines: Iterable[WalkLine],
+    marks: Sequence[ZoneMark],
+    distances: Sequence[float],
+    stopping: Stopping | None,
+) -> list[LineVerdict]:
+    """Judge the lines of which any mark was measured. Another mark of these counts as not noticed.
 
     distances: of the planned marks. stopping: at the configured speed, None: not known.
     """
+    measured = {one.line for one in marks}
+    return [_verdict(line, marks, distances, stopping) for line in lines if line.name in measured]
+
+
+def _verdict(
+    line: WalkLine, marks: Iterable[ZoneMark], distances: Sequence[float], stopping: Stopping | None
+) -> LineVerdict:
     noticed = {one.distance_m: one.noticed for one in marks if one.line == line.name}
-    if not noticed:
-        return None
     ordered = sorted({*distances, *noticed})
     inner = list(takewhile(noticed.get, ordered))
     outermost = max((one for one in ordered if noticed.get(one)), default=0.0)

@@ -25,7 +25,7 @@ from companion.desk.check.zone_match import judged_by
 from companion.desk.check.zone_plan import (
     WalkLine,
     typed_distances,
-    verdict,
+    verdicts,
     walk_distances,
     walk_lines,
 )
@@ -115,22 +115,19 @@ def test_some_mark_is_never_nearer_than_what_stopping_needs(needs: float, near: 
 
 def test_a_line_is_noticed_only_as_far_as_every_mark_nearer_is() -> None:
     marks = [mark(4.0), mark(3.0, noticed=False), mark(2.0), mark(1.0)]
-    found = verdict(AHEAD, marks, (1.0, 2.0, 3.0, 4.0), STOPS)
-    assert found is not None
+    (found,) = verdicts([AHEAD], marks, (1.0, 2.0, 3.0, 4.0), STOPS)
     assert (found.noticed_to, found.gaps) == (2.0, (3.0,))
 
 
 def test_a_mark_that_was_left_out_counts_as_not_noticed() -> None:
-    found = verdict(AHEAD, [mark(3.0), mark(1.0)], (1.0, 2.0, 3.0), STOPS)
-    assert found is not None
+    (found,) = verdicts([AHEAD], [mark(3.0), mark(1.0)], (1.0, 2.0, 3.0), STOPS)
     assert (found.noticed_to, found.gaps, found.enough) == (1.0, (2.0,), False)
-    assert verdict(AHEAD, [], (1.0,), STOPS) is None
+    assert verdicts([AHEAD], [], (1.0,), STOPS) == []
 
 
 @given(st.floats(0.3, 20))
 def test_at_the_speed_that_fits_the_zone_is_just_enough(reach: float) -> None:
-    found = verdict(AHEAD, [mark(reach)], (), STOPS)
-    assert found is not None
+    (found,) = verdicts([AHEAD], [mark(reach)], (), STOPS)
     assert found.speed is not None
     assert replace(STOPS, speed=found.speed).needs == pytest.approx(reach, rel=1e-5)
     assert found.enough is (STOPS.needs <= reach + 1e-6)
@@ -139,8 +136,7 @@ def test_at_the_speed_that_fits_the_zone_is_just_enough(reach: float) -> None:
 def test_a_speed_rests_on_no_mark_before_which_nobody_looked() -> None:
     far = (2.5, 20.0)
     assert STOPS.needs < far[0]
-    found = verdict(AHEAD, [mark(one) for one in far], far, STOPS)
-    assert found is not None
+    (found,) = verdicts([AHEAD], [mark(one) for one in far], far, STOPS)
     assert found.enough
     assert found.speed is not None
     assert replace(STOPS, speed=found.speed).needs == pytest.approx(2.5, rel=1e-5)
@@ -179,22 +175,20 @@ def test_a_camera_that_looks_backwards_has_bearings_that_a_file_may_hold() -> No
 
 def test_what_stands_beside_the_way_need_not_be_noticed_but_its_near_marks_must() -> None:
     beside = WalkLine("right edge", 34.0, 0.5)
-    found = verdict(beside, [mark(1.0, noticed=False, line=beside)], (1.0,), STOPS)
-    assert found is not None
+    (found,) = verdicts([beside], [mark(1.0, noticed=False, line=beside)], (1.0,), STOPS)
     assert found.beside
     assert found.enough is None
     partly = WalkLine("right edge", 10.0, 1.5)
     for noticed in (True, False):
         marks = [mark(1.0, noticed=noticed, line=partly), mark(2.0, noticed=False, line=partly)]
-        found = verdict(partly, marks, (1.0, 2.0), STOPS)
-        assert found is not None
+        (found,) = verdicts([partly], marks, (1.0, 2.0), STOPS)
         assert found.enough is noticed
 
 
 def test_the_conclusion_fails_closed() -> None:
     lines = (WalkLine("left side", -5.0, 9.0), AHEAD)
     far = [mark(one) for one in (1.0, 2.0, 3.0)]
-    judged = [one for line in lines if (one := verdict(line, far, (1.0, 2.0, 3.0), STOPS)) is not None]
+    judged = verdicts(lines, far, (1.0, 2.0, 3.0), STOPS)
     text, covers = conclusion(zone(*far), lines, judged)
     assert covers is None, "a side was not measured"
     assert "measure left side, too" in text
@@ -206,8 +200,7 @@ def test_the_conclusion_fails_closed() -> None:
         assert covers is None, "the empty ground may have stopped it"
         assert "empty ground" in text
     near = [mark(1.0), mark(2.0, noticed=False), mark(3.0, noticed=False)]
-    short = verdict(AHEAD, near, (1.0, 2.0, 3.0), STOPS)
-    assert short is not None
+    (short,) = verdicts([AHEAD], near, (1.0, 2.0, 3.0), STOPS)
     text, covers = conclusion(zone(*near), (AHEAD,), [short])
     assert covers is False
     assert "too short (ahead): measure again at 0.69 m/s at most" in text
@@ -220,7 +213,7 @@ def test_the_sides_of_a_vehicle_of_unknown_width_are_not_judged() -> None:
     lines = walk_lines(replace(MOUNTED, mount=replace(MOUNTED.mount, width=None)), 2.0)
     distances = walk_distances(lines, STOPS.needs, None, None)
     marks = [mark(one, line=line) for line in lines for one in distances]
-    judged = [one for line in lines if (one := verdict(line, marks, distances, STOPS)) is not None]
+    judged = verdicts(lines, marks, distances, STOPS)
     assert [one.enough for one in judged] == [None, None, True, None, None]
     text, covers = conclusion(zone(*marks, distances=distances), lines, judged)
     assert covers is None
@@ -300,8 +293,7 @@ def test_the_check_passes_a_zone_with_the_words_of_the_companion_that_runs(tmp_p
 
 
 def test_nothing_is_concluded_where_the_stopping_distance_is_not_known() -> None:
-    found = verdict(AHEAD, [mark(1.0)], (1.0,), None)
-    assert found is not None
+    (found,) = verdicts([AHEAD], [mark(1.0)], (1.0,), None)
     assert (found.enough, found.beside) == (None, False)
     told = replace(zone(mark(1.0)), stop={"speed": None, "needs": None})
     assert conclusion(told, (AHEAD,), [found])[1] is None

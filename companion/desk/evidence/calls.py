@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from companion.desk.evidence.drives import DecisionSample, DrivenFacts
+from companion.desk.evidence.drives import DrivenFacts
 from companion.desk.evidence.parts import Basis, EvidencePart, between
 from companion.desk.evidence.sources import Sources
 from companion.wire.call_report import CallReport
@@ -86,25 +87,17 @@ def _tell_calls(part: EvidencePart, driven: DrivenFacts) -> None:
 
 def call_times(driven: DrivenFacts) -> list[CallTimes]:
     """Return the calls that opened in the recordings, in their order."""
-    answers = [one for one in driven.answers if one.result in _ANSWERS]
+    counted = [one for one in driven.answers if one.result in _ANSWERS]
+    closed = [one for one in driven.decisions if one.what == "call closed"]
     found = []
-    for one in driven.decisions:
-        if one.what == "call opened":
-            until = _closed_at(driven.decisions, one)
-            at = next(
-                (each.at for each in answers if each.target == one.id and one.at <= each.at <= until), None
-            )
-            found.append(CallTimes(at is not None, between(one.at, at)))
+    for call in driven.decisions:
+        if call.what == "call opened":
+            ends = (one.at for one in closed if one.id == call.id and one.at >= call.at)
+            until = next(ends, math.inf)
+            answers = (one.at for one in counted if one.target == call.id and call.at <= one.at <= until)
+            at = next(answers, None)
+            found.append(CallTimes(at is not None, between(call.at, at)))
     return found
-
-
-def _closed_at(decisions: Sequence[DecisionSample], opened: DecisionSample) -> float:
-    closed = (
-        one.at
-        for one in decisions
-        if one.what == "call closed" and one.id == opened.id and one.at >= opened.at
-    )
-    return next(closed, float("inf"))
 
 
 def _tell_holds(part: EvidencePart, driven: DrivenFacts) -> None:

@@ -124,11 +124,7 @@ class _EnoughError(Exception):
     """No more is to be read."""
 
 
-def read_drives(
-    folder: Path,
-    longest: float = LONGEST,
-    most: int = MOST,
-) -> DrivenFacts:
+def read_drives(folder: Path, longest: float = LONGEST, most: int = MOST) -> DrivenFacts:
     """Read the recordings in a companion's state folder. Raises OSError where it may not be read.
 
     It says on stderr how far it is. longest, most: see `LONGEST` and `MOST`.

@@ -109,6 +109,7 @@ def test_a_file_that_is_none_is_said_and_left_out(tmp_path: Path) -> None:
     "change",
     [
         {"version": 2},
+        {"version": "\x1b[2J"},
         {"format": "other"},
         {"at": "../../../etc/passwd"},
         {"at": "20269999T999999Z"},
@@ -131,8 +132,9 @@ def test_a_file_that_is_none_is_said_and_left_out(tmp_path: Path) -> None:
 )
 def test_figures_out_of_range_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
     told = json.loads(write_zone(tmp_path, ZONE).read_bytes())
-    with pytest.raises(ZoneFileError):
+    with pytest.raises(ZoneFileError) as refused:
         parsed_zone(json.dumps(told | change, default=asdict).encode())
+    assert str(refused.value).isprintable(), "it is shown in a terminal"
 
 
 def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:

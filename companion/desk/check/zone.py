@@ -137,7 +137,7 @@ class ZoneWalk:
         except OSError as error:
             print(f"not kept: {error}")
             path = None
-        for text in table(self._zone, self._lines, self._verdicts()):
+        for text in table(self._zone, self._verdicts()):
             print(text)
         print(self._zone.verdict)
         if path is not None:

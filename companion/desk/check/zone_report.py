@@ -21,16 +21,14 @@ def light_text(look: ZoneLook) -> str:
     return f"brightness {look.light.mean:.0f} of 255{f', {name}' if name else ''}"
 
 
-def table(zone: Zone, lines: Sequence[WalkLine], verdicts: Sequence[LineVerdict]) -> Iterator[str]:
+def table(zone: Zone, verdicts: Sequence[LineVerdict]) -> Iterator[str]:
     """Yield the lines of a table: a row a line of marks, a column a distance, and the verdict of each."""
-    judged = {one.line.name: one for one in verdicts}
     yield f"{'':<11} {'bearing':>7} " + "".join(f"{one:>6g} m" for one in zone.distances)
-    for line in lines:
-        if line.name not in judged:
-            continue
+    for judged in verdicts:
+        line = judged.line
         marks = {one.distance_m: one for one in zone.marks if one.line == line.name}
         cells = "".join(f"{_cell(marks.get(one)):>8}" for one in zone.distances)
-        yield f"{line.name:<11} {line.bearing:>6.1f}° {cells}   {_verdict_text(judged[line.name])}"
+        yield f"{line.name:<11} {line.bearing:>6.1f}° {cells}   {_verdict_text(judged)}"
     yield "yes: it would stop the rover; a share: of the frames, which is too few; -: not measured"
     if any(_is_stray(one) for one in zone.marks):
         yield "?: something was noticed, but not the thing on the mark: it does not count"

@@ -204,7 +204,7 @@ def test_the_conclusion_fails_closed() -> None:
     text, covers = conclusion(zone(*near), (AHEAD,), [short])
     assert covers is False
     assert "too short (ahead): measure again at 0.69 m/s at most" in text
-    rows = list(table(zone(*near), (AHEAD,), [short]))
+    rows = list(table(zone(*near), [short]))
     assert "yes    30 %    30 %" in rows[1]
     assert "TOO SHORT" in rows[1]
 

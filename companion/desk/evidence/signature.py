@@ -89,10 +89,10 @@ def check(signers: bytes, signature: bytes, content: bytes) -> str:
     if not _is_armoured(signature):
         raise SignatureError("the signature is damaged")
     with tempfile.TemporaryDirectory(prefix="companion-") as folder:
-        paths = Path(folder, "signers"), Path(folder, "signature")
-        for path, written in zip(paths, (signers, signature), strict=True):
-            path.write_bytes(written)
-        asked = ("-f", str(paths[0]), "-I", SIGNER, "-n", NAMESPACE, "-s", str(paths[1]))
+        allowed, signed = Path(folder, "signers"), Path(folder, "signature")
+        allowed.write_bytes(signers)
+        signed.write_bytes(signature)
+        asked = ("-f", str(allowed), "-I", SIGNER, "-n", NAMESPACE, "-s", str(signed))
         _run("-Y", "verify", *asked, content=content, what="the signature is not good")
     return fingerprint(signers.decode())
 

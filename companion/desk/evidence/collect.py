@@ -93,7 +93,7 @@ def _beside(sources: Sources) -> Iterator[NotKnown]:
     if sources.written is None:
         yield NotKnown("how the companion does", "it has not run with this folder", "companion run")
     if sources.driven.unread:
-        what = f"{sources.driven.unread} older recordings"
+        what = f"{sources.driven.unread} recordings, or the rest of one"
         yield NotKnown(what, "reading them would have taken too long", "companion record list")
     if sources.driven.damaged:
         what = f"{sources.driven.damaged} damaged recordings"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 import time
 from array import array
@@ -73,8 +72,8 @@ class AnswerSample(NamedTuple):
 class DrivenFacts:
     """What the recordings tell, in the order of time. Times are seconds since 1970, unless said otherwise.
 
-    files: recordings that were read. unread: older ones that were not. damaged: whose disk failed. lacking:
-    that lay between these, and were deleted. trouble: why none could be read.
+    files: recordings that were read. unread: that were not, or not to the end. damaged: whose disk failed.
+    lacking: that lay between these, and were deleted. trouble: why none could be read.
     ages: seconds from each frame's capture until it was judged. faulty: how many were a fault.
     model: of the perceiver. camera: about once a second. gaps: between two heartbeats of the autopilot.
     vehicles: system id, MAV_AUTOPILOT and MAV_TYPE of those heard. reboots: of the autopilot.
@@ -149,7 +148,7 @@ def read_drives(folder: Path, longest: float = LONGEST, most: int = MOST) -> Dri
             damaged += 1
     for facts in reversed(each):
         whole.add(facts)
-    whole.damaged, whole.unread = damaged, len(found) - len(each) - damaged
+    whole.damaged, whole.unread = damaged, len(found) - len(each) - damaged + reading.cut
     whole.lacking = found[-1].number - found[0].number + 1 - len(found) if found else 0
     return whole
 
@@ -159,6 +158,8 @@ class _Reading:
 
     def __init__(self, until: float, most: int) -> None:
         self._until, self._left = until, most
+        self.cut = 0
+        """Recordings that were not read to the end: 1 at most."""
 
     def ended(self) -> bool:
         return self._left <= 0 or time.monotonic() > self._until
@@ -168,11 +169,13 @@ class _Reading:
         from companion.observers.recording.reading import messages
 
         taking, topics = _Taking(), {TOPICS[topic].name: topic for topic in _READ}
-        with contextlib.suppress(_EnoughError):
+        try:
             for one in messages(path, list(topics), check=self._check):
                 self._check()
                 self._left -= 1
                 taking.take(topics[one.channel.topic], one.message.log_time / NS, one.message.data)
+        except _EnoughError:
+            self.cut += 1
         return taking.facts
 
     def _check(self) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -42,14 +44,23 @@ def tick() -> None:
         _Counting.tick()
 
 
-def _count_into(steps: Any) -> None:
-    """Begin a process, whose steps are counted in a value that it shares with the others."""
+def _begin(steps: Any) -> None:
+    """Begin a process. It ends with its parent, and counts steps in a value that it shares."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
     def count_one() -> None:
         with steps.get_lock():
             steps.value += 1
 
     _Counting.tick = count_one
+
+
+def _end_with_parent() -> None:
+    """Wait for the parent's end. A job would go on for minutes after it, and nobody would get its result."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _guarded(work: Callable[[Any], Any], job: Any) -> Any:
@@ -86,7 +97,7 @@ def spread(
     context = multiprocessing.get_context("spawn")
     steps = context.Value("Q", 0)
     with ProcessPoolExecutor(
-        min(processes, len(jobs)), mp_context=context, initializer=_count_into, initargs=(steps,)
+        min(processes, len(jobs)), mp_context=context, initializer=_begin, initargs=(steps,)
     ) as pool:
         numbers: dict[Future[Any], int] = {
             pool.submit(_guarded, work, job): number for number, job in enumerate(jobs)

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 import time
+from pathlib import Path
+
+import pytest
 
 from anytraverse.evaluation.progress import Progress
 from anytraverse.evaluation.spreading import spread, tick
+from tests.waiting import is_gone, wait_for
 
 
 class Clock:
@@ -95,3 +101,22 @@ def test_steps_are_counted_in_this_process_and_over_several() -> None:
         assert (found, done, seen[-1]) == ([3, 4], {0: 3, 1: 4}, 7)
     tick()
     assert seen[-1] == 7, "outside of it nobody counts"
+
+
+TWO_JOBS = """
+import time
+from anytraverse.evaluation.spreading import spread
+spread(time.sleep, [600, 600], processes=2, done=print)
+"""
+
+
+@pytest.mark.slow
+def test_a_command_that_is_killed_leaves_no_process() -> None:
+    with subprocess.Popen([sys.executable, "-c", TWO_JOBS]) as command:
+        children = Path(f"/proc/{command.pid}/task/{command.pid}/children")
+        try:
+            wait_for(lambda: len(children.read_text().split()) == 3)  # two, and their resource tracker
+            processes = [int(one) for one in children.read_text().split()]
+        finally:
+            command.kill()
+    wait_for(lambda: all(map(is_gone, processes)))

@@ -29,6 +29,8 @@ _BESIDE, _PADDING = 0.05, 8
 """What is shown beyond the ends of an axis: as a share of its length, and in pixels where it has no span."""
 _SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
 _VERSION = "v6.4"
+_WHOLE = "datum.value % 1 ? '' : datum.label"
+"""Labels nothing between whole numbers: of 0 to 1 the library takes the half, whatever the least step."""
 _TEXT = {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "labelLimit": 0}
 _LOOK = {
     "background": None,
@@ -79,12 +81,16 @@ class Plot(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """Describes an axis. title: with its unit. span: the values at its ends, None: those of the points."""
+    """Describes an axis. title: with its unit. span: the values at its ends, None: those of the points.
+
+    whole: there is nothing between two whole numbers.
+    """
 
     title: str
     span: tuple[float, float] | None = None
     logarithmic: bool = False
     ticks: Sequence[float] | None = None
+    whole: bool = False
 
     def encoded(self, field: str) -> dict[str, Any]:
         """Return the encoding of a field on it."""
@@ -95,7 +101,9 @@ class Axis(NamedTuple):
             scale = {"domain": [low - beside, high + beside], "nice": False}
         if self.logarithmic:
             scale["type"] = "log"
-        axis = {} if self.ticks is None else {"axis": {"values": list(self.ticks)}}
+        axis: dict[str, Any] = {} if self.ticks is None else {"axis": {"values": list(self.ticks)}}
+        if self.whole:
+            axis = {"axis": {"tickMinStep": 1, "format": "d", "labelExpr": _WHOLE}}
         title = wrap(self.title, _WIDE)
         return {"field": field, "type": "quantitative", "title": title, "scale": scale, **axis}
 

@@ -92,3 +92,10 @@ def test_a_picture_has_its_title_and_no_colour_of_a_page_and_is_the_same_each_ti
     assert "A title" in drawn
     assert "var(" not in drawn
     assert drawn == svg(plot(), 400, 200)
+
+
+def test_of_what_is_counted_nothing_between_whole_numbers_is_labelled() -> None:
+    pytest.importorskip("vl_convert")
+    line = Curve("calls", "--green", [{"x": 0, "y": 0}, {"x": 4, "y": 1}])
+    drawn = svg(curves("A title", "", [line], Axis("frame", (0, 4)), Axis("calls", whole=True)), 600, 300)
+    assert re.findall(r'text-anchor="end"[^>]*>([^<]+)<', drawn) == ["0", "1"]

@@ -104,10 +104,9 @@ def choice_plot(choice: Choice) -> Plot:
     rows.sort(key=lambda row: list(_ROLES).index(row["role"]))
     widest = max([*(one.calls for one in shown), choice.wanted or 0.0]) or 1.0
     highest = choice.most or max(one.noticed for one in shown) or 1
-    x = Axis(choice.calls, (0.0, widest)).encoded("x")
-    y = Axis(choice.noticed, (0.0, highest)).encoded("y")
-    if highest < 8:  # whole things only
-        y["axis"] = {"values": list(range(highest + 1)), "format": "d"}
+    counted = all(isinstance(one.calls, int) for one in shown)
+    x = Axis(choice.calls, (0.0, widest), whole=counted).encoded("x")
+    y = Axis(choice.noticed, (0.0, highest), whole=True).encoded("y")
     hover = [{"field": key, "title": title} for key, title in _titles(choice, rows[0]).items()]
     roles = {role: look for role, look in _ROLES.items() if any(row["role"] == role for row in rows)}
     colour = {"domain": list(roles), "range": [f"var({name})" for name, _ in roles.values()]}
@@ -238,8 +237,8 @@ def _titles(choice: Choice, row: Mapping[str, Any]) -> dict[str, str]:
 def _figures(choice: Choice, one: OfferedSetting, alike: Mapping[Any, int]) -> str:
     """Return the figures of a setting in one line, for whoever cannot hover."""
     row = _row(choice, one, [], alike)
-    return ", ".join(
-        f"{title} {row[key]}" for key, title in _titles(choice, row).items() if key not in ("number", "role")
+    return "; ".join(
+        f"{title}: {row[key]}" for key, title in _titles(choice, row).items() if key not in ("number", "role")
     )
 
 
@@ -251,4 +250,4 @@ def _label(choice: Choice, one: OfferedSetting, best: Iterable[int]) -> str:
     of = f" of {choice.most}" if choice.most else ""
     role = _role(choice, one, best)
     marked = "" if role == _SETTING else f", {role}"
-    return f"{one.number}: {one.calls:g} calls, {one.noticed}{of} noticed{marked}"
+    return f"{one.number}: {choice.calls} {one.calls:g}, {choice.noticed} {one.noticed}{of}{marked}"

@@ -80,12 +80,12 @@ def text_of(figures: Mapping[str, Any]) -> str:
     lines = [
         f"{figures['title']}: {figures['frames']} frames, {len(figures['each'])} combinations in "
         f"{figures['seconds']:g} s",
-        "   scene     roi    tile   calls   scene  object  1st half   2nd  region",
+        " number   scene     roi    tile   calls   scene  object  1st half   2nd  region",
     ]
     for row in sorted(figures["each"], key=lambda one: one["calls"])[:_MOST_SHOWN]:
         cells = csv_rows([row])[0]
         lines.append(
-            f"{cells['scene']:>8}{cells['roi']:>8}{cells['tile']:>8}{cells['calls']:>8}"
+            f"{cells['number']:>7}{cells['scene']:>8}{cells['roi']:>8}{cells['tile']:>8}{cells['calls']:>8}"
             f"{cells['unknown_scene']:>8}{cells['unknown_object']:>8}{cells['first_half']:>10}"
             f"{cells['second_half']:>6}  {cells['region']}"
         )
@@ -148,7 +148,9 @@ def _rising_plot(figures: Mapping[str, Any], choice: Choice) -> Plot:
         for name, colour, _ in _LINES
     ]
     across = Axis("frame", (0.0, figures["frames"]))
-    return curves("Calls up to each frame", note, lines, across, Axis("calls so far"), stepped=True)
+    return curves(
+        "Calls up to each frame", note, lines, across, Axis("calls so far", whole=True), stepped=True
+    )
 
 
 def _rising(row: Mapping[str, Any], frames: int) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from typing import Any
 
 from hypothesis import given
@@ -79,9 +80,21 @@ def test_titles_say_what_is_counted_and_the_note_of_how_much() -> None:
     assert wanted["data"]["values"] == [{"at": 2.5, "what": "wanted at most"}]
 
 
+def test_what_is_counted_has_no_ticks_between_whole_numbers() -> None:
+    def ticks(calls: float) -> list[dict[str, object]]:
+        spec = choice_plot(replace(CHOICE, settings=[setting(0, calls, 3)], now=None, proposed=None)).spec
+        (dots,) = (
+            one["encoding"] for one in spec["layer"] if "tooltip" in one["encoding"] and "params" in one
+        )
+        return [dots[side].get("axis", {}) for side in ("x", "y")]
+
+    assert [one["tickMinStep"] for one in ticks(2)] == [1, 1]
+    assert [one.get("tickMinStep") for one in ticks(2.0)] == [None, 1]
+
+
 def test_the_page_begins_with_the_proposal_and_can_show_each_other_point() -> None:
     page = "".join(parts(CHOICE))
-    assert '<option value="2" selected>2: 2 calls, 3 of 3 noticed, proposed</option>' in page
+    assert '<option value="2" selected>2: calls a minute 2, things noticed 3 of 3, proposed</option>' in page
     assert "roi = 0.2\n</pre>" in page
     assert "tune --take 2 --from {b}</pre>" in page
     assert "WARNING: &lt;less&gt;" in page

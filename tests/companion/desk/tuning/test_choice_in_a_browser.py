@@ -61,7 +61,7 @@ def test_a_hover_tells_and_a_click_takes(tab: Any) -> None:
     point(tab, 4).click()
     assert tab.locator("#command").inner_text() == "tune --take 4 --from {b}"
     assert tab.locator("#take").input_value() == "4"
-    assert "calls a minute 4.0, things noticed 2, scene 0.9" in tab.locator("#figures").inner_text()
+    assert "calls a minute: 4.0; things noticed: 2; scene: 0.9" in tab.locator("#figures").inner_text()
     assert tab.locator("#warnings").inner_text() == ""
     tab.select_option("#take", "0")
     assert tab.locator("#command").inner_text() == "tune --take 0 --from {b}"

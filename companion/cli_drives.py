@@ -6,6 +6,7 @@ import argparse
 import logging
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from companion.cli_config import add_config, default_config
@@ -34,16 +35,24 @@ def _add_look_ground(commands: Commands) -> None:
         "--estimate", action="store_true", help="of a drive: propose height and tilt, and draw nothing"
     )
     look.add_argument(
-        "--speed", type=_speed, metavar="N", help="m/s at which a video or pictures were driven straight"
+        "--speed",
+        type=_number(0.05, 30.0, "is no speed in m/s: give 0.05 to 30"),
+        metavar="N",
+        help="m/s at which a video or pictures were driven straight",
     )
     look.set_defaults(run=_look_ground)
 
 
-def _speed(text: str) -> float:
-    speed = float(text)
-    if not 0.05 <= speed <= 30.0:
-        raise argparse.ArgumentTypeError(f"{text} is no speed: give 0.05 to 30")
-    return speed
+def _number(low: float, high: float, otherwise: str) -> Callable[[str], float]:
+    """Return what reads a number from low to high. otherwise: what to say of another text, behind it."""
+
+    def read(text: str) -> float:
+        with suppress(ValueError):
+            if low <= float(text) <= high:
+                return float(text)
+        raise argparse.ArgumentTypeError(f"{text} {otherwise}")
+
+    return read
 
 
 def _add_costmap(commands: Commands) -> None:
@@ -52,16 +61,12 @@ def _add_costmap(commands: Commands) -> None:
     costmap.add_argument("--config", default="", metavar="FILE", help="by default the recording's")
     costmap.add_argument("--out", default="costmap", metavar="FOLDER", help="by default ./%(default)s")
     costmap.add_argument(
-        "--at", type=_seconds, metavar="SECONDS", help="after the first frame, by default at the end"
+        "--at",
+        type=_number(0.0, 1e9, "are no seconds of a drive: give 0 or more"),
+        metavar="SECONDS",
+        help="after the first frame, by default at the end",
     )
     costmap.set_defaults(run=_costmap)
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 <= seconds <= 1e9:
-        raise argparse.ArgumentTypeError(f"{text} are no seconds of a drive: give 0 or more")
-    return seconds
 
 
 def _add_rehearse(commands: Commands) -> None:

@@ -20,10 +20,12 @@ def told(*kinds: type[Exception]) -> Iterator[None]:
     except ConfigError as error:
         raise UserError(error_text(error)) from error
     except kinds as error:
-        raise UserError(str(error)) from error
+        raise UserError(error_text(error)) from error
 
 
 def error_text(error: Exception) -> str:
-    """Return an error's text; a text of several lines begins on a line of its own."""
+    """Return an error's text; several lines begin on one of their own. A file's error has no number."""
     text = str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        text = f"{error.filename}: {(error.strerror or text).lower()}"
     return text if "\n" not in text else f"\n{text}"

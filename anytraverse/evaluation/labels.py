@@ -49,6 +49,11 @@ class LabelClasses:
                 written.setdefault(fold(name), name)
         return written
 
+    @property
+    def listed(self) -> str:
+        """The names as a person is told them."""
+        return ", ".join(self.known.values())
+
     @cached_property
     def _allowed(self) -> Mask:
         allowed = np.zeros(256, dtype=np.bool_)
@@ -61,13 +66,12 @@ class LabelClasses:
 
         Raises DatasetError for a name that is not a class, and for an empty list.
         """
-        listed = ", ".join(self.known.values())
         folded = tuple(dict.fromkeys(fold(name) for name in names if name.strip()))
         for name in folded:
             if name not in self.known:
-                raise DatasetError(f'"{name}" is not a class of the labels: choose from {listed}')
+                raise DatasetError(f'"{name}" is not a class of the labels: choose from {self.listed}')
         if not folded:
-            raise DatasetError(f"no class is named: choose from {listed}, separated by commas")
+            raise DatasetError(f"no class is named: choose from {self.listed}, separated by commas")
         return tuple(self.known[name] for name in folded)
 
     def mask(self, labels: Labels, names: Iterable[str]) -> Mask:

@@ -225,7 +225,10 @@ def _episode(options: argparse.Namespace, config: Config) -> tuple[Episode, str]
         return plain, "a go to every call, as the drive has no labels"
     names = defaults.drivable if options.drivable is None else options.drivable.split(",")
     if not names:
-        raise GridError("which classes are drivable is not known: give --drivable, or --operator go")
+        known = dataset.classes.listed
+        raise GridError(
+            f"which classes are drivable is not known: give --drivable, of {known}; or --operator go"
+        )
     return replace(
         plain, split=split, selection=selection, drivable=dataset.classes.choose(names)
     ), "the labels"

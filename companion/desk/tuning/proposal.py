@@ -109,8 +109,8 @@ def refuse_short(seconds: float, wanted: float) -> None:
     least = math.ceil(6000.0 / seconds) / 100 if seconds > 0.0 else math.inf
     more = f", or --calls-per-minute {least:g}" if least <= MOST_WANTED else ""
     raise DriveError(
-        f"the drive lasts {seconds:g} s, and one call in it is already more than {wanted:g} a minute: "
-        f"give a drive of {60.0 / wanted:g} s or more{more}"
+        f"the drive lasts {round(seconds, 1):g} s, and one call in it is already more than {wanted:g} "
+        f"a minute: give a drive of {math.ceil(60.0 / wanted)} s or more{more}"
     )
 
 

@@ -223,7 +223,7 @@ def test_what_cannot_be_evaluated_is_refused_in_one_line(
 
 def test_a_folder_has_no_words_and_classes_of_its_own(drive: Path, tmp_path: Path, capsys: Out) -> None:
     name = f"folder:{drive}"
-    assert "no class is named: choose from dirt_path" in refused(capsys, command(name, tmp_path / "out"))
+    assert "give --drivable, of dirt_path" in refused(capsys, command(name, tmp_path / "out"))
     line = refused(capsys, command(name, tmp_path / "out", "--drivable", "grass"))
     assert "no word is asked" in line
 

@@ -132,11 +132,14 @@ def test_a_drive_that_is_not_there_ends_with_2(
     assert "none.mcap is not there" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("speed", ["0", "nan", "much"])
-def test_what_is_no_speed_ends_with_2(tmp_path: Path, config: Path, speed: str) -> None:
+@pytest.mark.parametrize("speed", ["0", "nan", "1,5"])
+def test_what_is_no_speed_ends_with_2(
+    tmp_path: Path, config: Path, speed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         estimate(tmp_path, config, "--speed", speed)
     assert ended.value.code == 2
+    assert f"argument --speed: {speed} is no speed in m/s: give 0.05 to 30" in capsys.readouterr().err
 
 
 def reports(*, until: float, speed: float = 1.0, turning: float = 0.0) -> list[dict[str, Any]]:

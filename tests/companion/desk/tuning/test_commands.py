@@ -99,7 +99,7 @@ def test_a_script_answers_as_somebody_did(drive: Path, tmp_path: Path, capsys: O
         (("--region", "0.46,0.6,0.54,0.95", "--operator", "go"), "ROI 0.08 wide, vehicle 0.30: widen it"),
         (("--roi", "2", "--operator", "go"), "roi is 2.0"),
         (("--operator", "labels"), "--drivable"),
-        ((), "--drivable"),
+        ((), "give --drivable, of tree, gravel, crate; or"),
         (("--jobs", "-1", "--operator", "go"), "--jobs -1"),
         (("--jobs", "1000000", "--operator", "go"), "1 to 256"),
         (("--cache-size", "0", "--operator", "go"), "--cache-size"),
@@ -177,7 +177,10 @@ def test_tuning_writes_what_to_put_into_the_configuration(drive: Path, tmp_path:
         (("--calls-per-minute", "nan"), "calls a minute"),
         (("--answers", "{answers}"), "no answer to a frame of this drive"),
         (("--jobs", "-1"), "--jobs -1"),
-        (("--calls-per-minute", "0.5"), "drive of 120 s or more"),
+        (("--calls-per-minute", "0.7"), "the drive lasts 1.6 s, and"),
+        (("--calls-per-minute", "0.7"), "drive of 86 s or more"),
+        (("--answers", "{answers}.old"), "answers.txt.old: no such file or directory\n"),
+        (("--take", "1", "--from", "{answers}.json"), "answers.txt.json: no such file or directory\n"),
     ],
 )
 def test_what_cannot_be_tuned_is_told(

@@ -54,7 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--std", metavar="R,G,B", type=_triple, help="likewise")
     add("--scale", type=float, help="what pixels are multiplied by before that, by default 1/255")
     add("--bgr", action="store_true", help="the network was trained on BGR pictures")
-    add("--filter", choices=FILTERS, default="bilinear", help="how frames are resized: %(default)s")
+    add(
+        "--filter", choices=FILTERS, default="bilinear", help="how frames are resized, by default %(default)s"
+    )
     add("--layout", choices=LAYOUTS, help="of the input, where its shape leaves it open")
     add("--activation", choices=ACTIVATIONS, help="what is left to be done to the scores")
     add("--output", metavar="NAME", help="the network's output with the scores, by default its first")

@@ -55,14 +55,14 @@ def text_of(figures: Figures) -> str:
         f"{figures['title']}: {scope(figures)}, {figures['model_id']}, "
         f"{figures['ms_per_frame']:.1f} ms a frame"
     ]
-    lines += [f"  {'mean IoU':32}{'':>8}"]
-    lines += [f"    {method:30}{shown(iou):>8}   {remark}" for method, iou, remark in comparison(figures)]
+    lines += ["  mean IoU"]
+    lines += [f"    {method:32}{shown(iou):>8}   {remark}" for method, iou, remark in comparison(figures)]
     lines += ["  figures"]
-    lines += [f"    {name:30}{shown(figures[key]):>8}   {meaning}" for key, name, meaning in HEADLINES]
-    lines += [f"  {'classes':32}{'recall':>8}"]
+    lines += [f"    {name:32}{shown(figures[key]):>8}   {meaning}" for key, name, meaning in HEADLINES]
+    lines += [f"  {'classes':34}{'recall':>8}"]
     for name, row in figures["classes"].items():
         side = "drivable" if row["drivable"] else "not drivable"
-        lines.append(f"    {name:30}{shown(row['recall']):>8}   {side}")
+        lines.append(f"    {name:32}{shown(row['recall']):>8}   {side}")
     lines.append(f"  words         {told(figures['matches'])}")
     return "\n".join(lines)
 

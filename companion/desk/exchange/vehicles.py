@@ -68,6 +68,8 @@ class ExchangeVehicle:
 
 def read_vehicle(path: Path) -> ExchangeVehicle:
     """Read a vehicle's file, with the simulated camera's view. Raises VehicleError."""
+    if not path.is_file():  # the configuration below would name itself, which nobody has written
+        raise VehicleError(f"{path}: there is no such file: give a vehicle's, as config/vehicles/atv.toml")
     view = math.degrees(FIELD_OF_VIEW)
     with TemporaryDirectory() as folder:
         main = Path(folder) / "companion.toml"

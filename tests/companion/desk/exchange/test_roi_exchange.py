@@ -205,6 +205,12 @@ def test_a_vehicle_that_lacks_a_figure_is_refused_in_a_line(
     assert told.count("\n") == 2, "that it starts, and why not"
 
 
+def test_a_vehicle_that_is_not_there_is_told_by_its_own_name(tmp_path: Path, capsys: Out) -> None:
+    absent = tmp_path / "mine.toml"
+    assert main(["roi-exchange", "--vehicle", str(absent)]) == 2
+    assert f"roi-exchange: {absent}: there is no such file: give" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("arguments", [["--metres", "0"], ["--metres", "nan"], ["--seeds", "-1"]])
 def test_a_trail_that_is_none_is_refused(capsys: Out, arguments: list[str]) -> None:
     assert main(["roi-exchange", *arguments]) == 2

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Union
 
 from anytraverse.errors import AnyTraverseError
-from anytraverse.release import own_version
+from anytraverse.release import own_version, to_install
 
 Commands = Mapping[str, tuple[str, Union[str, "Commands"]]]
 
@@ -70,10 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if missing == __package__:
             raise
         extra = EXTRAS.get(words[0], "rover")
-        print(
-            f'{_command(words)}: needs {missing}: pip install "anytraverse-companion[{extra}]"',
-            file=sys.stderr,
-        )
+        print(f"{_command(words)}: needs {missing}: {to_install(extra)}", file=sys.stderr)
         return 2
     except (AnyTraverseError, OSError) as error:
         print(f"{_command(words)}: {_one_line(error)}", file=sys.stderr)

@@ -20,6 +20,7 @@ from anytraverse.memory import first_memory
 from anytraverse.perception import Perceiver, make_perceiver, weak_words
 from anytraverse.preferences import Preferences
 from anytraverse.regular_file import read_regular
+from anytraverse.release import to_install
 
 DEFAULT_PROMPTS = "trail: 1; grass: 1; bush: -1; tree: -1; sky: -0.5"
 
@@ -72,9 +73,7 @@ def read_picture(path: str) -> Image:
     try:
         import cv2
     except ImportError:
-        raise PerceiverError(
-            'reading pictures needs OpenCV: pip install "anytraverse-companion[rover]"'
-        ) from None
+        raise PerceiverError(f"reading pictures needs OpenCV: {to_install('rover')}") from None
     try:
         picture = decode(read_regular(path, MAX_BYTES + 1))
     except PictureTooLargeError as error:

@@ -13,7 +13,6 @@ from html import escape
 from textwrap import wrap
 from typing import Any, NamedTuple
 
-INSTALL = 'for plots: pip install "anytraverse-companion[plots]"'
 HINT = "Hover for figures. Ctrl and the wheel zoom, a drag moves, a double click shows all again."
 COLOURS = ("--green", "--blue", "--red", "--violet", "--grey", "--faint", "--ink")
 STYLE = """
@@ -208,7 +207,7 @@ def section(plot: Plot, name: str = "") -> str:
     """
     head = f'<h2>{escape(plot.title)}</h2><p class="faint">{escape(plot.note)}</p>'
     if not installed():
-        return f"{head}<p>{escape(INSTALL)}</p>"
+        return f"{head}<p>No plot: install the extra plots where this page is written.</p>"
     data = json.dumps(plot.spec, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     named = f' id="{escape(name)}"' if name else ""
     return f'{head}<div class="plot"{named}></div><script type="application/json">{data}</script>'

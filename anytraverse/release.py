@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shlex
+import sys
 from functools import lru_cache
 from pathlib import Path
 
@@ -16,6 +19,12 @@ _LIBRARIES = (
 def own_version() -> str:
     """Return the version of the installed distribution; "0" where none is installed."""
     return _version(DISTRIBUTION)
+
+
+def to_install(extra: str) -> str:
+    """Return what to type for an extra: by the Python that runs, with sudo where it is not the user's."""
+    sudo = "" if os.access(sys.prefix, os.W_OK) and "SUDO_USER" not in os.environ else "sudo "
+    return f'{sudo}{shlex.quote(sys.executable)} -m pip install "{DISTRIBUTION}[{extra}]"'
 
 
 @lru_cache(1)

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anytraverse.release import to_install
 from companion.cli_config import add_config
 from companion.cli_errors import UserError, error_text
 from companion.system.log_lines import log_to_stderr
@@ -39,7 +40,7 @@ def _setup(init: Callable[[str], int], options: argparse.Namespace) -> int:
 
         return run(str(path), port=options.port)
     except ImportError as error:
-        raise UserError(f'it needs {error.name}: pip install "anytraverse-companion[rover]"') from error
+        raise UserError(f"it needs {error.name}: {to_install('rover')}") from error
     except ConfigError as error:
         raise UserError(error_text(error)) from error
     except (OSError, OverflowError) as error:

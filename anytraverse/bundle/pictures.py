@@ -11,6 +11,7 @@ from anytraverse.decoding import PictureTooLargeError, check_size
 from anytraverse.errors import PerceiverError
 from anytraverse.frame import Image
 from anytraverse.look import PictureError, read_picture
+from anytraverse.release import to_install
 
 MOST_FRAMES = 200
 SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -60,9 +61,7 @@ def _video(path: Path) -> Iterator[Image]:
     try:
         import cv2
     except ImportError:
-        raise PerceiverError(
-            'reading videos needs OpenCV: pip install "anytraverse-companion[rover]"'
-        ) from None
+        raise PerceiverError(f"reading videos needs OpenCV: {to_install('rover')}") from None
     video = cv2.VideoCapture(str(path))
     try:
         try:

@@ -14,7 +14,8 @@ from anytraverse.evaluation.exhibits import Exhibit, draw
 from anytraverse.evaluation.page import page
 from anytraverse.evaluation.report import markdown, text_of
 from anytraverse.evaluation.seeing import PerceiverRun
-from anytraverse.plots import INSTALL, installed
+from anytraverse.plots import installed
+from anytraverse.release import to_install
 
 _EXTREMES = 6
 """How many of the best and of the worst frames are shown."""
@@ -61,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     }
     conclude(options, written, text_of(figures), figures)
     if not installed():
-        print(f"evaluation.html has no plots: {INSTALL}", file=sys.stderr)
+        print(f"evaluation.html has no plots: {to_install('plots')}", file=sys.stderr)
     return 0
 
 

@@ -13,6 +13,7 @@ from itertools import count
 from typing import Any, NamedTuple, TypeVar
 
 from anytraverse.errors import AnyTraverseError
+from anytraverse.release import to_install
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -141,7 +142,7 @@ def _on_cluster(
     try:
         import distributed
     except ImportError:
-        raise SpreadError('--dask needs distributed: pip install "anytraverse-companion[dask]"') from None
+        raise SpreadError(f"--dask needs distributed: {to_install('dask')}") from None
     if address.startswith("tls:") and not distributed.Security().get_connection_args("client")["ssl_context"]:
         raise SpreadError(
             f"{address} needs certificates: set ca-file, client.cert and client.key of distributed.comm.tls "

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anytraverse.release import to_install
+
 if TYPE_CHECKING:
     from anytraverse.bundle.manifest import Manifest
 
@@ -52,8 +54,7 @@ def export_bundle(
             from anytraverse.export.dense_checkpoint import MODELS
     except ImportError as error:
         raise BundleError(
-            f"making a bundle needs {error.name}: on a workstation, "
-            'pip install "anytraverse-companion[export]"'
+            f"making a bundle needs {error.name}: on a workstation, {to_install('export')}"
         ) from error
     if scene not in (None, "shared", "clip-b32"):
         raise BundleError(f'no scene embedding is called "{scene}": choose shared or clip-b32')

@@ -19,6 +19,7 @@ from anytraverse.errors import ExampleError, PerceiverError
 from anytraverse.frame import Image
 from anytraverse.perception.runtime import Runtime
 from anytraverse.regions import Box
+from anytraverse.release import to_install
 
 Features = Any
 """The result of `encode`. Opaque: only the perceiver that made it can read it."""
@@ -193,8 +194,6 @@ def make_perceiver(name: str, runtime: Runtime | None = None) -> Perceiver:
     try:
         factory = getattr(importlib.import_module(module), attribute)
     except ImportError as error:
-        raise PerceiverError(
-            f'perceiver "{kind}" needs {error.name}: pip install "anytraverse-companion[rover]"'
-        ) from error
+        raise PerceiverError(f'perceiver "{kind}" needs {error.name}: {to_install("rover")}') from error
     perceiver: Perceiver = factory(argument, runtime or Runtime())
     return perceiver

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from anytraverse.errors import PerceiverError
+from anytraverse.release import to_install
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -155,7 +156,5 @@ def load_onnxruntime() -> onnxruntime:
     try:
         import onnxruntime
     except ImportError:
-        raise PerceiverError(
-            'networks need ONNX Runtime: pip install "anytraverse-companion[rover]"'
-        ) from None
+        raise PerceiverError(f"networks need ONNX Runtime: {to_install('rover')}") from None
     return onnxruntime

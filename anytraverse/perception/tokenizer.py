@@ -15,6 +15,7 @@ from typing import Any
 
 from anytraverse.errors import PerceiverError
 from anytraverse.regular_file import read_regular
+from anytraverse.release import to_install
 
 MAX_FILE_BYTES = 32 << 20
 """A vocabulary of SigLIP 2's size takes 18 MB. A file of nothing but long tokens takes fifty times its size
@@ -104,9 +105,7 @@ def load_tokenizers() -> Any:
     try:
         import tokenizers
     except ImportError:
-        raise PerceiverError(
-            'words of any kind need tokenizers: pip install "anytraverse-companion[words]"'
-        ) from None
+        raise PerceiverError(f"words of any kind need tokenizers: {to_install('words')}") from None
     return tokenizers
 
 

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from anytraverse.release import to_install
 from companion.cameras.places import CameraError, SourceError, check_place, meant
 from companion.cameras.shown import plain_words, shown
 
@@ -154,9 +155,7 @@ def open_camera(source: str, options: CameraOptions | None = None) -> Camera:
         maker: CameraMaker = getattr(importlib.import_module(module), name)
     except ImportError as error:
         extra = "oak" if error.name == "depthai" else "rover"
-        raise SourceError(
-            f'camera "{kind}" needs {error.name}: pip install "anytraverse-companion[{extra}]"'
-        ) from error
+        raise SourceError(f'camera "{kind}" needs {error.name}: {to_install(extra)}') from error
     options = options or CameraOptions()
     try:
         camera = maker(place, options)

@@ -19,6 +19,7 @@ import numpy as np
 
 from anytraverse.frame import Intrinsics
 from anytraverse.regular_file import read_regular
+from anytraverse.release import to_install
 from companion.cameras.shown import shown
 
 _LARGEST = 1 << 20
@@ -110,7 +111,7 @@ def read_calibration(path: Path) -> LensCalibration:
             f"{shown(str(path))} cannot be read: {(error.strerror or str(error)).lower()}"
         ) from None
     except ImportError as error:
-        raise CalibrationError(f'needs {error.name}: pip install "anytraverse-companion[rover]"') from error
+        raise CalibrationError(f"needs {error.name}: {to_install('rover')}") from error
     except CalibrationError as error:
         raise CalibrationError(f"{shown(str(path))} {error}") from None
 

@@ -11,6 +11,7 @@ from difflib import get_close_matches
 from importlib.util import find_spec
 from urllib.parse import SplitResult, urlsplit
 
+from anytraverse.release import to_install
 from companion.cameras.shown import address, is_like_a_url, program, shown
 
 OF_FILES = ("video", "folder", "v4l2")
@@ -115,5 +116,5 @@ def absent_now(kind: str, place: str) -> str:
     if kind == "pipe" and shutil.which(pipe_words(place)[0]) is None:
         return f"{program(place) or 'the program'} is not installed, or not executable, here"
     if kind == "oak" and find_spec("depthai") is None:
-        return 'depthai is not installed here: pip install "anytraverse-companion[oak]"'
+        return f"depthai is not installed here: {to_install('oak')}"
     return ""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Protocol
 
+from anytraverse.release import to_install
 from companion.config.link_settings import Address, LinkSettingError
 from companion.link.limits import LeaseTable
 from companion.link.streams import CHUNK, Serial, Tcp
@@ -198,6 +199,4 @@ def check_installed(address: Address) -> None:
         try:
             import serial  # noqa: F401
         except ImportError as error:
-            raise LinkSettingError(
-                "a serial link needs pyserial: pip install 'anytraverse-companion[rover]'"
-            ) from error
+            raise LinkSettingError(f"a serial link needs pyserial: {to_install('rover')}") from error

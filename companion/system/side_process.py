@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from typing import Generic, TypeVar
 
+from anytraverse.release import to_install
 from companion.system.child_process import ChildProcess
 from companion.system.error_guard import ErrorGuard
 from companion.system.watchdog import Restarts, Watchdog
@@ -175,6 +176,4 @@ def missing_packages(modules: Mapping[str, str], extra: str) -> str:
     modules: module -> the package that brings it. extra: of this project, with all of them.
     """
     absent = [package for module, package in modules.items() if find_spec(module) is None]
-    return (
-        f'{", ".join(absent)} not installed: pip install "anytraverse-companion[{extra}]"' if absent else ""
-    )
+    return f"{', '.join(absent)} not installed: {to_install(extra)}" if absent else ""

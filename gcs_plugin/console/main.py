@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from anytraverse.release import own_version
+from anytraverse.release import own_version, to_install
 from companion.pages.listen import Listen, check_token, hashed, read_listen
 from companion.wire.signing_store import SigningKeyError, read_key
 from gcs_plugin.client.client import OperatorClient
@@ -30,7 +30,7 @@ from gcs_plugin.terminal.output import JsonOutput
 from gcs_plugin.terminal.signing import open_signing, state_folder
 
 DEFAULT_LINK = "udpin:0.0.0.0:14550"
-EXTRA = "the console needs starlette and uvicorn: pip install 'anytraverse-companion[ground]'"
+EXTRA = f"the console needs starlette and uvicorn: {to_install('ground')}"
 MOST_LINKS = 8
 
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from anytraverse.release import to_install
 from companion.wire.devices import open_port, watch_peer
 from gcs_plugin.terminal.lookup import Address, Name
 
@@ -277,6 +278,4 @@ def _need_pyserial() -> None:
     try:
         import serial  # noqa: F401
     except ImportError as error:
-        raise LinkError(
-            "a serial link needs pyserial: pip install 'anytraverse-companion[ground]'"
-        ) from error
+        raise LinkError(f"a serial link needs pyserial: {to_install('ground')}") from error

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 
 import pytest
 
 from anytraverse.cli import COMMANDS, main
+from anytraverse.release import to_install
 
 Out = pytest.CaptureFixture[str]
 
@@ -80,9 +82,7 @@ def test_a_missing_package_says_what_to_install(
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.setitem(COMMANDS, command, ("needs torch", "torch"))
     assert main([command]) == 2
-    assert capsys.readouterr().err == (
-        f'anytraverse {command}: needs torch: pip install "anytraverse-companion[{extra}]"\n'
-    )
+    assert capsys.readouterr().err == f"anytraverse {command}: needs torch: {to_install(extra)}\n"
 
 
 def test_ctrl_c_ends_quietly(monkeypatch: pytest.MonkeyPatch, capsys: Out) -> None:
@@ -92,3 +92,16 @@ def test_ctrl_c_ends_quietly(monkeypatch: pytest.MonkeyPatch, capsys: Out) -> No
     monkeypatch.setattr("anytraverse.look.run", interrupted)
     assert main(["look", "picture.png"]) == 130
     assert capsys.readouterr().err == ""
+
+
+def test_what_is_missing_is_installed_by_the_python_that_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SUDO_USER", raising=False)
+    monkeypatch.setattr(sys, "executable", "/home/me and you/bin/python")
+    monkeypatch.setattr(os, "access", lambda path, _how: path == sys.prefix)
+    told = "'/home/me and you/bin/python' -m pip install \"anytraverse-companion[rover]\""
+    assert to_install("rover") == told
+    monkeypatch.setenv("SUDO_USER", "me")
+    assert to_install("rover") == f"sudo {told}", "the next command is typed without what this one had"
+    monkeypatch.delenv("SUDO_USER")
+    monkeypatch.setattr(os, "access", lambda _path, _how: False)
+    assert to_install("rover") == f"sudo {told}"

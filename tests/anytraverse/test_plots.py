@@ -72,7 +72,7 @@ def test_no_name_ends_the_script_that_holds_it() -> None:
 
 def test_without_the_library_the_page_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plots, "installed", lambda: False)
-    assert "pip install &quot;anytraverse-companion[plots]&quot;" in section(plot())
+    assert "install the extra plots" in section(plot())
     assert list(drawing()) == []
 
 

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
 
-from anytraverse.release import own_version
+from anytraverse.release import own_version, to_install
 from companion.desk.check.rover import CheckedRover
 from companion.desk.check.rules import CheckFinding, failed, passed, skipped, warned
 from companion.storage.writer import SLOW
@@ -26,7 +26,6 @@ _ONE_OF = (
     ("onnxruntime", ("onnxruntime", "onnxruntime-gpu", "onnxruntime-openvino")),
 )
 """Module -> the packages that contain it. Two of them overwrite each other's files."""
-_EXTRA = 'pip install "anytraverse-companion[rover]"'
 
 
 def _installed(package: str) -> str | None:
@@ -46,12 +45,12 @@ def check_versions(rover: CheckedRover) -> list[CheckFinding]:
     for module, packages in _ONE_OF:
         there = [(name, number) for name in packages if (number := _installed(name))]
         if len(there) > 1:
-            names = " and ".join(name for name, _ in there)
-            return [failed(VERSIONS, f"{names} overwrite each other: pip uninstall both, then {_EXTRA}")]
+            names, again = " and ".join(name for name, _ in there), to_install("rover")
+            return [failed(VERSIONS, f"{names} overwrite each other: pip uninstall both, then {again}")]
         found += there or [(module, None)]
     missing = [name for name, number in found if number is None]
     if missing:
-        return [failed(VERSIONS, f"{', '.join(missing)} not installed: {_EXTRA}")]
+        return [failed(VERSIONS, f"{', '.join(missing)} not installed: {to_install('rover')}")]
     listed = ", ".join(f"{name} {number}" for name, number in found)
     return [passed(VERSIONS, f"companion {own}, Python {python_version()}, {listed}")]
 

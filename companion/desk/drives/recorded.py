@@ -21,6 +21,7 @@ from anytraverse.ground import RELIABLE, GroundRegion
 from anytraverse.judging import Settings
 from anytraverse.operations import ForgetWord, SetWord, Tap
 from anytraverse.regions import Box
+from anytraverse.release import to_install
 from companion.desk.drives.drive import DriveError, DriveFrame, printable
 from companion.observers.recording.contents import read_json
 from companion.observers.recording.foxglove import jpeg_of
@@ -106,9 +107,7 @@ class RecordedDrive:
         try:
             from companion.observers.recording.reading import messages
         except ImportError:
-            raise DriveError(
-                'recordings need the package mcap: pip install "anytraverse-companion[record]"'
-            ) from None
+            raise DriveError(f"recordings need the package mcap: {to_install('record')}") from None
         if not path.exists():
             raise DriveError(f"{path} is not there: give a recording, or the folder with some")
         self._paths = sorted(path.glob("*.mcap")) if path.is_dir() else [path]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from anytraverse.evaluation.progress import Progress, doing
 from anytraverse.memory import Memory, first_memory
+from anytraverse.release import to_install
 from companion.config import Config, load_config
 from companion.desk.drives.desk import AnswerFile, Terminal, answer_lines, terminal
 from companion.desk.drives.drive import Drive, DriveError
@@ -129,9 +130,7 @@ def _browser_desk(
     try:
         from companion.desk.drives.browser_desk import BrowserDesk
     except ImportError as error:
-        raise DriveError(
-            f'the page needs {error.name}: pip install "anytraverse-companion[ground]"; or omit --browser'
-        ) from error
+        raise DriveError(f"the page needs {error.name}: {to_install('ground')}; or omit --browser") from error
     if not 0 <= port <= 0xFFFF:
         raise DriveError(f"--port {port} is not in 0..65535")
     return BrowserDesk(judge, config.vocabulary, found, drive, port)

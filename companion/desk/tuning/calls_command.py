@@ -21,8 +21,9 @@ from anytraverse.evaluation.matching import match_words
 from anytraverse.evaluation.progress import doing
 from anytraverse.evaluation.summary import as_csv
 from anytraverse.perception.stored import default_cache
-from anytraverse.plots import INSTALL, installed
+from anytraverse.plots import installed
 from anytraverse.preferences import Preferences
+from anytraverse.release import to_install
 from anytraverse.resources import resource
 from companion.config import Config, ConfigError, load_config
 from companion.desk.drives.drive import DriveError
@@ -149,7 +150,7 @@ def _run(options: argparse.Namespace) -> int:
     short = {**figures, "each": [_short(row) for row in figures["each"]]}
     conclude(options, written, text_of(figures), short)
     if not installed():
-        print(f"calls.html has no plot: {INSTALL}", file=sys.stderr)
+        print(f"calls.html has no plot: {to_install('plots')}", file=sys.stderr)
     return 0
 
 

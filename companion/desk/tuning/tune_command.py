@@ -15,7 +15,8 @@ from anytraverse.evaluation.progress import doing
 from anytraverse.evaluation.summary import as_csv
 from anytraverse.html_page import document
 from anytraverse.perception.stored import MOST_BYTES, default_cache
-from anytraverse.plots import INSTALL, installed
+from anytraverse.plots import installed
+from anytraverse.release import to_install
 from companion.config import load_config
 from companion.desk.drives.drive import DriveError
 from companion.desk.drives.frames import open_drive
@@ -151,7 +152,7 @@ def run(
         f"{folder / 'tuned.toml'} has what to put into {file}; {folder / 'tuning.html'} lets you take another"
     )
     if not installed():
-        print(f"tuning.html has no plot: {INSTALL}", file=sys.stderr)
+        print(f"tuning.html has no plot: {to_install('plots')}", file=sys.stderr)
     print(json.dumps(figures))
     return 0
 

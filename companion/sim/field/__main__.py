@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
+from anytraverse.release import to_install
 from companion.sim.field.server import AUTOPILOTS, FieldOptions, FieldServer
 from companion.sim.field.trail import LOOP
 
@@ -27,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         import cv2
     except ImportError:
-        print("the field draws with OpenCV: pip install 'anytraverse-companion[rover]'", file=sys.stderr)
+        print(f"the field draws with OpenCV: {to_install('rover')}", file=sys.stderr)
         return 2
     from companion.sim.field.render import PinholeCamera
     from companion.sim.field.things import World, lying_across

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import development as mavlink
 
+from anytraverse.release import to_install
 from anytraverse.resources import resource
 from companion.sim.field.modes import Mode
 from companion.sim.field.parameters import REAL32
@@ -38,7 +39,7 @@ def install(autopilot: SimulatedAutopilot) -> str:
         steps = int(autopilot.parameters["SCR_VM_I_COUNT"])
         autopilot.script = Scripting(source, "anytraverse.lua", ScriptHost(autopilot), vm_steps=steps)
     except ImportError:
-        return "lupa is missing: pip install 'anytraverse-companion[sim]'"
+        return f"lupa is missing: {to_install('sim')}"
     except (OSError, ValueError) as reason:
         return str(reason)
     autopilot.parameters.set("SCR_ENABLE", 1)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from anytraverse.cli import main
+from anytraverse.release import to_install
 
 MakeDrive = Callable[..., Path]
 Out = pytest.CaptureFixture[str]
@@ -190,9 +191,7 @@ def test_a_missing_opencv_is_told_with_what_to_install(capsys: Out, monkeypatch:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "cv2", None)
     assert main(["score", "somewhere"]) == 2
-    assert capsys.readouterr().err == (
-        'anytraverse score: needs cv2: pip install "anytraverse-companion[rover]"\n'
-    )
+    assert capsys.readouterr().err == f"anytraverse score: needs cv2: {to_install('rover')}\n"
 
 
 @pytest.mark.slow

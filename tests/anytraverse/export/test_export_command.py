@@ -14,6 +14,7 @@ import pytest
 
 from anytraverse.cli import main
 from anytraverse.export import random_weights
+from anytraverse.release import to_install
 from tests.anytraverse.clipseg.pictures import picture
 
 Out = pytest.CaptureFixture[str]
@@ -111,7 +112,7 @@ def test_what_is_not_installed_is_named(tmp_path: Path, checkpoint: str, missing
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert f"needs {missing}: on a workstation, pip install" in line
+    assert f"needs {missing}: on a workstation, {to_install('export')}" in line
 
 
 def test_an_encoder_that_would_not_be_used_is_refused(tmp_path: Path, capsys: Out) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from anytraverse.release import own_version
+from anytraverse.release import own_version, to_install
 from companion.config import load_config
 from companion.desk.check import computer, rights
 from companion.desk.check.computer import (
@@ -57,7 +57,7 @@ def test_the_installed_packages_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("installed", "told"),
     [
-        ({"numpy": "2.0"}, "pymavlink, cv2, onnxruntime not installed: pip install"),
+        ({"numpy": "2.0"}, f"pymavlink, cv2, onnxruntime not installed: {to_install('rover')}"),
         (
             {"numpy": "2", "pymavlink": "2", "opencv-python": "4", "opencv-python-headless": "4"},
             "opencv-python-headless and opencv-python overwrite each other",

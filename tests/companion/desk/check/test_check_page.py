@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from anytraverse.release import to_install
 from companion.config import Config
 from companion.config.web import WebSection
 from companion.desk.check import observers
@@ -75,5 +76,5 @@ def test_missing_packages_are_named_with_what_to_type(monkeypatch: pytest.Monkey
     monkeypatch.setattr(observers, "missing_for_page", absent)
     verdict, text = found("127.0.0.1:8191")
     assert verdict == "WARN"
-    assert text.startswith('uvicorn not installed: pip install "anytraverse-companion[web]"')
+    assert text.startswith(f"uvicorn not installed: {to_install('web')}")
     assert found("") == ("PASS", 'off: [web] listen is ""')

@@ -10,10 +10,10 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from anytraverse.release import own_version
+from anytraverse.release import own_version, to_install
 from companion.cli_config import SERVICE, add_config, default_config
 from companion.cli_drives import add_drives
-from companion.cli_errors import UserError, error_text
+from companion.cli_errors import UserError, error_text, told
 from companion.cli_memory import add_memory
 from companion.cli_recordings import add_recordings
 from companion.cli_settings import add_settings
@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code; 2, with what to mend on stderr, for a `UserError`.
+    """Run a command and return its exit code; 2, with what to mend or install on stderr, where it cannot be.
 
     vision: as for `companion.run.main`.
     """
@@ -39,6 +39,12 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
         code: int = options.run(options)
     except UserError as error:
         say_last(f"companion {options.command}: {error}", 2)
+        return 2
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing in ("", "anytraverse", "companion", "gcs_plugin"):
+            raise
+        say_last(f"companion {options.command}: needs {missing}: {to_install('rover')}", 2)
         return 2
     except KeyboardInterrupt:
         return 130
@@ -129,10 +135,11 @@ def _run(options: argparse.Namespace) -> int:
     if stop():
         service.stopping()
         return 0
-    try:
+    with told():
         config = load_config(options.config)
-        from companion.run import main as run
+    from companion.run import main as run  # a package that is missing is not of its running
 
+    try:
         return _leave(run(config, stop, options.vision, service, Path(options.config)))
     except ConfigError as error:
         raise UserError(error_text(error)) from error

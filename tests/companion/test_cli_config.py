@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from anytraverse.release import to_install
 from companion import cli_config
 from companion.cli import main, parser
 
@@ -94,3 +98,21 @@ def _commands(within: argparse.ArgumentParser, before: str = "") -> list[str]:
     if not below:
         return [before.strip()]
     return [name for word, one in below for name in _commands(one, f"{before} {word}")]
+
+
+@pytest.mark.parametrize(
+    "words", [["rehearse", "drive"], ["tune", "drive"], ["costmap", "drive"], ["run"], ["cameras"]]
+)
+def test_a_missing_package_is_told_with_what_installs_it(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bare = "import sys; sys.modules.update(dict.fromkeys(('numpy', 'cv2')))\n"
+    script = f"{bare}from companion.cli import main\nsys.exit(main({words!r}))"
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    (tmp_path / "companion.toml").write_text("")
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    last = done.stderr.splitlines()[-1]
+    assert re.fullmatch(f"companion {words[0]}: needs (numpy|cv2): {re.escape(to_install('rover'))}", last)
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False)

@@ -68,6 +68,11 @@ def test_every_module_of_the_operators_side_imports_in_mavproxys_environment() -
     imported(["gcs_plugin.*", "companion.wire.*", "anytraverse.preferences"], absent)
 
 
+def test_the_daemon_starts_without_what_records_or_shows() -> None:
+    shows = ["mcap", "foxglove", "starlette", "uvicorn", "prometheus_client", "tomlkit"]
+    imported(["companion.run"], [*VISION, "serial", *shows])
+
+
 def test_the_wires_definition_needs_no_link() -> None:
     imported(["companion.wire.*"], [*VISION, "serial"])
 

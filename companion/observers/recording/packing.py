@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from companion.observers.recording import incident
 from companion.observers.recording.recorder import missing
-from companion.observers.recording.ring_writer import LEAST_FREE
+from companion.observers.recording.ring import LEAST_FREE
 from companion.system.log_lines import end_process, log_to_stderr
 from companion.wire.incidents import FOLDER, LAST_S, MOST_KEPT, SHORT, Packed, name_of, read_name
 

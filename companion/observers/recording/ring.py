@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 FOLDER = "recordings"
+LEAST_FREE = 200 << 20
+"""Bytes that stay free on the disk: for the journal and for everybody else."""
 _NAME = re.compile(r"([0-9]{6,9})(-event)?\.mcap", re.ASCII)
 PARTIAL = re.compile(rf"\.{_NAME.pattern}\.part", re.ASCII)
 """The name of a recording that is being repaired."""

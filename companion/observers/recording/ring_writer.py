@@ -10,7 +10,14 @@ from pathlib import Path
 from companion.observers.recording.mcap_file import SMALLEST, McapFile, bytes_of
 from companion.observers.recording.messages import RecordedMessage, RecordingReport
 from companion.observers.recording.reading import repair, whole
-from companion.observers.recording.ring import PARTIAL, free_number, make_room, name_of, recordings
+from companion.observers.recording.ring import (
+    LEAST_FREE,
+    PARTIAL,
+    free_number,
+    make_room,
+    name_of,
+    recordings,
+)
 from companion.observers.recording.topics import TOPICS, Topic
 
 LONGEST = 60.0
@@ -21,8 +28,6 @@ FLUSHED_EVERY = 2.0
 """Seconds after which a chunk is written: what kill -9 loses, at most."""
 SYNCED_EVERY = 10.0
 """Seconds after which what is written is on the disk: what a power cut loses, at most."""
-LEAST_FREE = 200 << 20
-"""Bytes that stay free on the disk: for the journal and for everybody else."""
 _TRIED_AGAIN = 5.0
 _JUMP = 60 * 1_000_000_000
 """Nanoseconds between two messages from which the clock was set: then a new recording begins."""

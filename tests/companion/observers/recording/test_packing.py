@@ -31,7 +31,8 @@ from companion.observers.recording.foxglove import jpeg_of
 from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.packer import PAUSE, IncidentPacker, PackingChild
 from companion.observers.recording.packing import PackingError, PackingRequest, kept, pack
-from companion.observers.recording.ring_writer import LEAST_FREE, RingWriter
+from companion.observers.recording.ring import LEAST_FREE
+from companion.observers.recording.ring_writer import RingWriter
 from companion.observers.recording.shortened import FRAME_WIDTH, FRAMES
 from companion.observers.recording.topics import TOPICS, Topic
 from companion.storage.served_files import ServedFiles

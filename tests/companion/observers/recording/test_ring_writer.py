@@ -21,6 +21,7 @@ from companion.observers.recording import ring_writer
 from companion.observers.recording.mcap_file import SMALLEST, McapFile
 from companion.observers.recording.messages import RecordedMessage
 from companion.observers.recording.reading import messages, repair, summary, whole
+from companion.observers.recording.ring import LEAST_FREE
 from companion.observers.recording.ring_writer import LONGEST, RingWriter
 from tests.companion.observers.recording.made import frame, opened, status, words
 
@@ -160,7 +161,7 @@ def test_a_disk_that_is_nearly_full_gets_room_first_from_the_recordings(
     others = [0]
 
     def usage(_: object) -> Usage:
-        return Usage(ring_writer.LEAST_FREE + 3 * SMALLEST - others[0] - on_disk(tmp_path))
+        return Usage(LEAST_FREE + 3 * SMALLEST - others[0] - on_disk(tmp_path))
 
     monkeypatch.setattr("companion.observers.recording.ring_writer.shutil.disk_usage", usage)
     ring, now = RingWriter(tmp_path, RING), 0.0
@@ -168,7 +169,7 @@ def test_a_disk_that_is_nearly_full_gets_room_first_from_the_recordings(
     for minute in range(6):
         now += LONGEST
         ring.write(frame(minute, now, 60_000), now)
-        assert usage(None).free >= ring_writer.LEAST_FREE - SMALLEST
+        assert usage(None).free >= LEAST_FREE - SMALLEST
     assert ring.report.trouble == ""
     assert on_disk(tmp_path) < RING // 2, "room was made"
     others[0] = 4 * SMALLEST  # somebody else fills it

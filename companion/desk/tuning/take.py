@@ -37,6 +37,13 @@ def take(number: int, *, source: str, file: str, write: bool) -> int:
         raise DriveError(
             f"by setting {number} a thing is seen too late to stop: take another, see docs/stopping.md"
         )
+    if (
+        engine.settings.metres and chosen.region != now.region
+    ):  # the file's sides in fractions are not in force
+        raise DriveError(
+            f"the region by {file} is in metres, and setting {number} has another: set [roi] near, far and "
+            "width, and run the command anew; see docs/ground.md"
+        )
     changes = differing(chosen, now)
     for line in row.get("warnings", ()):
         print(line)

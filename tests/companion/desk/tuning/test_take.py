@@ -78,6 +78,27 @@ def test_without_write_it_is_only_shown(rover: Path, capsys: Out) -> None:
     assert rover.read_text() == before
 
 
+def test_a_region_in_metres_is_not_replaced_by_sides_that_would_not_be_in_force(
+    rover: Path, capsys: Out
+) -> None:
+    brakes = ("stopping.speed=0.5", "stopping.braking=2", "stopping.time_constant=0.3")
+    mount = ("mount.height=0.8", "mount.tilt=10", "mount.width=0.3")
+    assert companion(["config", "set", "--yes", str(rover), *mount, *brakes]) == 0
+    config = load_config(rover)
+    engine, _ = load_engine(config, None)
+    assert engine.settings.metres is not None
+    bounds = engine.settings.region.bounds
+    own = [bounds.left, bounds.top, bounds.right, bounds.bottom]
+    wider = [bounds.left - 0.05, *own[1:]]
+    changed(rover, each=[{**OTHER, "region": wider}, {**OTHER, "region": own}])
+    before = rover.read_text()
+    assert take(rover, 0, "--write", str(rover)) == 2
+    assert "is in metres, and setting 0 has another: set [roi] near, far and" in capsys.readouterr().err
+    assert rover.read_text() == before
+    assert take(rover, 1, "--write", str(rover)) == 0
+    assert load_config(rover).thresholds.roi == 0.25
+
+
 def changed(rover: Path, **more: Any) -> None:
     source = rover.with_name("tuning.json")
     source.write_text(json.dumps(json.loads(source.read_text()) | more))

@@ -163,7 +163,10 @@ def _leave(code: int) -> int:
 
 def _demo(options: argparse.Namespace) -> int:
     from companion.sim.demo.opening import begin
+    from companion.system.side_process import missing_packages
 
+    if missing := missing_packages({"cv2": "opencv-python-headless", "onnxruntime": "onnxruntime"}, "sim"):
+        raise UserError(missing)
     if options.console and options.camera:
         raise UserError("--console is for the simulated trail: leave --camera or --console away")
     if options.animation and (options.camera or not options.auto):

@@ -13,6 +13,7 @@ import pytest
 from anytraverse.release import to_install
 from companion import cli_config
 from companion.cli import main, parser
+from companion.system import side_process
 
 ALONE = (
     "run",
@@ -116,3 +117,13 @@ def test_a_missing_package_is_told_with_what_installs_it(
     last = done.stderr.splitlines()[-1]
     assert re.fullmatch(f"companion {words[0]}: needs (numpy|cv2): {re.escape(to_install('rover'))}", last)
     assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+
+
+def test_a_demo_begins_nothing_without_what_it_draws_with(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(side_process, "find_spec", lambda name: None if name == "cv2" else name)
+    assert main(["demo"]) == 2
+    said = capsys.readouterr()
+    assert said.err == f"companion demo: opencv-python-headless not installed: {to_install('sim')}\n"
+    assert said.out == ""

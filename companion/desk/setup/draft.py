@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from companion.pages.requests import RequestError
 
 MOST = 256
 """Settings that may be changed at once."""
+_MOST_WAITING = 8
+"""Settings that are tried once more with a change: each costs a look at the whole file."""
 
 
 class Draft:
@@ -37,17 +40,52 @@ class Draft:
         """What is changed, as `propose` takes it."""
         return dict(self._changes)
 
-    def change(self, changes: Mapping[str, object | None]) -> None:
-        """Change settings as `propose` does, all or none. Raises RequestError with all that is wrong."""
+    def change(
+        self, changes: Mapping[str, object | None], waiting: Mapping[str, object | None] | None = None
+    ) -> list[str]:
+        """Change settings as `propose` does, all or none. Returns their keys.
+
+        waiting: changes that were refused before. Height and tilt, say, are right only together: those that
+        are right with `changes` are taken along. Raises RequestError with all that is wrong with `changes`.
+        """
+        more = dict(list((waiting or {}).items())[-_MOST_WAITING:])
         with self._lock:
-            together = {**self._changes, **changes}
-            if len(together) > MOST:
-                raise RequestError(f"{MOST} settings are changed: write them first")
-            try:
-                self._proposal, self._config = self._proposed(together)
-            except (ConfigError, ValueError) as error:
-                raise RequestError(_reasons(error)) from error
-            self._changes = together
+            taken = self._first_right(changes, more)
+            for key in more.keys() - taken:
+                with suppress(RequestError):
+                    self._take({key: more[key]})
+                    taken.add(key)
+            return sorted(taken)
+
+    def _first_right(
+        self, changes: Mapping[str, object | None], more: Mapping[str, object | None]
+    ) -> set[str]:
+        """Take the changes with all others, else alone, else with one of them. Returns the keys."""
+        try:
+            self._take(changes if not more else {**more, **changes})
+            return {*more, *changes}
+        except RequestError:
+            if not more:
+                raise
+        try:
+            self._take(changes)
+            return {*changes}
+        except RequestError:
+            for key, value in more.items():
+                with suppress(RequestError):
+                    self._take({key: value, **changes})
+                    return {key, *changes}
+            raise
+
+    def _take(self, changes: Mapping[str, object | None]) -> None:
+        together = {**self._changes, **changes}
+        if len(together) > MOST:
+            raise RequestError(f"{MOST} settings are changed: write them first")
+        try:
+            self._proposal, self._config = self._proposed(together)
+        except (ConfigError, ValueError) as error:
+            raise RequestError(_reasons(error)) from error
+        self._changes = together
 
     def forget(self) -> None:
         """Drop all changes. Raises RequestError where the file has a problem by now."""

@@ -20,6 +20,7 @@ from companion.desk.setup.draft import MOST, Draft
 from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
 from companion.desk.setup.listening import LONGEST, listen, ports
+from companion.desk.setup.parameters import AskedAutopilot
 from companion.desk.setup.preview import Preview, PreviewPicture
 from companion.pages.requests import RequestError
 
@@ -35,7 +36,7 @@ class SetupSession:
         self.draft = Draft(file)
         self.preview = Preview()
         self.map = LiveMap()
-        self._read: parameters.AskedAutopilot | None = None
+        self._read: AskedAutopilot | None = None
         self._perceives: tuple[object, Perceives] | None = None
         self.jobs = Jobs(
             {
@@ -69,12 +70,14 @@ class SetupSession:
         }
 
     def change(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        """Change the draft. Raises RequestError."""
-        changes = told.get("changes")
+        """Change the draft, with what waits for these changes. Raises RequestError."""
+        changes, waiting = told.get("changes"), told.get("waiting", {})
         if not isinstance(changes, dict) or not changes or len(changes) > MOST:
             raise RequestError(f"changes is an object of 1 to {MOST} settings")
-        self.draft.change(changes)
-        return self.state()
+        if not isinstance(waiting, dict):
+            raise RequestError("waiting is an object of settings")
+        taken = self.draft.change(changes, waiting)
+        return {**self.state(), "taken": taken}
 
     def forget(self, _told: Mapping[str, Any]) -> dict[str, Any]:
         """Drop all changes."""
@@ -114,14 +117,18 @@ class SetupSession:
     def drag(self, told: Mapping[str, Any]) -> dict[str, Any]:
         """Set height and tilt by a line that was dragged. Raises RequestError.
 
-        While it is being dragged ("final" is not true) only the lines that would follow are told.
+        While it is being dragged ("final" is not true) only the lines that would follow are told. "height",
+        "tilt": typed, and not taken yet, since the other one was not known.
         """
         config, row = self.draft.config, number(told, "row", -1.0, 2.0)
+        config = mount.mounted(
+            config, height=typed(told, "height", mount.HEIGHTS), tilt=typed(told, "tilt", mount.TILTS)
+        )
         height, tilt = mount.dragged(config, text(told, "line"), row)
         if told.get("final") is not True:
             return {"lines": mount.lines(mount.mounted(config, height=height, tilt=tilt))}
-        self.draft.change({"mount.height": round(height, 3), "mount.tilt": round(tilt, 2)})
-        return self.state()
+        taken = self.draft.change({"mount.height": round(height, 3), "mount.tilt": round(tilt, 2)})
+        return {**self.state(), "taken": taken}
 
     def judge(self, _told: Mapping[str, Any]) -> dict[str, Any]:
         """Judge the newest picture by the draft's words."""
@@ -130,10 +137,15 @@ class SetupSession:
 
     def _driven(self, config: Config) -> tuple[float | None, float]:
         """Return the autopilot's own speed, m/s, and how far it drives on in its hold mode, m."""
-        if self._read is None:
+        read = self._asked(config)
+        if read is None:
             return None, 0.0
-        readings = self._read.readings(config)
+        readings = read.readings(config)
         return readings.speed[1] if readings.speed else None, readings.overrun
+
+    def _asked(self, config: Config) -> AskedAutopilot | None:
+        """Return the autopilot that has told its parameters, None where the link is another one by now."""
+        return self._read if self._read is not None and self._read.url == config.link.url else None
 
     def _rover(self, config: Config, seen: CameraDelivery) -> CheckedRover:
         rover = CheckedRover(config, str(self.draft.file), Path())
@@ -146,24 +158,26 @@ class SetupSession:
 
     def _parameter(self, told: Mapping[str, Any]) -> dict[str, Any]:
         """Set one parameter as it was proposed, and return all of them as they are then."""
-        if self._read is None:
-            raise RequestError("read the autopilot's settings first")
         config, name = self.draft.config, text(told, "name")
-        rows = parameters.document(config, self._read)["rows"]
+        read = self._asked(config)
+        if read is None:
+            raise RequestError("read the autopilot's settings first")
+        rows = parameters.document(config, read)["rows"]
         row = next((row for row in rows if row["name"] == name), None)
         before, after = number(told, "before", -1e9, 1e9), number(told, "after", -1e9, 1e9)
         if row is None or row["proposed"] != after:
             raise RequestError(f"nothing was written: that is no proposal for {name[:16]}: read again")
-        now = parameters.set_one(config, self._read, name, before, after)
-        self._read.interview.values[name] = now
-        return parameters.document(config, self._read)
+        read.interview.values[name] = parameters.set_one(config, read, name, before, after)
+        return parameters.document(config, read)
 
     def _policies(self) -> list[dict[str, Any]]:
         config = self.draft.config
         wanted = config.perceiver, config.words, config.vocabulary, config.mount, config.roi, config.camera
         if self._perceives is None or self._perceives[0] != wanted:
             self._perceives = wanted, load_perceiver(config)
-        return policies.document(str(self.draft.file), config, self.live.seen, self._perceives[1], self._read)
+        return policies.document(
+            str(self.draft.file), config, self.live.seen, self._perceives[1], self._asked(config)
+        )
 
 
 def next_steps(file: Path) -> list[tuple[str, str]]:
@@ -218,3 +232,11 @@ def number(told: Mapping[str, Any], name: str, low: float, high: float) -> float
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise RequestError(f"{name} is a number of {low:g} to {high:g}")
     return float(value)
+
+
+def typed(told: Mapping[str, Any], name: str, limits: tuple[float, float]) -> float | None:
+    """Return a number of a request, None without a right one."""
+    try:
+        return number(told, name, *limits)
+    except RequestError:
+        return None

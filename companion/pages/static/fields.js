@@ -4,11 +4,12 @@ import { element, showText } from "./elements.js";
 
 const EMPTY = "not set";
 
-// store: row(key) returns a row of the settings' list, change({key: value}) resolves to "" or to what is wrong.
+// store: row(key) returns a row of the settings' list, change({key: value}, waits) resolves to "" or to what is wrong.
+// One that refuses has {refused}, too: by key what waits, since it was not taken; what it takes after all it takes out.
 // key: "section.key". name: what stands before it, by default the setting's own. long: whether it may be a long text.
 export class Field {
   constructor(store, key, { name = "", help = "", wide = false } = {}) {
-    Object.assign(this, { store, key, together: [this] });
+    Object.assign(this, { store, key });
     const id = `f-${key.replace(".", "-")}`;
     this.row = store.row(key);
     this.input = this.made(id);
@@ -40,10 +41,16 @@ export class Field {
   }
 
   show() {
+    const { refused } = this.store;
+    if (refused && !refused.has(this.key) && document.activeElement !== this.input) this.say("");
+    this.draw();
+  }
+
+  draw() {
     this.row = this.store.row(this.key);
     const { value, hidden, form, guarded, help } = this.row;
     if (form.type === "flag") this.input.checked = value === true;
-    else if (!this.edited) this.before = this.input.value = value === null || hidden ? "" : written(value, form.type === "list" ? ", " : "\n");
+    else if (!this.edited || form.type === "choice") this.before = this.input.value = value === null || hidden ? "" : written(value, form.type === "list" ? ", " : "\n");
     // Part of a value in the input would be taken for the whole, and be written.
     this.input.placeholder = !hidden ? EMPTY : value === null ? "set, and not shown" : `${written(value, ", ")} (not shown whole)`;
     this.part.classList.toggle("changed", Boolean(this.row.changed));
@@ -54,29 +61,26 @@ export class Field {
   async send() {
     const { value, wrong } = this.read(), typed = this.input.value;
     const nothing = this.row.hidden && typed.trim() === "";
-    const problem = wrong || nothing ? wrong ?? "" : await this.change({ [this.key]: value });
-    this.edited = Boolean(problem) || this.input.value !== typed;
+    // What is typed stays, to be mended, and waits for what it goes with; a choice goes back to what is in force.
+    const waits = !["choice", "flag"].includes(this.row.form.type);
+    if (wrong) this.store.refused?.set(this.key);
+    const problem = wrong || nothing ? wrong ?? "" : await this.store.change({ [this.key]: value }, waits);
+    if (nothing) this.store.refused?.delete(this.key);
+    const typedOn = this.input.value !== typed && this.input.value !== this.before;
+    this.say(problem);
+    this.edited ||= typedOn;
+    this.draw();
+  }
+
+  // What is wrong with what is typed; without it that counts no more.
+  say(problem) {
+    this.edited = Boolean(problem);
     showText(this.problem, problem);
     this.input.setAttribute("aria-invalid", problem ? "true" : "false");
-    this.show();
   }
 
-  // Some settings are right only together, as width and height: what was not taken is tried again with this one.
-  async change(changes) {
-    const waiting = this.together.filter((field) => field !== this && field.edited && !field.read().wrong);
-    const values = Object.fromEntries(waiting.map((field) => [field.key, field.read().value]));
-    if (waiting.length && !(await this.store.change({ ...values, ...changes }))) {
-      waiting.forEach((field) => field.forget());
-      return "";
-    }
-    return this.store.change(changes);
-  }
-
-  // What is typed, and was not taken, does not count any more.
   forget() {
-    this.edited = false;
-    showText(this.problem, "");
-    this.input.setAttribute("aria-invalid", "false");
+    this.say("");
     this.show();
   }
 
@@ -126,7 +130,6 @@ export function table(text, of) {
 // Fields beside each other. told: key -> options of `Field`.
 export function fieldset(store, title, told) {
   const fields = Object.entries(told).map(([key, options]) => new Field(store, key, options));
-  fields.forEach((field) => (field.together = fields));
   const part = element("fieldset", {}, element("legend", {}, title), ...fields.map((field) => field.part));
   return { part, show: () => fields.forEach((field) => field.show()) };
 }

@@ -16,8 +16,6 @@ export class SettingsList {
         const help = `${row.help.replace(/ ?\.\.\.$/, "")}.${how} Default: ${text(row.default)}.`, command = shell(row);
         return { row, field: command ? told(row, help, command) : new Field(store, row.key, { help }) };
       });
-      const typed = fields.map(({ field }) => field).filter((field) => field instanceof Field);
-      typed.forEach((field) => (field.together = typed));
       this.fields.push(...fields);
       return { fields, part: element("fieldset", {}, element("legend", {}, `[${name}]`), ...fields.map(({ field }) => field.part)) };
     });

@@ -29,7 +29,7 @@ class Staged {
 export class Words {
   // send: posts what is changed; null where words are only shown. refresh: called when a change waits.
   constructor(system, send = null, refresh = null) {
-    Object.assign(this, { system, post: send, refresh });
+    Object.assign(this, { system, post: send, refresh, busy: 0 });
     this.staged = new Staged();
     this.rows = new Map();
     this.list = element("ul", { className: send ? "sliders" : "sliders shown" });
@@ -112,9 +112,12 @@ export class Words {
 
   async submit() {
     this.turning.withdraw();
-    this.busy = true;
-    showText(this.problem, await this.post("answer", { rover: this.system, call: null, motion: "none", changes: this.staged.list() }));
-    this.staged.clear();
-    this.busy = false;
+    const sent = new Map(this.staged.changes);
+    this.busy += 1;
+    const problem = await this.post("answer", { rover: this.system, call: null, motion: "none", changes: this.staged.list() });
+    showText(this.problem, problem);
+    this.busy -= 1;
+    for (const [word, weight] of sent) if (this.staged.changes.get(word) === weight) this.staged.changes.delete(word); // not what was changed meanwhile
+    if (problem) this.show(this.rover);
   }
 }

@@ -59,7 +59,13 @@ export class AutopilotPage {
     if (found.answer) say(`${told.name} is ${shown(told.after)}, read back.`);
   }
 
-  show() {}
+  show() {
+    if (!this.result || this.result.url === this.store.value("link.url")) return;
+    this.result = null;
+    this.others.replaceChildren();
+    this.table.replaceChildren();
+    showText(this.status, "The link is another one now: read the settings of its autopilot.");
+  }
 
   done() {
     return Boolean(this.result);

@@ -2,7 +2,7 @@
 
 import { job } from "./api.js";
 import { changed, element, showText } from "./elements.js";
-import { fieldset } from "./fields.js";
+import { Field, fieldset } from "./fields.js";
 import { findings, problem, waiting } from "./parts.js";
 
 export class CameraPage {
@@ -10,10 +10,11 @@ export class CameraPage {
     Object.assign(this, { store, live });
     this.choices = element("div", { className: "choices", role: "radiogroup", "aria-label": "Camera" });
     this.status = element("p", { className: "faint", role: "status" });
-    this.typed = element("input", { type: "text", id: "typed-source", autocomplete: "off", placeholder: "rtsp://HOST/PATH" });
+    this.source = new Field(store, "camera.source", { name: "Another source", help: "rtsp://… and http://… for network cameras, pipe:COMMAND for a program that writes raw pictures, video:FILE, folder:FOLDER, field:HOST:PORT for the simulated field." });
     this.problem = problem();
     this.measured = element("div", { className: "measured" });
     this.view = element("div");
+    this.source.input.addEventListener("change", () => (this.more.open ||= this.source.input.value.startsWith("pipe:"))); // a program cannot say them
     this.fields = fieldset(store, "What the picture is", {
       "camera.view": { name: "Horizontal view, degrees", help: "From the camera's data sheet. The ground in metres needs it." },
       "camera.rate": { name: "Frames a second to judge", help: "More sees things sooner and needs a faster computer." },
@@ -28,10 +29,8 @@ export class CameraPage {
       element("section", {}, element("h2", {}, "Camera"),
         element("p", {}, "Choose what the rover sees with. It is opened at once."),
         this.status, this.choices,
-        element("form", { className: "row", onsubmit: (event) => { event.preventDefault(); this.choose({ source: this.typed.value.trim() }); } },
-          element("label", { for: "typed-source" }, "Another source"), this.typed, element("button", { type: "submit" }, "Use it")),
-        element("p", { className: "faint" }, "rtsp://… and http://… for network cameras, pipe:COMMAND for a program that writes raw pictures, video:FILE, folder:FOLDER, field:HOST:PORT for the simulated field."),
-        this.problem, this.fields.part, this.more),
+        this.problem, element("form", { onsubmit: (event) => { event.preventDefault(); this.source.send(); } }, this.source.part, element("button", { type: "submit" }, "Use it")),
+        this.fields.part, this.more),
       element("section", {}, element("h2", {}, "What it delivers"), this.view, this.measured));
   }
 
@@ -49,11 +48,11 @@ export class CameraPage {
   }
 
   show() {
+    this.source.show();
     this.fields.show();
     this.format.show();
     const own = this.store.value("camera.source");
-    changed(this.choices, [this.found, own], (home) => home.replaceChildren(...(this.found ?? []).map((one) => this.choice(one, own))));
-    if (!this.typed.value && !(this.found ?? []).some((one) => one.source === own) && !this.store.row("camera.source").hidden) this.typed.value = own;
+    changed(this.choices, [this.found, own, this.chosen], (home) => home.replaceChildren(...(this.found ?? []).map((one) => this.choice(one, own))));
   }
 
   choice(one, own) {
@@ -61,11 +60,10 @@ export class CameraPage {
     return element("label", { className: "choice" }, input, element("span", {}, one.name, one.why ? element("span", { className: "problem" }, ` ${one.why}`) : ""));
   }
 
-  async choose({ source, width = null, height = null, pixel_format = null }) {
-    const changes = { "camera.source": source };
-    if (source.startsWith("pipe:")) this.more.open = true; // a program cannot say them
-    if (width) Object.assign(changes, { "camera.width": width, "camera.height": height, "camera.pixel_format": pixel_format });
-    showText(this.problem, await this.store.change(changes));
+  async choose({ source, width, height, pixel_format }) {
+    showText(this.problem, await this.store.change({ "camera.source": source, "camera.width": width, "camera.height": height, "camera.pixel_format": pixel_format }));
+    this.chosen = (this.chosen ?? 0) + 1; // one that was refused is not chosen
+    this.show();
   }
 
   // The picture's shape is measured: nobody need type it.

@@ -6,6 +6,9 @@ import { button, problem, waiting } from "./parts.js";
 
 const BAUDS = [57600, 115200, 230400, 460800, 500000, 921600];
 
+// Whether an address is on this port, with any baud rate.
+const isOf = (own, url) => own === url || own.startsWith(`${url}:`);
+
 export class LinkPage {
   constructor(store) {
     this.store = store;
@@ -37,21 +40,22 @@ export class LinkPage {
     const { answer = [], problem: wrong } = await job("ports", {}, waiting(this.status, "Looking for ports"));
     showText(this.status, wrong ?? "");
     this.ports = answer;
-    this.show(this.store.state);
+    const own = this.store.value("link.url");
+    if (!this.typed.value && !answer.some(({ url }) => isOf(own, url))) Object.assign(this.typed, { value: own }), (this.other.checked = true);
+    this.show();
   }
 
   show() {
     const own = this.store.value("link.url");
     showText(this.own, `In the file: ${own}`);
     changed(this.choices, this.ports, (home) => home.replaceChildren(...(this.ports ?? []).map(({ url, what }) =>
-      element("label", { className: "choice" }, element("input", { type: "radio", name: "port", value: url, checked: !this.other.checked && (own === url || own.startsWith(`${url}:`)) }), element("span", {}, element("b", {}, url), ` ${what}`)))));
+      element("label", { className: "choice" }, element("input", { type: "radio", name: "port", value: url, checked: !this.other.checked && isOf(own, url) }), element("span", {}, element("b", {}, url), ` ${what}`)))));
     if (this.result) this.tell(this.result);
   }
 
   get url() {
-    if (this.other.checked) return this.typed.value.trim();
-    const chosen = this.choices.querySelector("input:checked")?.value ?? "";
-    return chosen.startsWith("serial:") ? `${chosen}:${this.baud.value}` : chosen;
+    const chosen = this.other.checked ? this.typed.value.trim().replace(/^\/dev\//, "serial:$&") : this.choices.querySelector("input:checked")?.value ?? "";
+    return /^serial:.*(?<!:\d+)$/.test(chosen) ? `${chosen}:${this.baud.value}` : chosen;
   }
 
   async listen() {
@@ -61,7 +65,9 @@ export class LinkPage {
     this.listening.disabled = false;
     showText(this.status, "");
     showText(this.problem, wrong ?? "");
-    if (answer) this.tell((this.result = answer));
+    this.result = answer;
+    if (answer) this.tell(answer);
+    else changed(this.table, wrong, (home) => home.replaceChildren());
   }
 
   tell(told) {

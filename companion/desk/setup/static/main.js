@@ -52,13 +52,15 @@ function steps() {
 }
 
 function summary({ file, changed: keys, running }) {
-  showText("summary", running || `${file}${keys.length ? `: ${keys.length} changed, not written` : ""}`);
+  const refused = [...store.refused.keys()].join(", ");
+  const told = [keys.length ? `${keys.length} changed, not written` : "", refused ? `not taken: ${refused}` : ""].filter(Boolean).join("; ");
+  showText("summary", running || `${file}${told ? `: ${told}` : ""}`);
   document.getElementById("top").dataset.tone = running ? "call" : keys.length ? "hold" : "idle";
 }
 
 store.listeners.push(summary, (state) => { pages.get(current)?.show(state); steps(); });
 addEventListener("hashchange", () => { go(named()); home.querySelector("h2")?.setAttribute("tabindex", "-1"); home.querySelector("h2")?.focus({ preventScroll: true }); });
-setInterval(() => store.state && steps(), 1000);
+setInterval(() => store.state && (steps(), summary(store.state)), 1000);
 const wrong = await store.load();
 if (wrong) showText("summary", wrong);
 else go(named());

@@ -105,7 +105,8 @@ export class MountPage {
   // One request at a time; only the newest place waits. final: whether the line stays there.
   async move(name, row, final) {
     this.rows[name] = row;
-    this.next = { line: name, row, final };
+    const { refused } = this.store; // one of the two that is typed stays as it is
+    this.next = { line: name, row, final, height: refused.get("mount.height"), tilt: refused.get("mount.tilt") };
     if (this.moving) return;
     this.moving = true;
     while (this.next) {

@@ -41,6 +41,7 @@ export class ReviewPage {
   }
 
   async post(path) {
+    if (path === "/forget") this.store.refused.clear();
     showText(this.problem, await this.store.post(path));
   }
 

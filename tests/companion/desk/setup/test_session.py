@@ -105,6 +105,27 @@ def test_a_change_with_a_problem_is_refused_whole_and_the_draft_stays(
     assert session.state()["changed"] == ["camera.rate"]
 
 
+@pytest.mark.parametrize(
+    ("waiting", "changes", "taken"),
+    [
+        ({"mount.height": 1.0}, {"mount.tilt": 7.0}, ["mount.height", "mount.tilt"]),
+        ({"mount.roll": 500.0, "mount.height": 1.0}, {"mount.tilt": 7.0}, ["mount.height", "mount.tilt"]),
+        ({"roi.left": 0.9, "roi.bottom": 0.5}, {"roi.top": 0.3}, ["roi.bottom", "roi.top"]),
+        ({"mount.height": None, "camera.width": 64}, {"camera.rate": 5.0}, ["camera.rate"]),
+    ],
+)
+def test_what_was_refused_is_taken_along_with_what_makes_it_right(
+    session: SetupSession, waiting: Any, changes: Any, taken: list[str]
+) -> None:
+    if "mount.tilt" not in changes:
+        session.change({"changes": {"mount.height": 0.5, "mount.tilt": 5.0}})
+    assert session.change({"changes": changes, "waiting": waiting})["taken"] == taken
+    with pytest.raises(RequestError, match="from 0.05 to 20"):
+        session.change({"changes": {"mount.height": -1.0}, "waiting": waiting})
+    with pytest.raises(RequestError, match="object"):
+        session.change({"changes": changes, "waiting": [1]})
+
+
 def test_a_file_that_somebody_else_changed_meanwhile_is_not_written_over(
     session: SetupSession, file: Path
 ) -> None:
@@ -140,6 +161,8 @@ def test_a_dragged_horizon_sets_height_and_tilt_together(session: SetupSession) 
     assert session.draft.config.mount.height == 1.0
     state = session.drag({"line": "2", "row": 0.8, "final": True})
     assert state["known"]
+    session.drag({"line": "horizon", "row": 0.3, "final": True, "height": 0.7, "tilt": "rubbish"})
+    assert session.draft.config.mount.height == 0.7, "it was typed, and waited for the tilt"
     for wrong in (
         {"line": "2", "row": "0.8"},
         {"line": 2, "row": 0.8},

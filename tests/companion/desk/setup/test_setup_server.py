@@ -127,7 +127,7 @@ def test_calls_that_hang_delay_neither_what_is_told_nor_the_end(
         return {}
 
     server._doing = DaemonThreads(2)
-    monkeypatch.setattr(server._session.draft, "change", lambda _changes: hang())
+    monkeypatch.setattr(server._session.draft, "change", lambda *_changes: hang())
     try:
         for _ in range(2):
             threading.Thread(

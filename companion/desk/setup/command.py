@@ -22,7 +22,8 @@ def run(file: str, *, port: int = 0) -> int:
     """
     path = Path(file).expanduser().absolute()
     signal.signal(signal.SIGTERM, _interrupt)
-    with SetupServer(SetupSession(path), port) as server:
+    session = SetupSession(path)
+    with SetupServer(session, port) as server:
         print(f"Open {server.url}")
         print(f"From another computer, first: ssh -L {server.port}:127.0.0.1:{server.port} {login()}")
         print(f"It changes {path} when you click Write. Ctrl-C ends it.", flush=True)
@@ -32,6 +33,8 @@ def run(file: str, *, port: int = 0) -> int:
             print(f"Nobody has used the page for {IDLE / 60:.0f} minutes: it ends.")
         except KeyboardInterrupt:
             print("It ends.")
+    if left := session.draft.document()["changed"]:
+        print(f"Not written: {', '.join(left)}.")
     return 0
 
 

@@ -42,50 +42,36 @@ class Draft:
 
     def change(
         self, changes: Mapping[str, object | None], waiting: Mapping[str, object | None] | None = None
-    ) -> list[str]:
-        """Change settings as `propose` does, all or none. Returns their keys.
+    ) -> tuple[list[str], dict[str, str]]:
+        """Change settings as `propose` does, all or none. Returns what is taken, and what is not, and why.
 
         waiting: changes that were refused before. Height and tilt, say, are right only together: those that
         are right with `changes` are taken along. Raises RequestError with all that is wrong with `changes`.
         """
         more = dict(list((waiting or {}).items())[-_MOST_WAITING:])
+        together = {**more, **changes}
+        groups = [together, changes, *({key: value, **changes} for key, value in more.items())]
         with self._lock:
-            taken = self._first_right(changes, more)
-            for key in more.keys() - taken:
-                with suppress(RequestError):
-                    self._take({key: more[key]})
-                    taken.add(key)
-            return sorted(taken)
+            group = next(
+                (one for one in groups[: len(groups) if more else 1] if not self._refusal(one)), None
+            )
+            if group is None:
+                raise RequestError(self._refusal(changes))
+            rest = more.keys() - group
+            refused = {key: why for key in sorted(rest) if (why := self._refusal({key: more[key]}))}
+            return sorted(together.keys() - refused), refused
 
-    def _first_right(
-        self, changes: Mapping[str, object | None], more: Mapping[str, object | None]
-    ) -> set[str]:
-        """Take the changes with all others, else alone, else with one of them. Returns the keys."""
-        try:
-            self._take(changes if not more else {**more, **changes})
-            return {*more, *changes}
-        except RequestError:
-            if not more:
-                raise
-        try:
-            self._take(changes)
-            return {*changes}
-        except RequestError:
-            for key, value in more.items():
-                with suppress(RequestError):
-                    self._take({key: value, **changes})
-                    return {key, *changes}
-            raise
-
-    def _take(self, changes: Mapping[str, object | None]) -> None:
+    def _refusal(self, changes: Mapping[str, object | None]) -> str:
+        """Change settings, and return "", or what is wrong with them."""
         together = {**self._changes, **changes}
         if len(together) > MOST:
-            raise RequestError(f"{MOST} settings are changed: write them first")
+            return f"{MOST} settings are changed: write them first"
         try:
             self._proposal, self._config = self._proposed(together)
         except (ConfigError, ValueError) as error:
-            raise RequestError(_reasons(error)) from error
-        self._changes = together
+            return _reasons(error)
+        self._changes, self._written = together, ""
+        return ""
 
     def forget(self) -> None:
         """Drop all changes. Raises RequestError where the file has a problem by now."""
@@ -94,10 +80,13 @@ class Draft:
                 self._proposal, self._config = self._proposed({})
             except ConfigError as error:
                 raise RequestError(str(error)) from error
-            self._changes = {}
+            self._changes, self._written = {}, ""
 
     def write(self) -> None:
-        """Write the changes into the file. Raises RequestError, with the file unchanged."""
+        """Write the changes into the file. Raises RequestError, with the file unchanged.
+
+        Where somebody else has changed it, they are proposed for the file as it is by now: try again.
+        """
         with self._lock:
             if not self._proposal.diff:
                 raise RequestError("nothing is changed")
@@ -105,6 +94,8 @@ class Draft:
                 kept = write(self.file, self._proposal)
                 self._proposal, self._config = self._proposed({})
             except ConfigError as error:
+                with suppress(ConfigError):
+                    self._proposal, self._config = self._proposed(self._changes)
                 raise RequestError(str(error)) from error
             self._changes = {}
             self._written = f"{self.file} is written; what stood there before is {kept}"

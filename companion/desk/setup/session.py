@@ -76,8 +76,8 @@ class SetupSession:
             raise RequestError(f"changes is an object of 1 to {MOST} settings")
         if not isinstance(waiting, dict):
             raise RequestError("waiting is an object of settings")
-        taken = self.draft.change(changes, waiting)
-        return {**self.state(), "taken": taken}
+        taken, refused = self.draft.change(changes, waiting)
+        return {**self.state(), "taken": taken, "refused": refused}
 
     def forget(self, _told: Mapping[str, Any]) -> dict[str, Any]:
         """Drop all changes."""
@@ -127,7 +127,7 @@ class SetupSession:
         height, tilt = mount.dragged(config, text(told, "line"), row)
         if told.get("final") is not True:
             return {"lines": mount.lines(mount.mounted(config, height=height, tilt=tilt))}
-        taken = self.draft.change({"mount.height": round(height, 3), "mount.tilt": round(tilt, 2)})
+        taken, _ = self.draft.change({"mount.height": round(height, 3), "mount.tilt": round(tilt, 2)})
         return {**self.state(), "taken": taken}
 
     def judge(self, _told: Mapping[str, Any]) -> dict[str, Any]:

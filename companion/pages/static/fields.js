@@ -5,11 +5,12 @@ import { element, showText } from "./elements.js";
 const EMPTY = "not set";
 
 // store: row(key) returns a row of the settings' list, change({key: value}, waits) resolves to "" or to what is wrong.
-// One that refuses has {refused}, too: by key what waits, since it was not taken; what it takes after all it takes out.
+// One that refuses has {refused}, too: by key the {value, problem} of what waits, since it was not taken; what it takes
+// after all it takes out.
 // key: "section.key". name: what stands before it, by default the setting's own. long: whether it may be a long text.
 export class Field {
   constructor(store, key, { name = "", help = "", wide = false } = {}) {
-    Object.assign(this, { store, key });
+    Object.assign(this, { store, key, sending: 0 });
     const id = `f-${key.replace(".", "-")}`;
     this.row = store.row(key);
     this.input = this.made(id);
@@ -42,7 +43,7 @@ export class Field {
 
   show() {
     const { refused } = this.store;
-    if (refused && !refused.has(this.key) && document.activeElement !== this.input) this.say("");
+    if (refused && !this.sending && document.activeElement !== this.input) this.say((this.edited && refused.get(this.key)?.problem) || "");
     this.draw();
   }
 
@@ -63,8 +64,10 @@ export class Field {
     const nothing = this.row.hidden && typed.trim() === "";
     // What is typed stays, to be mended, and waits for what it goes with; a choice goes back to what is in force.
     const waits = !["choice", "flag"].includes(this.row.form.type);
-    if (wrong) this.store.refused?.set(this.key);
+    if (wrong) this.store.refused?.set(this.key, { problem: wrong });
+    this.sending += 1;
     const problem = wrong || nothing ? wrong ?? "" : await this.store.change({ [this.key]: value }, waits);
+    this.sending -= 1;
     if (nothing) this.store.refused?.delete(this.key);
     const typedOn = this.input.value !== typed && this.input.value !== this.before;
     this.say(problem);

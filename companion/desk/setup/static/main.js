@@ -61,6 +61,7 @@ function summary({ file, changed: keys, running }) {
 store.listeners.push(summary, (state) => { pages.get(current)?.show(state); steps(); });
 addEventListener("hashchange", () => { go(named()); home.querySelector("h2")?.setAttribute("tabindex", "-1"); home.querySelector("h2")?.focus({ preventScroll: true }); });
 setInterval(() => store.state && (steps(), summary(store.state)), 1000);
+document.addEventListener("visibilitychange", () => document.hidden || !store.state || store.load()); // another tab may have changed it
 const wrong = await store.load();
 if (wrong) showText("summary", wrong);
 else go(named());

@@ -106,7 +106,7 @@ export class MountPage {
   async move(name, row, final) {
     this.rows[name] = row;
     const { refused } = this.store; // one of the two that is typed stays as it is
-    this.next = { line: name, row, final, height: refused.get("mount.height"), tilt: refused.get("mount.tilt") };
+    this.next = { line: name, row, final, height: refused.get("mount.height")?.value, tilt: refused.get("mount.tilt")?.value };
     if (this.moving) return;
     this.moving = true;
     while (this.next) {

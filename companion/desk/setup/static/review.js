@@ -42,7 +42,9 @@ export class ReviewPage {
 
   async post(path) {
     if (path === "/forget") this.store.refused.clear();
-    showText(this.problem, await this.store.post(path));
+    const wrong = await this.store.post(path);
+    if (wrong) await this.store.load(); // what it would change in the file as it is by now
+    showText(this.problem, wrong);
   }
 
   async call() {

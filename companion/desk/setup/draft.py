@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,8 @@ class Draft:
     def _proposed(self, changes: Mapping[str, object | None]) -> tuple[Proposal, Config]:
         proposal = propose(self.file, changes)
         if proposal.problems:
-            raise ConfigError(proposal.problems)
+            # Of the file with the changes, which nobody sees: its lines would mislead.
+            raise ConfigError([replace(one, line=None) for one in proposal.problems])
         return proposal, load_layer(read_layer(self.file, proposal.after.encode()))
 
 
@@ -122,4 +124,7 @@ def _reasons(error: Exception) -> str:
     """Return what is wrong without the lines of a file that nobody sees."""
     if not isinstance(error, ConfigError):
         return str(error)
-    return "; ".join(f"{one.key}: {one.reason}" if one.key else one.reason for one in error.problems)
+    return "; ".join(
+        f"{one.key}: {one.reason}" if one.key else str(one) if one.line else one.reason
+        for one in error.problems
+    )

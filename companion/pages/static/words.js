@@ -93,10 +93,15 @@ export class Words {
   set(word, weight) {
     this.staged.changes.set(word, weight);
     if (this.open) return this.refresh();
-    const turns = turned(this.staged.list(), this.weights);
-    if (turns.length) this.turning.ask(turns, { what: this.question(), agreed: () => this.submit(), refused: () => this.reset() });
-    else this.submit();
+    this.decide();
     this.show(this.rover); // the slider is drawn as changed, so that it is drawn anew when that is taken back
+  }
+
+  // While one change is on its way, it is not known from what the next one turns.
+  decide() {
+    const turns = turned(this.staged.list(), this.weights);
+    if (!turns.length) this.submit();
+    else if (!this.busy) this.turning.ask(turns, { what: this.question(), agreed: () => this.submit(), refused: () => this.reset() });
   }
 
   // Equal while the same words are turned in the same way. What goes with an answer is asked there.
@@ -118,6 +123,7 @@ export class Words {
     showText(this.problem, problem);
     this.busy -= 1;
     for (const [word, weight] of sent) if (this.staged.changes.get(word) === weight) this.staged.changes.delete(word); // not what was changed meanwhile
-    if (problem) this.show(this.rover);
+    if (problem) this.reset();
+    else if (!this.busy && this.staged.changes.size) this.decide();
   }
 }

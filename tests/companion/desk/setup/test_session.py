@@ -143,6 +143,12 @@ def test_a_file_that_somebody_else_changed_meanwhile_is_not_written_over(
     assert session.forget({})["written"] == "", "what is taken back is not written"
 
 
+def test_of_a_file_that_somebody_else_has_broken_the_place_is_said(session: SetupSession, file: Path) -> None:
+    file.write_text(file.read_text() + "\nrubbish\n")
+    with pytest.raises(RequestError, match=rf"{file}:\d+: "):
+        session.change({"changes": {"camera.rate": 5.0}})
+
+
 def test_changes_are_taken_back_all_at_once(session: SetupSession) -> None:
     session.change({"changes": {"camera.rate": 5.0}})
     assert session.forget({})["changed"] == []

@@ -58,14 +58,16 @@ def listen(url: str, seconds: float = LONGEST) -> dict[str, Any]:
         raise RequestError(str(error)) from error
     began = time.monotonic()
     connection = Connection(partial(open_transport, address), began)
-    parser, heard, count = Parser(), dict[tuple[int, int], dict[str, Any]](), 0
+    parser, heard, count, others = Parser(), dict[tuple[int, int], dict[str, Any]](), 0, 0
     until, beat_at = began + seconds, -1.0
     try:
         while (now := time.monotonic()) < until and len(heard) < _MOST:
             while data := connection.read(now):
                 count += len(data)
                 for message in parser.feed(data, now, whole=connection.datagrams):
-                    if message.get_type() == "HEARTBEAT":
+                    if message.get_type() != "HEARTBEAT":
+                        others += 1
+                    else:
                         who = message.get_srcSystem(), message.get_srcComponent()
                         if who not in heard and who[1] == AUTOPILOT_COMPONENT_ID:
                             until = min(until, now + _AFTER)
@@ -85,11 +87,13 @@ def listen(url: str, seconds: float = LONGEST) -> dict[str, Any]:
         "heard": found,
         "bytes": count,
         "seconds": round(time.monotonic() - began, 1),
-        "problem": _problem(found, count, connection.trouble, seconds),
+        "problem": _problem(found, others, count, connection.trouble, seconds),
     }
 
 
-def _problem(found: list[dict[str, Any]], count: int, trouble: str | None, seconds: float) -> str:
+def _problem(
+    found: list[dict[str, Any]], others: int, count: int, trouble: str | None, seconds: float
+) -> str:
     if any(one["is_autopilot"] for one in found):
         return ""
     if trouble:
@@ -97,6 +101,8 @@ def _problem(found: list[dict[str, Any]], count: int, trouble: str | None, secon
         return f"The port cannot be used: {trouble}.{busy}"
     if found:
         return "No autopilot is heard here, only these."
+    if others:
+        return f"{others} messages came, and no heartbeat: does another program have this link?"
     if count:
         return f"{count} bytes came that are no MAVLink: another baud rate, or another protocol?"
     return f"Nothing came in {seconds:.0f} s: is it wired and powered, and does it send to this address?"

@@ -80,5 +80,5 @@ def running(config: Config) -> str:
         return ""
     return (
         "The companion runs, and has camera and link. To set those up, stop it first: sudo systemctl stop "
-        "companion"
+        "companion, or Ctrl-C where it was typed"
     )

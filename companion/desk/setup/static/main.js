@@ -54,7 +54,7 @@ function steps() {
 function summary({ file, changed: keys, running }) {
   const refused = [...store.refused.keys()].join(", ");
   const told = [keys.length ? `${keys.length} changed, not written` : "", refused ? `not taken: ${refused}` : ""].filter(Boolean).join("; ");
-  showText("summary", running || `${file}${told ? `: ${told}` : ""}`);
+  showText("summary", `${running || file}${told ? `: ${told}` : ""}`);
   document.getElementById("top").dataset.tone = running ? "call" : keys.length ? "hold" : "idle";
 }
 

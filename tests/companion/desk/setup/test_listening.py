@@ -70,6 +70,13 @@ def test_bytes_that_are_no_mavlink_are_said_to_be_none() -> None:
     assert "no MAVLink" in told["problem"]
 
 
+def test_messages_without_a_heartbeat_are_said_to_be_that() -> None:
+    place = mavlink.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    with sending(bytes(place.pack(mavlink.MAVLink(None, 1, 1)))) as url:
+        told = listen(url, 1.0)
+    assert "no heartbeat" in told["problem"]
+
+
 def test_silence_says_what_to_look_at() -> None:
     told = listen("udpin:127.0.0.1:0", 0.2)
     assert "wired and powered" in told["problem"]

@@ -94,8 +94,10 @@ def listen(url: str, seconds: float = LONGEST) -> dict[str, Any]:
 def _problem(
     found: list[dict[str, Any]], others: int, count: int, trouble: str | None, seconds: float
 ) -> str:
-    if any(one["is_autopilot"] for one in found):
-        return ""
+    autopilots = sum(one["is_autopilot"] for one in found)
+    if autopilots:
+        several = f"{autopilots} autopilots: the companion takes that with [link] system_id, else the first."
+        return several if autopilots > 1 else ""
     if trouble:
         busy = " Does the companion run, or another program? Stop it." if "in use" in trouble else ""
         return f"The port cannot be used: {trouble}.{busy}"

@@ -40,7 +40,7 @@ export class AutopilotPage {
     const good = rows.filter((row) => row.verdict === "pass");
     const list = bad.filter((row) => row.proposed !== null).map((row) => `${row.name},${shown(row.proposed)}`).join("\n");
     this.table.replaceChildren(
-      bad.length ? element("table", { className: "parameters" }, head, element("tbody", {}, ...bad.map((row) => this.row(row)))) : element("p", {}, "Nothing is to change."),
+      bad.length ? element("table", { className: "parameters" }, head, element("tbody", {}, ...bad.map((row) => this.row(row)))) : rows.length ? element("p", {}, "Nothing is to change.") : "",
       list ? element("details", {}, element("summary", {}, "The same as a list to type or load"), element("pre", { tabIndex: 0, "aria-label": "Parameters and values" }, list)) : "",
       element("details", {}, element("summary", {}, `${good.length} that are well`), element("p", {}, good.map((row) => `${row.name} ${shown(row.value)}`).join(", "))));
   }

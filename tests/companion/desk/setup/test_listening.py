@@ -56,6 +56,12 @@ def test_autopilot_and_ground_station_are_told_apart_the_autopilot_first() -> No
     assert told["heard"][0]["type"] == "ground rover"
 
 
+def test_two_autopilots_are_said_to_be_two() -> None:
+    rovers = [heartbeat(one, 1, mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_PX4) for one in (1, 7)]
+    with sending(*rovers) as url:
+        assert "2 autopilots" in listen(url, 0.4)["problem"]
+
+
 def test_without_an_autopilot_it_says_who_is_heard_instead() -> None:
     with sending(heartbeat(255, 190, mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID)) as url:
         told = listen(url, 0.4)

@@ -8,21 +8,24 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import development as mavlink
 
 from companion.cli import main, parser
 from companion.config import ConfigError, load_config
+from companion.desk.check.interview import Heartbeat, Interview
 from companion.desk.check.watching import CameraDelivery
 from companion.desk.setup import trial
 from companion.desk.setup.command import login
 from companion.desk.setup.draft import Draft
 from companion.desk.setup.jobs import Job, Jobs
 from companion.desk.setup.judging import LiveMap
+from companion.desk.setup.parameters import AskedAutopilot
 from companion.desk.setup.preview import PreviewPicture
 from companion.desk.setup.session import SetupSession, next_steps
 from companion.pages.requests import RequestError
@@ -216,6 +219,16 @@ def test_each_policy_is_checked_as_if_it_were_chosen(session: SetupSession) -> N
     )
     assert any(one["check"] == "guide" and "[mount] height" in one["text"] for one in found["guide"]["rows"])
     assert not any(one["check"] in ("disk", "heat") for one in found["hold"]["rows"])
+
+
+def test_what_an_autopilot_told_counts_no_more_on_another_link(session: SetupSession) -> None:
+    rover = Heartbeat(1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_GROUND_ROVER)
+    url = session.draft.config.link.url
+    session._read = AskedAutopilot(url, cast("Interview", None), rover, "")
+    assert session._asked(session.draft.config) is session._read
+    session.change({"changes": {"link.url": "udpin:127.0.0.1:14999"}})
+    with pytest.raises(RequestError, match="read the autopilot"):
+        session._parameter({"name": "MIS_RESTART", "before": 1.0, "after": 0.0})
 
 
 def test_no_parameter_is_set_that_was_not_proposed(session: SetupSession) -> None:

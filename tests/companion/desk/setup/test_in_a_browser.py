@@ -264,6 +264,13 @@ def test_settings_that_go_together_are_typed_one_after_the_other(tab: Any, tmp_p
     tab.get_by_label("Pixel format", exact=True).select_option("rgb24")
     tab.locator(".measured").get_by_text("320 x 240").wait_for()
     forward(tab, "Mount")
+    fill(tab, "Height of the lens, m", "1.5")
+    tab.locator("#f-mount-height-problem").get_by_text("give both").wait_for()
+    drag(tab, "Horizon line", 0.3)
+    tab.get_by_text("Height 1.5 m, tilt").wait_for()
+    fill(tab, "Height of the lens, m", "")
+    fill(tab, "Tilt, degrees", "")
+    tab.get_by_text("Not set yet").wait_for()
     fill(tab, "Roll, degrees", "500")
     fill(tab, "Height of the lens, m", "1")  # typed on, without a look at what was refused
     fill(tab, "Tilt, degrees", "7")

@@ -15,6 +15,7 @@ from companion.desk.check.rules import FAIL, WARN, CheckFinding, Facts, Table, V
 from companion.link.connection import Connection
 from companion.link.parser import Parser
 from companion.link.signing import Signing
+from companion.link.vehicle import VehicleTracker
 from companion.wire.ids import AUTOPILOT_COMPONENT_ID
 
 __all__ = ["ARDUPILOT", "NAMES", "PX4", "Facts", "judge", "names", "speed"]
@@ -111,7 +112,8 @@ class _Request:
 class Interview:
     """Finds an autopilot on a connection and reads its parameters. Call `turn` often until it returns True.
 
-    names: gives the parameters to read from an autopilot of a kind. began: monotonic seconds of the start.
+    names: gives the parameters to read from an autopilot of a kind. system_id: as configured, and ours until
+    the autopilot's is known. began: monotonic seconds of the start.
     signing: None without a key. sceptical: with a key, ignore messages that are not signed with it.
     listen: called with each message of the autopilot and the time. values: the parameters that came, types:
     their MAV_PARAM_TYPE.
@@ -136,6 +138,7 @@ class Interview:
     def __post_init__(self) -> None:
         self._mav = mavlink.MAVLink(None, self.system_id, COMPONENT_ID)
         self._parser = Parser()
+        self._tracker = VehicleTracker(self.system_id)  # of several autopilots it takes the companion's
         self._heartbeat_at = self._sent_at = -math.inf
         self._requests: dict[str, _Request] = {}
 
@@ -233,7 +236,8 @@ class Interview:
                 self.grounds.add(sender)
             return
         if kind == "HEARTBEAT" and self.autopilot is None:
-            self._take_autopilot(sender[0], message)
+            if self._tracker.claims(sender[0], message, now):
+                self._take_autopilot(sender[0], message)
         elif self.autopilot is not None and kind == "PARAM_VALUE":
             name, value = str(message.param_id), value_of(message, self.autopilot.kind)
             if math.isfinite(value) and self._requests.pop(name, None) is not None:
@@ -245,8 +249,6 @@ class Interview:
             self.listen(message, now)
 
     def _take_autopilot(self, system_id: int, message: Any) -> None:
-        if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type == mavlink.MAV_TYPE_GCS:
-            return
         self.autopilot = Heartbeat(system_id, int(message.autopilot), int(message.type))
         self._mav.srcSystem = system_id  # an onboard computer has the vehicle's system id
         self._requests = {name: _Request() for name in self.names(self.autopilot.kind)}

@@ -274,3 +274,18 @@ def test_px4_s_whole_numbers_are_read_bytewise_and_ardupilot_s_as_floats() -> No
     assert value_of(message(1.5, mavlink.MAV_PARAM_TYPE_REAL32), PX4) == 1.5
     assert value_of(message(5.0, mavlink.MAV_PARAM_TYPE_INT32), ARDUPILOT) == 5.0
     assert value_of(message(2.0, mavlink.MAV_PARAM_TYPE_INT8), ARDUPILOT) == 2.0
+
+
+def test_of_two_autopilots_the_one_is_read_that_the_companion_would_command() -> None:
+    talk, other = Talk(answering({"MIS_RESTART": 0.0})), mavlink.MAVLink(None, 7, 1)
+    talk.far.write(heartbeat().pack(other))
+    talk.run()
+    assert talk.interview.autopilot is not None
+    assert talk.interview.autopilot.system_id == 1
+
+
+def test_an_autopilot_with_another_id_is_read_once_it_was_heard_alone() -> None:
+    talk = Talk(answering({"MIS_RESTART": 0.0}), system=7)
+    talk.run()
+    assert talk.interview.autopilot is not None
+    assert talk.interview.autopilot.system_id == 7

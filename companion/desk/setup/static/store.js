@@ -46,7 +46,7 @@ export class Store {
     else {
       this.state = answer;
       answer.taken?.forEach((key) => this.refused.delete(key));
-      Object.entries(answer.refused ?? {}).forEach(([key, why]) => Object.assign(this.refused.get(key), { problem: why }));
+      Object.entries(answer.refused ?? {}).forEach(([key, why]) => Object.assign(this.refused.get(key) ?? {}, { problem: why }));
       this.rows = new Map(answer.settings.map((row) => [row.key, row]));
       this.listeners.forEach((told) => told(answer));
     }

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Union
 
-from anytraverse.errors import AnyTraverseError
-from anytraverse.release import own_version, to_install
+from anytraverse.errors import AnyTraverseError, file_error
+from anytraverse.release import needed, own_version
 
 Commands = Mapping[str, tuple[str, Union[str, "Commands"]]]
 
@@ -66,11 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = parser(words).parse_args(words)
         code: int = options.run(options)
     except ModuleNotFoundError as error:
-        missing = (error.name or "").partition(".")[0]
-        if missing == __package__:
-            raise
-        extra = EXTRAS.get(words[0], "rover")
-        print(f"{_command(words)}: needs {missing}: {to_install(extra)}", file=sys.stderr)
+        print(f"{_command(words)}: {needed(error, EXTRAS.get(words[0], 'rover'))}", file=sys.stderr)
         return 2
     except (AnyTraverseError, OSError) as error:
         print(f"{_command(words)}: {_one_line(error)}", file=sys.stderr)
@@ -123,7 +119,7 @@ def _command(words: Sequence[str]) -> str:
 
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {(error.strerror or str(error)).lower()}"
+        return file_error(error)
     return " ".join(str(error).split())
 
 

@@ -18,6 +18,11 @@ class AnyTraverseError(Exception):
     """Serves as the base of all errors raised on purpose. Its text says what to do next."""
 
 
+def file_error(error: OSError) -> str:
+    """Return which file could not be used and why, without the error's number."""
+    return f"{error.filename}: {(error.strerror or str(error)).lower()}"
+
+
 class PreferencesError(AnyTraverseError, ValueError):
     """Reports words or weights that cannot be used."""
 

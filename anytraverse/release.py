@@ -27,6 +27,14 @@ def to_install(extra: str) -> str:
     return f'{sudo}{shlex.quote(sys.executable)} -m pip install "{DISTRIBUTION}[{extra}]"'
 
 
+def needed(error: ModuleNotFoundError, extra: str) -> str:
+    """Return which package a command lacks, and what to type. Raises the error for a module of ours."""
+    missing = (error.name or "").partition(".")[0]
+    if missing in ("", "anytraverse", "companion", "gcs_plugin"):
+        raise error
+    return f"needs {missing}: {to_install(extra)}"
+
+
 @lru_cache(1)
 def program_identity() -> str:
     """Return a digest of all that decides what is made of a picture: this package's code, and libraries.

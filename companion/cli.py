@@ -10,7 +10,7 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from anytraverse.release import own_version, to_install
+from anytraverse.release import needed, own_version
 from companion.cli_config import SERVICE, add_config, default_config
 from companion.cli_drives import add_drives
 from companion.cli_errors import UserError, error_text, told
@@ -41,10 +41,7 @@ def main(arguments: Sequence[str] | None = None, vision: Sequence[str] | None = 
         say_last(f"companion {options.command}: {error}", 2)
         return 2
     except ModuleNotFoundError as error:
-        missing = (error.name or "").partition(".")[0]
-        if missing in ("", "anytraverse", "companion", "gcs_plugin"):
-            raise
-        say_last(f"companion {options.command}: needs {missing}: {to_install('rover')}", 2)
+        say_last(f"companion {options.command}: {needed(error, 'rover')}", 2)
         return 2
     except KeyboardInterrupt:
         return 130

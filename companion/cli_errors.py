@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from anytraverse.errors import file_error
+
 
 class UserError(Exception):
     """An error that the user of the command can mend. Its text is printed, without a traceback."""
@@ -25,7 +27,5 @@ def told(*kinds: type[Exception]) -> Iterator[None]:
 
 def error_text(error: Exception) -> str:
     """Return an error's text; several lines begin on one of their own. A file's error has no number."""
-    text = str(error)
-    if isinstance(error, OSError) and error.filename is not None:
-        text = f"{error.filename}: {(error.strerror or text).lower()}"
+    text = file_error(error) if isinstance(error, OSError) and error.filename is not None else str(error)
     return text if "\n" not in text else f"\n{text}"

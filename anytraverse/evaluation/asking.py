@@ -83,11 +83,7 @@ class EvaluationRequest:
         with doing(f"opening {options.folder}"):
             dataset = open_chosen(options, defaults.split)
         words = tuple(Preferences.parse(text) for text in prompts) or (defaults.words,)
-        names = defaults.drivable if options.drivable is None else options.drivable.split(",")
-        if not names:
-            known = dataset.classes.listed
-            raise DatasetError(f"which classes are drivable is not known: give --drivable, of {known}")
-        drivable = dataset.classes.choose(names)
+        drivable = defaults.choose_drivable(options.drivable, dataset.classes)
         with doing(f"loading {options.perceiver}"):
             perceiver = make_perceiver(options.perceiver, Runtime(threads=options.threads))
         unknown = _unknown(options, defaults, dataset, perceiver, [word for one in words for word in one])

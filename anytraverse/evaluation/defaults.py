@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from anytraverse.evaluation.datasets import ALL
-from anytraverse.evaluation.labels import DatasetError
+from anytraverse.evaluation.labels import DatasetError, LabelClasses
 from anytraverse.preferences import Preferences
 from anytraverse.resources import resource
 
@@ -34,6 +34,18 @@ class Defaults:
     drivable: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     paper: Mapping[str, float] = field(default_factory=dict)
+
+    def choose_drivable(self, given: str | None, classes: LabelClasses, more: str = "") -> tuple[str, ...]:
+        """Return the drivable classes. given: those of the option, with commas; None: these.
+
+        more: what else helps where neither says them. Raises DatasetError.
+        """
+        names = self.drivable if given is None else given.split(",")
+        if not names:
+            raise DatasetError(
+                f"which classes are drivable is not known: give --drivable, of {classes.listed}{more}"
+            )
+        return classes.choose(names)
 
 
 def read_defaults(kind: str) -> Defaults:

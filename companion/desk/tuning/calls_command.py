@@ -224,15 +224,8 @@ def _episode(options: argparse.Namespace, config: Config) -> tuple[Episode, str]
         if labelled:
             raise
         return plain, "a go to every call, as the drive has no labels"
-    names = defaults.drivable if options.drivable is None else options.drivable.split(",")
-    if not names:
-        known = dataset.classes.listed
-        raise GridError(
-            f"which classes are drivable is not known: give --drivable, of {known}; or --operator go"
-        )
-    return replace(
-        plain, split=split, selection=selection, drivable=dataset.classes.choose(names)
-    ), "the labels"
+    drivable = defaults.choose_drivable(options.drivable, dataset.classes, "; or --operator go")
+    return replace(plain, split=split, selection=selection, drivable=drivable), "the labels"
 
 
 def _grid(options: argparse.Namespace, small: Grid) -> Grid:

@@ -50,17 +50,20 @@ class Draft:
         are right with `changes` are taken along. Raises RequestError with all that is wrong with `changes`.
         """
         more = dict(list((waiting or {}).items())[-_MOST_WAITING:])
-        together = {**more, **changes}
-        groups = [together, changes, *({key: value, **changes} for key, value in more.items())]
+        groups = [changes, *({key: value, **changes} for key, value in more.items())]
+        if more:
+            groups.insert(0, {**more, **changes})
+        refusals = list[str]()
         with self._lock:
-            group = next(
-                (one for one in groups[: len(groups) if more else 1] if not self._refusal(one)), None
-            )
-            if group is None:
-                raise RequestError(self._refusal(changes))
+            for group in groups:
+                refusals.append(self._refusal(group))
+                if not refusals[-1]:
+                    break
+            else:
+                raise RequestError(refusals[groups.index(changes)])
             rest = more.keys() - group
             refused = {key: why for key in sorted(rest) if (why := self._refusal({key: more[key]}))}
-            return sorted(together.keys() - refused), refused
+            return sorted({*more, *changes} - refused.keys()), refused
 
     def _refusal(self, changes: Mapping[str, object | None]) -> str:
         """Change settings, and return "", or what is wrong with them."""

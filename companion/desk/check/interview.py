@@ -114,7 +114,7 @@ class Interview:
 
     names: gives the parameters to read from an autopilot of a kind. system_id: as configured, and ours until
     the autopilot's is known. began: monotonic seconds of the start.
-    signing: None without a key. sceptical: with a key, ignore messages that are not signed with it.
+    signing: None without a key. refuse_unsigned: with a key, ignore messages that are not signed with it.
     listen: called with each message of the autopilot and the time. values: the parameters that came, types:
     their MAV_PARAM_TYPE.
     others: (system, component) of other senders; grounds: of those among them that are ground stations.

@@ -37,9 +37,8 @@ def take(number: int, *, source: str, file: str, write: bool) -> int:
         raise DriveError(
             f"by setting {number} a thing is seen too late to stop: take another, see docs/stopping.md"
         )
-    if (
-        engine.settings.metres and chosen.region != now.region
-    ):  # the file's sides in fractions are not in force
+    # Beside a region in metres the file's sides in fractions are not in force.
+    if engine.settings.metres and chosen.region != now.region:
         raise DriveError(
             f"the region by {file} is in metres, and setting {number} has another: set [roi] near, far and "
             "width, and run the command anew; see docs/ground.md"

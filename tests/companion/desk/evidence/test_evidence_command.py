@@ -185,6 +185,7 @@ def test_a_status_with_any_process_is_no_error(tmp_path: Path) -> None:
     (tmp_path / "state").mkdir()
     (tmp_path / "state" / "status.json").write_text(f'{{"pid": {10**27}}}')
     packed(configured(tmp_path), tmp_path / "it.zip")
+    assert (tmp_path / "it.zip").exists()
 
 
 def test_a_check_that_failed_is_told(

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from anytraverse.release import needed
 from companion.sim.field.server import AUTOPILOTS, FieldOptions, FieldServer
 from companion.sim.field.trail import LOOP
 
@@ -22,14 +21,11 @@ Number = TypeVar("Number", int, float)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the addresses as one line of JSON, then serves until it is stopped.
 
-    The control channel, SIGTERM, SIGINT or --duration end it. Exit code: 0, or 2 without OpenCV or its port.
+    The control channel, SIGTERM, SIGINT or --duration end it. Exit code: 0, or 2 without its port.
     """
     args = _parser().parse_args(arguments)
-    try:
-        import cv2
-    except ModuleNotFoundError as error:
-        print(f"the field {needed(error, 'sim')}", file=sys.stderr)
-        return 2
+    import cv2
+
     from companion.sim.field.render import PinholeCamera
     from companion.sim.field.things import World, lying_across
 
